@@ -1,0 +1,57 @@
+"""What users call from Python: names or files in, point clouds out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from . import catalog
+from .cloud import PointCloud
+from .geometry import Pose
+from .io.scene_file import read_scene
+from .scene import Scene
+from .sensor import Sensor
+from .simulate import DEFAULT_CHUNK, Simulator
+
+
+def load_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
+    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays. Raises InputError."""
+    return scene if isinstance(scene, Scene) else read_scene(Path(scene), catalogue=catalog.material)
+
+
+def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:
+    """A sensor by catalogue name or from a TOML file; a `Sensor` stays.
+
+    overrides  ``detector.gain=60``-like changes to the file's values
+    Raises InputError.
+    """
+    if isinstance(sensor, Sensor):
+        return sensor
+    return catalog.sensor(os.fspath(sensor), overrides=overrides)
+
+
+def render(
+    scene: str | os.PathLike[str] | Scene,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    seed: int = 0,
+    pose: Pose | None = None,
+    frame: str = "world",
+    chunk: int = DEFAULT_CHUNK,
+    overrides: Sequence[str] = (),
+) -> PointCloud:
+    """One frame of a sensor in a scene.
+
+    scene      scene file, Mitsuba XML or `Scene`
+    sensor     catalogue name, sensor file or `Sensor`; the scene's own if None
+    seed       32 bits; the same seed gives the same cloud
+    pose       where the sensor stands in the world; the scene's own if None
+    frame      "world" or "sensor": frame of the points
+    chunk      pulses traced at a time; bounds the memory, changes nothing else
+    overrides  changes to the sensor file's values, ``detector.gain=60``
+    Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
+    """
+    described = load_scene(scene)
+    equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
+    return Simulator(described, equipped, pose=pose).render(seed=seed, frame=frame, chunk=chunk)

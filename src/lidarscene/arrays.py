@@ -1,0 +1,108 @@
+"""One source, two array types: the small set of functions that numpy and Dr.Jit share.
+
+Stage and formula code asks ``xp(a, b, ...)`` for the functions that fit its arguments and then runs
+unchanged on numpy arrays (slow, obvious, no LLVM) and on Dr.Jit arrays (fast, any device). Plain
+Python floats go with either.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+Array: TypeAlias = Any
+"""A Python float, a numpy array or a Dr.Jit array; all operators work on each."""
+
+
+class NumpyOps:
+    """The shared functions, on numpy."""
+
+    exp = staticmethod(np.exp)
+    log = staticmethod(np.log)
+    sqrt = staticmethod(np.sqrt)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    abs = staticmethod(np.abs)
+    floor = staticmethod(np.floor)
+    rint = staticmethod(np.rint)
+    maximum = staticmethod(np.maximum)
+    minimum = staticmethod(np.minimum)
+    where = staticmethod(np.where)
+    isfinite = staticmethod(np.isfinite)
+
+    @staticmethod
+    def uint32(x: Array) -> Array:
+        """32-bit unsigned integers, at least one-dimensional (numpy scalars warn when they wrap)."""
+        return np.atleast_1d(np.asarray(x)).astype(np.uint32)
+
+    @staticmethod
+    def float32(x: Array) -> Array:
+        """Single precision, as the device computes in."""
+        return np.asarray(x, dtype=np.float32)
+
+    @staticmethod
+    def int32(x: Array) -> Array:
+        """32-bit signed integers."""
+        return np.asarray(x).astype(np.int32)
+
+
+class DrjitOps:
+    """The same functions, on Dr.Jit arrays of the active variant."""
+
+    def __init__(self) -> None:
+        import drjit as dr
+
+        for name in ("exp", "log", "sqrt", "sin", "cos", "abs", "floor", "maximum", "minimum", "isfinite"):
+            setattr(self, name, getattr(dr, name))
+        self.rint = dr.round
+        self.where = dr.select
+        self._dr = dr
+
+    def __getattr__(self, name: str) -> Any:  # pragma: no cover - names are set in __init__
+        raise AttributeError(f"Dr.Jit side of lidarscene.arrays has no '{name}'")
+
+    def uint32(self, x: Array) -> Array:
+        """32-bit unsigned integers."""
+        return self._dr.uint32_array_t(type(x))(x)
+
+    def float32(self, x: Array) -> Array:
+        """Single precision, on the device."""
+        return self._dr.float32_array_t(type(x))(x)
+
+    def int32(self, x: Array) -> Array:
+        """32-bit signed integers."""
+        return self._dr.int32_array_t(type(x))(x)
+
+
+NUMPY = NumpyOps()
+_drjit: DrjitOps | None = None
+
+
+def is_drjit(x: object) -> bool:
+    """Whether ``x`` is a Dr.Jit array; does not import Dr.Jit."""
+    return type(x).__module__.startswith(("drjit", "mitsuba"))
+
+
+def xp(*arguments: object) -> Any:
+    """The function set for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
+    global _drjit
+    if any(is_drjit(x) for x in arguments):
+        if _drjit is None:
+            _drjit = DrjitOps()
+        return _drjit
+    return NUMPY
+
+
+def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> np.ndarray[Any, Any]:
+    """``values`` as a read-only array of this dtype and shape (None: any length).
+
+    Copies only when the dtype has to change. Raises ValueError naming what came and what was expected.
+    """
+    array = np.asarray(values, dtype=dtype).view()
+    if len(array.shape) != len(shape) or any(
+        want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
+    ):
+        raise ValueError(f"array of shape {array.shape} came, {shape} was expected")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,49 @@
+"""The catalogue: sensors and materials as data files, with a source for every number."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from ..errors import InputError
+from ..io.material_file import read_material
+from ..io.sensor_file import read_sensor
+from ..materials import Material
+from ..sensor import Sensor
+
+KINDS = ("sensors", "materials")
+
+
+def folder(kind: str) -> Path:
+    """Where the catalogue's files of one kind lie."""
+    return Path(str(resources.files(__package__))) / kind
+
+
+def names(kind: str) -> list[str]:
+    """Names of all entries of one kind, sorted."""
+    return sorted(path.stem for path in folder(kind).glob("*.toml"))
+
+
+def path_of(kind: str, name: str) -> Path:
+    """File of an entry. Raises InputError with the nearest names."""
+    path = folder(kind) / f"{name}.toml"
+    if Path(name).name == name and path.is_file():
+        return path
+    near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
+    raise InputError(f"no {kind.removesuffix('s')} '{name}' in the catalogue; {hint}")
+
+
+@cache
+def material(name: str) -> Material:
+    """A catalogue material. Raises InputError."""
+    return read_material(path_of("materials", name))
+
+
+def sensor(name: str | Path, *, overrides: Sequence[str] = ()) -> Sensor:
+    """A sensor by catalogue name, or from a file if the name ends in .toml. Raises InputError."""
+    path = Path(name) if str(name).endswith(".toml") else path_of("sensors", str(name))
+    return read_sensor(path, overrides=overrides)

@@ -1,0 +1,301 @@
+"""PointCloud: what the user gets. Columns of points in, files and Open3D out."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from lidarscene.arrays import frozen
+from lidarscene.errors import InputError, LidarSceneError
+
+Array = np.ndarray[Any, Any]
+
+STATUS_NAMES = ("echo", "false alarm")
+"""Meaning of the `status` column, by value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One scalar column: its name in files, the attribute of PointCloud that holds it, dtype and unit.
+
+    x, y and z are the three columns of `xyz_m`, float32 or float64 as that array is.
+    """
+
+    name: str
+    attribute: str
+    dtype: str
+    unit: str
+    meaning: str
+    truth: bool = False
+
+
+COLUMNS = (
+    Column("x", "xyz_m", "float32", "m", "position, forward"),
+    Column("y", "xyz_m", "float32", "m", "position, left"),
+    Column("z", "xyz_m", "float32", "m", "position, up"),
+    Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
+    Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
+    Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
+    Column("time", "time_s", "float64", "s", "firing time plus time of flight, from the start of the frame"),
+    Column("channel", "channel", "int32", "1", "laser channel"),
+    Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
+    Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
+    Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm"),
+    Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
+    Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
+    Column("reflectivity", "reflectivity", "float32", "1", "reflectivity of the surface", True),
+    Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
+    Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
+    Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
+    Column("class", "class_id", "int32", "1", "class of that body, -1 none", True),
+    Column("material", "material", "int32", "1", "material that was hit, -1 none", True),
+)
+"""Every column of a file, in order: the one table for files, documentation and pictures."""
+
+RANGE = Column("range", "range_m", "float32", "m", "range that the sensor reports")
+"""Not in files, where it follows from the position."""
+
+_SCALARS = {c.attribute: c for c in (*COLUMNS[3:], RANGE)}
+MEASURED = ("xyz_m", *(a for a, c in _SCALARS.items() if not c.truth))
+TRUTH = tuple(a for a, c in _SCALARS.items() if c.truth)
+"""Attributes that every cloud has, and those that come all together or not at all."""
+
+_NAMES = ("body_names", "class_names", "material_names")
+
+FORMATS = {".ply": ("lidarscene.io.ply", "write_ply", "read_ply")}
+"""Suffix: module, writer and reader. Loaded by name on use, so that this module knows no file format."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class PointCloud:
+    """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
+
+    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default) or "world"
+    range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
+    truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
+    names     body_names[body], class_names[class_id], material_names[material]; may be empty
+    metadata  text by key: sensor, scene, seed, ...; a world frame needs "sensor_position_m": "x y z"
+
+    The arrays are not copied: who hands them over leaves them alone from then on. Raises ValueError for a
+    wrong shape, an integer out of range, a NaN anywhere.
+    """
+
+    xyz_m: Array
+    range_m: Array
+    intensity: Array
+    snr: Array
+    detection_probability: Array
+    time_s: Array
+    channel: Array
+    azimuth_rad: Array
+    elevation_rad: Array
+    return_number: Array
+    status: Array
+    true_range_m: Array | None = None
+    incidence_angle_rad: Array | None = None
+    reflectivity: Array | None = None
+    sun_angle_rad: Array | None = None
+    in_shadow: Array | None = None
+    body: Array | None = None
+    class_id: Array | None = None
+    material: Array | None = None
+    body_names: tuple[str, ...] = ()
+    class_names: tuple[str, ...] = ()
+    material_names: tuple[str, ...] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check and freeze every array; none is copied unless its dtype has to change."""
+        absent = [a for a in TRUTH if getattr(self, a) is None]
+        if absent and len(absent) < len(TRUTH):
+            raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent)}")
+        n = len(self.xyz_m)
+        for attribute in MEASURED if absent else MEASURED + TRUTH:
+            object.__setattr__(self, attribute, _checked(attribute, getattr(self, attribute), n))
+        for attribute in _NAMES:
+            object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
+        object.__setattr__(self, "metadata", {str(k): str(v) for k, v in self.metadata.items()})
+        if not absent:
+            for attribute, names in zip(("body", "class_id", "material"), _NAMES, strict=True):
+                _check_index(attribute, getattr(self, attribute), getattr(self, names))
+        if not all(0 < len(key) <= 100 for key in self.metadata):
+            raise ValueError("PointCloud.metadata: keys of 1 to 100 characters were expected")
+        sensor_position_m(self.metadata)
+
+    def __len__(self) -> int:
+        return int(self.xyz_m.shape[0])
+
+    def __repr__(self) -> str:
+        alarms = int(np.count_nonzero(self.status))
+        counts = f"{len(self)} points: {len(self) - alarms} echoes, {alarms} false alarms"
+        axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
+        extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
+        return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the truth fields are there."""
+        return self.true_range_m is not None
+
+    @property
+    def sensor_position_m(self) -> Array:
+        """(3,) float64 position of the sensor in the frame of the points."""
+        return sensor_position_m(self.metadata)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns that this cloud has, in the order of files."""
+        return tuple(c for c in COLUMNS if self.has_truth or not c.truth)
+
+    def column(self, name: str) -> Array:
+        """(n,) values of the column of this name, as in files: "x", "snr", "class", ...; or "range"."""
+        choices = {c.name: c for c in (*self.columns, RANGE)}
+        if name not in choices:
+            raise InputError(f"column '{name}': not in this cloud; the choices are {', '.join(choices)}")
+        values: Array = getattr(self, choices[name].attribute)
+        return values[:, "xyz".index(name)] if values.ndim == 2 else values
+
+    def select(self, mask_or_index: Any) -> PointCloud:
+        """The points where a (n,) mask holds, or of an index array or slice, in that order."""
+        return replace(self, **{a: v[mask_or_index] for a, v in self._arrays().items()})
+
+    def without_truth(self) -> PointCloud:
+        """The same points as a real sensor would give them."""
+        nothing: dict[str, Any] = dict.fromkeys(TRUTH)
+        return replace(self, **nothing)
+
+    @staticmethod
+    def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
+        """All points of the parts in order; names and metadata are those of the first.
+
+        With ``consume`` the list is emptied: if nothing else holds the parts, memory peaks at one copy of the
+        cloud plus one column. Raises ValueError where names differ, or only some parts have truth.
+        """
+        if not parts:
+            raise ValueError("PointCloud.concatenate: no parts")
+        description: dict[str, Any] = {a: getattr(parts[0], a) for a in (*_NAMES, "metadata")}
+        if any(getattr(part, a) != description[a] for part in parts for a in _NAMES):
+            raise ValueError("PointCloud.concatenate: the parts name different bodies, classes or materials")
+        builder = CloudBuilder()
+        for columns in [part._arrays() for part in parts]:
+            builder.append(columns)
+            columns.clear()
+        if consume:
+            parts.clear()
+        return builder.build(**description)
+
+    def save(self, path: str | os.PathLike[str], *, ascii: bool = False) -> None:
+        """Write a file of the format that the suffix names: .ply (binary, or text with ``ascii``)."""
+        write, _ = _format(path)
+        write(path, self, ascii=ascii)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> PointCloud:
+        """Read a file that `save` wrote."""
+        _, read = _format(path)
+        return cast(PointCloud, read(path))
+
+    def to_open3d(self) -> Any:
+        """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute."""
+        try:
+            open3d: Any = importlib.import_module("open3d")
+        except ImportError as error:
+            raise LidarSceneError(f"Open3D cannot be imported ({error}); try: pip install open3d") from error
+        cloud = open3d.t.geometry.PointCloud()
+        cloud.point["positions"] = open3d.core.Tensor(np.ascontiguousarray(self.xyz_m))
+        for column in self.columns[3:]:
+            cloud.point[column.name] = open3d.core.Tensor(np.array(self.column(column.name)[:, None]))
+        return cloud
+
+    def _arrays(self) -> dict[str, Array]:
+        """The arrays by attribute."""
+        return {a: getattr(self, a) for a in (MEASURED + TRUTH if self.has_truth else MEASURED)}
+
+
+class CloudBuilder:
+    """Gathers a cloud chunk by chunk, and never holds more than its points and one column twice."""
+
+    def __init__(self) -> None:
+        self._chunks: dict[str, list[Array]] = {}
+
+    def append(self, columns: Mapping[str, Any]) -> None:
+        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH."""
+        expected = self._chunks or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
+        if set(columns) != set(expected):
+            differing = ", ".join(sorted(set(columns) ^ set(expected)))
+            raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
+        n = len(columns["xyz_m"])
+        for a, chunk in [(a, _checked(a, columns[a], n)) for a in expected]:
+            self._chunks.setdefault(a, []).append(chunk)
+
+    def build(self, **description: Any) -> PointCloud:
+        """The cloud of everything appended, with body_names, class_names, material_names and metadata.
+
+        The builder is empty afterwards. Nothing appended: a cloud of no points, with truth.
+        """
+        columns: dict[str, Any] = {}
+        if not self._chunks:
+            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
+        for attribute in list(self._chunks):
+            chunks = self._chunks.pop(attribute)
+            columns[attribute] = chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
+        return PointCloud(**columns, **description)
+
+
+def sensor_position_m(metadata: Mapping[str, str]) -> Array:
+    """(3,) float64 position of the sensor in the frame of the points; ValueError unless metadata tell."""
+    frame, text = metadata.get("frame", "sensor"), metadata.get("sensor_position_m", "")
+    position = np.zeros(3)
+    with suppress(ValueError):
+        if frame == "world":
+            position = np.array([float(word) for word in text.split()])
+            frame = "sensor" if position.shape == (3,) and np.isfinite(position).all() else frame
+    if frame != "sensor":
+        expected = "'frame' must be 'sensor', or 'world' with 'sensor_position_m' as 'x y z'"
+        raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
+    return position
+
+
+def _checked(attribute: str, values: Any, n: int) -> Array:
+    """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
+    array, is_position = np.asarray(values), attribute == "xyz_m"
+    position_dtype = "float32" if array.dtype == np.float32 else "float64"
+    dtype = np.dtype(position_dtype if is_position else _SCALARS[attribute].dtype)
+    if dtype.kind != "f" and array.dtype != dtype and array.size:
+        limits = np.iinfo(str(dtype))
+        if not limits.min <= array.min() <= array.max() <= limits.max:
+            raise ValueError(f"PointCloud.{attribute}: values do not fit {dtype}")
+    try:
+        array = frozen(array, dtype, (n, 3) if is_position else (n,))
+    except ValueError as error:
+        raise ValueError(f"PointCloud.{attribute}: {error}") from None
+    if dtype.kind == "f" and array.size and np.isnan(array.min()):
+        raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
+    return array
+
+
+def _check_index(attribute: str, index: Array, names: tuple[str, ...]) -> None:
+    """ValueError unless each index is -1 or has a name; without names any index will do."""
+    if index.size and names and not -1 <= index.min() <= index.max() < len(names):
+        raise ValueError(
+            f"PointCloud.{attribute}: {index.min()} to {index.max()}, with names for 0 to {len(names) - 1}"
+        )
+
+
+def _format(path: str | os.PathLike[str]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Writer and reader for the suffix of this path."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        known = ", ".join(sorted(FORMATS))
+        raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {known}")
+    module, writer, reader = FORMATS[suffix]
+    loaded = importlib.import_module(module)
+    return getattr(loaded, writer), getattr(loaded, reader)

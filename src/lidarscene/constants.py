@@ -1,0 +1,9 @@
+"""Physical constants, CODATA 2018 (exact since the 2019 revision of the SI)."""
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+PLANCK_J_S = 6.626_070_15e-34
+ELEMENTARY_CHARGE_C = 1.602_176_634e-19
+BOLTZMANN_J_K = 1.380_649e-23
+
+REFERENCE_ILLUMINANCE_KLUX = 100.0
+"""Illuminance at which a sensor file states its in-band solar irradiance (Table 1 of the paper)."""

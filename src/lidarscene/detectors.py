@@ -1,0 +1,191 @@
+"""Detectors as data, and the working point that a background puts them in.
+
+A `WorkingPoint` is all that the comparator needs to know of a detector: its noise without echo, how the
+echo's own noise grows along the edge, and the response from optical power to signal and back.
+Signals are amperes at the amplifier's input (APD) or fired cells (SiPM).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .arrays import Array, xp
+from .physics import apd, sipm, tdc
+from .physics.special import binomial_tail
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkingPoint:
+    """A detector under one background, per pulse.
+
+    noise             sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
+    kappa_1, kappa_2  sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
+    least_threshold   below this the comparator cannot be set: one cell of a SiPM, 0 of an APD
+    signal            optical peak power [W] to peak signal
+    power_w           signal to the optical power that makes it
+    cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    """
+
+    noise: Array
+    kappa_1: Array
+    kappa_2: Array
+    least_threshold: Array
+    signal: Callable[[Array], Array]
+    power_w: Callable[[Array], Array]
+    cells: Array | None = None
+    busy: Array | None = None
+
+    @property
+    def exact(self) -> bool:
+        """Whether probabilities are those of counted cells rather than of a Gaussian."""
+        return self.cells is not None
+
+    def false_alarm_probability(self, threshold: Array) -> Array:
+        """P_f of one comparison: (9), or the exact binomial tail."""
+        if self.cells is None:
+            return tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
+        return self._tail(threshold, self.busy / self.cells)
+
+    def detection_probability(self, threshold: Array, signal: Array, sigma: Array) -> Array:
+        """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
+        if self.cells is None:
+            return tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
+        return self._tail(threshold, (self.busy + signal) / self.cells)
+
+    def _tail(self, threshold: Array, share: Array) -> Array:
+        """Probability of a count that lies ``threshold`` or more above the mean background."""
+        ops = xp(threshold, share)
+        # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
+        least = -ops.floor(-(threshold + self.busy - 1e-4))
+        return binomial_tail(least=least, trials=self.cells, probability=share)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Apd:
+    """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain."""
+
+    gain: Array
+    radius_m: Array
+    quantum_efficiency: Array
+    surface_dark_current_a: Array
+    bulk_dark_current_a: Array
+    excess_noise_index: Array | None
+    ionisation_ratio: Array | None = None
+    load_resistance_ohm: Array
+    temperature_k: Array
+    circuit_noise_a: Array
+
+    @property
+    def excess_noise(self) -> Array:
+        """F of (14): McIntyre's if an ionisation ratio is given, else M^x."""
+        if self.ionisation_ratio is not None:
+            return apd.excess_noise_mcintyre(gain=self.gain, ionisation_ratio=self.ionisation_ratio)
+        return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
+
+    def working_point(
+        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+    ) -> WorkingPoint:
+        """Noise (18) and response (12) under this background; the pulse width plays no part."""
+        excess = self.excess_noise
+        responsivity = apd.responsivity_a_w(
+            quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        variance = (
+            apd.light_shot_variance_a2(
+                responsivity_a_w=responsivity, gain=self.gain, excess_noise=excess,
+                bandwidth_hz=bandwidth_hz, power_w=background_power_w,
+            )
+            + apd.dark_shot_variance_a2(
+                surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=self.bulk_dark_current_a,
+                gain=self.gain, excess_noise=excess, bandwidth_hz=bandwidth_hz,
+            )
+            + apd.thermal_variance_a2(
+                temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
+                bandwidth_hz=bandwidth_hz,
+            )
+            + self.circuit_noise_a * self.circuit_noise_a
+        )  # fmt: skip
+        ampere_per_watt = responsivity * self.gain
+        return WorkingPoint(
+            noise=xp(variance).sqrt(variance),
+            kappa_1=apd.shot_variance_per_ampere_a(
+                gain=self.gain, excess_noise=excess, bandwidth_hz=bandwidth_hz
+            ),
+            kappa_2=0.0,
+            least_threshold=0.0,
+            signal=lambda power_w: ampere_per_watt * power_w,
+            power_w=lambda signal: signal / ampere_per_watt,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sipm:
+    """Silicon photomultiplier, (21)-(27). SI units; the dark count rate is for each cell.
+
+    statistics   "steady_state" (derived) or "published" ((23)-(27) as printed); see `physics.sipm`
+    counting     "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which
+                 matter where the background fires few cells
+    cell_floor   least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to
+                 reproduce the paper's Fig. 6
+    """
+
+    cells: Array
+    radius_m: Array
+    pde: Array
+    dead_time_s: Array
+    dark_count_rate_hz: Array
+    cell_floor: Array = 1.0
+    statistics: str = "steady_state"
+    counting: str = "gaussian"
+
+    def working_point(
+        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+    ) -> WorkingPoint:
+        """Noise, free cells and response under this background; the bandwidth is that of the dead time."""
+        photons = sipm.background_photons(
+            power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+        )
+        published = self.statistics == "published"
+        noise_state = self._published_state(photons) if published else self._steady_state(photons)
+        variance, free_cells, kappa_1, kappa_2 = noise_state
+        share_of = sipm.fired_share_published if published else sipm.fired_share
+        photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
+
+        def signal(power_w: Array) -> Array:
+            arriving = sipm.signal_photons(
+                peak_power_w=power_w, pulse_fwhm_s=pulse_fwhm_s, photon_energy_j=photon_energy_j
+            )
+            return free_cells * share_of(photons=arriving, pde=self.pde, cells=self.cells)
+
+        def power_w(level: Array) -> Array:
+            arriving = photons_of(share=level / free_cells, pde=self.pde, cells=self.cells)
+            return 2.0 * arriving * photon_energy_j / pulse_fwhm_s
+
+        return WorkingPoint(
+            noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2,
+            least_threshold=self.cell_floor, signal=signal, power_w=power_w,
+            cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
+        )  # fmt: skip
+
+    def _published_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+        """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""
+        busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.pde, cells=self.cells)
+        dark = sipm.dark_counts(
+            cells=self.cells, dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s
+        )
+        # Only a darkness of 1 / tau per cell could empty this; the bound keeps the division below finite.
+        free = xp(busy, dark).maximum(self.cells - busy - dark, 1e-6 * self.cells)
+        return sipm.fired_variance_published(fired=busy, cells=self.cells) + dark, free, 1.0, -1.0 / free
+
+    def _steady_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+        """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance."""
+        busy = sipm.busy_share_steady_state(
+            photons=photons, pde=self.pde, cells=self.cells,
+            dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s,
+        )  # fmt: skip
+        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
+        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
+
+
+Detector = Apd | Sipm

@@ -1,0 +1,84 @@
+"""Poses and directions. Frames are right-handed: x forward, y left, z up; metres and radians.
+
+A pose is the position of a frame's origin in its parent and the rotation that carries the frame's
+vectors into the parent: ``R = Rz(yaw) Ry(-pitch) Rx(roll)``, so that a positive pitch looks up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .arrays import Array, frozen, xp
+
+Matrix = np.ndarray[Any, Any]
+
+
+def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
+    """(3, 3) rotation Rz(yaw) Ry(-pitch) Rx(roll)."""
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pose:
+    """Where a frame stands in its parent.
+
+    position_m  (3,) float64
+    rotation    (3, 3) float64, frame to parent
+    """
+
+    position_m: Matrix = field(default_factory=lambda: np.zeros(3))
+    rotation: Matrix = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze the arrays."""
+        object.__setattr__(self, "position_m", frozen(self.position_m, np.float64, (3,)))
+        object.__setattr__(self, "rotation", frozen(self.rotation, np.float64, (3, 3)))
+
+    @classmethod
+    def from_degrees(
+        cls,
+        *,
+        position_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        yaw_deg: float = 0.0,
+        pitch_deg: float = 0.0,
+        roll_deg: float = 0.0,
+    ) -> Pose:
+        """From what people write in files."""
+        angles = (math.radians(a) for a in (yaw_deg, pitch_deg, roll_deg))
+        yaw, pitch, roll = angles
+        return cls(
+            position_m=np.asarray(position_m, dtype=np.float64),
+            rotation=rotation_matrix(yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll),
+        )
+
+    def __matmul__(self, child: Pose) -> Pose:
+        """The pose in this frame's parent of a frame whose pose is given in this frame."""
+        return Pose(
+            position_m=self.position_m + self.rotation @ child.position_m,
+            rotation=self.rotation @ child.rotation,
+        )
+
+    def apply(self, points_m: Matrix) -> Matrix:
+        """(n, 3) points of this frame, in the parent."""
+        return np.asarray(points_m @ self.rotation.T + self.position_m)
+
+    def inverse_apply(self, points_m: Matrix) -> Matrix:
+        """(n, 3) points of the parent, in this frame."""
+        return np.asarray((points_m - self.position_m) @ self.rotation)
+
+
+def direction_from_angles(*, azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array, Array]:
+    """Unit vector (x, y, z); azimuth counter-clockwise from x seen from above, elevation up from the horizon."""
+    ops = xp(azimuth_rad, elevation_rad)
+    horizontal = ops.cos(elevation_rad)
+    return horizontal * ops.cos(azimuth_rad), horizontal * ops.sin(azimuth_rad), ops.sin(elevation_rad)

@@ -1,0 +1,33 @@
+"""Hits: what each ray met. Geometry and scattering, never watts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .arrays import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hits:
+    """First surface met by each ray, in beam order, numpy or Dr.Jit.
+
+    found               (n,) bool, whether anything was met; where not, the rest is 0, range 1, face -1
+    range_m             (n,) distance from the sensor
+    cos_incidence       (n,) in [0, 1], between the ray and the geometric normal
+    backscatter_per_sr  (n,) f_r(w, w) cos(theta), back along the ray
+    sun_scatter_per_sr  (n,) V f_r(w_sun, w) cos(theta_s), 0 in shadow
+    reflectivity        (n,) diffuse hemispherical
+    cos_sun             (n,) between the normal (on the ray's side) and the sun; negative if it is behind
+    lit                 (n,) bool, whether the sun is seen
+    face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
+    """
+
+    found: Array
+    range_m: Array
+    cos_incidence: Array
+    backscatter_per_sr: Array
+    sun_scatter_per_sr: Array
+    reflectivity: Array
+    cos_sun: Array
+    lit: Array
+    face: Array

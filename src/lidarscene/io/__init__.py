@@ -1,0 +1,1 @@
+"""Scene files and meshes in; clouds out, one module per format. Import the modules themselves."""

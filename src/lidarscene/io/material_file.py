@@ -1,0 +1,107 @@
+"""Material files of the catalogue, and the inline materials of scene files, to `Material`."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ..materials import Material, Spectrum
+from .toml_file import FileModel, read_toml, validated
+
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+
+# What each kind of surface needs beyond its reflectivity, and the values of inline materials.
+_NEEDED = {
+    "diffuse": (),
+    "coated": ("coat_ior", "coat_roughness"),
+    "conductor": ("roughness",),
+    "glass": ("index",),
+    "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
+}
+
+
+class ReflectivityRow(FileModel):
+    """One published reflectivity."""
+
+    wavelength_nm: Positive
+    value: UnitInterval
+    source: str = ""
+
+
+class IndexRow(FileModel):
+    """One published complex refractive index n + i k."""
+
+    wavelength_nm: Positive
+    n: Positive
+    k: Annotated[float, Field(ge=0)] = 0.0
+    source: str = ""
+
+
+class MaterialFile(FileModel):
+    """A surface: its kind, its diffuse reflectivity by wavelength (or one for all), and what its kind needs."""
+
+    name: str = ""
+    description: str = ""
+    note: str = ""
+    bsdf: Literal["diffuse", "coated", "conductor", "glass", "retroreflector"] = "diffuse"
+    reflectivity: UnitInterval | tuple[ReflectivityRow, ...]
+    coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
+    coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
+    coat_source: str = ""
+    roughness: Annotated[float, Field(gt=0, le=1)] | None = None
+    roughness_source: str = ""
+    index: tuple[IndexRow, ...] | None = None
+    thickness_mm: Positive | None = None
+    thickness_source: str = ""
+    retro_coefficient_cd_per_lx_m2: Positive | None = None
+    retro_source: str = ""
+    retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = None
+    retro_half_angle_source: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> MaterialFile:
+        missing = [key for key in _NEEDED[self.bsdf] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"a {self.bsdf} material needs {' and '.join(missing)}")
+        for key in ("reflectivity", "index"):
+            rows = getattr(self, key)
+            if isinstance(rows, tuple):
+                wavelengths = [row.wavelength_nm for row in rows]
+                if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
+                    raise ValueError(f"{key}: rows of rising wavelength_nm were expected, {wavelengths} came")
+        return self
+
+    def build(self, name: str) -> Material:
+        """The material, under this name."""
+        parameters: dict[str, float | Spectrum] = {}
+        for key in ("coat_ior", "coat_roughness", "roughness"):
+            if getattr(self, key) is not None:
+                parameters[key] = getattr(self, key)
+        if self.bsdf == "retroreflector":
+            parameters["retro_coefficient_cd_per_lx_m2"] = self.retro_coefficient_cd_per_lx_m2 or 0.0
+            parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0
+        if self.index:
+            wavelengths = tuple(row.wavelength_nm * 1e-9 for row in self.index)
+            parameters["index_n"] = Spectrum(wavelength_m=wavelengths, value=tuple(row.n for row in self.index))
+            parameters["index_k"] = Spectrum(wavelength_m=wavelengths, value=tuple(row.k for row in self.index))
+        return Material(
+            name=name, bsdf=self.bsdf, reflectivity=self._spectrum(), parameters=parameters,
+            description=self.description,
+        )  # fmt: skip
+
+    def _spectrum(self) -> Spectrum:
+        if not isinstance(self.reflectivity, tuple):
+            return Spectrum.constant(self.reflectivity)
+        return Spectrum(
+            wavelength_m=tuple(row.wavelength_nm * 1e-9 for row in self.reflectivity),
+            value=tuple(row.value for row in self.reflectivity),
+        )
+
+
+def read_material(path: Path) -> Material:
+    """A material from a TOML file. Raises InputError."""
+    return validated(MaterialFile, read_toml(path), str(path)).build(path.stem)

@@ -1,0 +1,240 @@
+"""Sensor files: the TOML that people write, in their units, to a `Sensor` in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from ..detectors import Apd, Detector, Sipm
+from ..geometry import Pose
+from ..scan import Raster
+from ..sensor import Laser, Optics, Sensor, Tdc
+from .toml_file import FileModel, read_toml, validated, with_overrides
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Vector = tuple[float, float, float]
+
+
+class LaserFile(FileModel):
+    """[laser]: the pulsed transmitter."""
+
+    wavelength_nm: Annotated[float, Field(ge=300, le=2500)]
+    peak_power_w: Positive
+    pulse_fwhm_ns: Positive
+    repetition_rate_khz: Positive
+    divergence_mrad: NotNegative = Field(default=0.0, description="full angle at 1/e^2; not used with one ray a pulse")
+
+
+class OpticsFile(FileModel):
+    """[optics]: the receiver."""
+
+    aperture_radius_mm: Positive
+    focal_length_mm: Positive
+    efficiency_laser: Share
+    efficiency_sun: Share
+    sun_irradiance_w_m2: NotNegative = Field(description="in band, normal incidence, at 100 klux")
+
+
+class RasterFile(FileModel):
+    """[scanner] type = "raster": an even grid of directions, both edges included."""
+
+    type: Literal["raster"]
+    azimuth_fov_deg: Annotated[float, Field(gt=0, le=360)]
+    elevation_fov_deg: Annotated[float, Field(gt=0, le=180)]
+    azimuth_step_deg: Positive
+    elevation_step_deg: Positive
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> RasterFile:
+        for axis in ("azimuth", "elevation"):
+            fov, step = getattr(self, f"{axis}_fov_deg"), getattr(self, f"{axis}_step_deg")
+            if step > fov:
+                raise ValueError(f"{axis}_step_deg = {step} is wider than {axis}_fov_deg = {fov}")
+        pulses = (self.azimuth_fov_deg / self.azimuth_step_deg + 1) * (
+            self.elevation_fov_deg / self.elevation_step_deg + 1
+        )
+        if pulses > 2**31 - 1:
+            raise ValueError(f"{pulses:.3g} pulses in a frame came, fewer than 2^31 were expected")
+        return self
+
+
+class ApdFile(FileModel):
+    """[detector] type = "apd"."""
+
+    type: Literal["apd"]
+    gain: Annotated[float, Field(ge=1)]
+    radius_mm: Positive
+    quantum_efficiency: Share
+    surface_dark_current_na: NotNegative
+    bulk_dark_current_na: NotNegative
+    excess_noise_index: NotNegative | None = None
+    ionisation_ratio: Annotated[float, Field(ge=0, le=1)] | None = None
+    load_resistance_ohm: Positive
+    temperature_k: Positive = 300.0
+    circuit_noise_na: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_excess_noise(self) -> ApdFile:
+        if (self.excess_noise_index is None) == (self.ionisation_ratio is None):
+            raise ValueError("one of excess_noise_index and ionisation_ratio was expected, not both or none")
+        return self
+
+    def build(self) -> Apd:
+        """In SI units."""
+        return Apd(
+            gain=self.gain,
+            radius_m=self.radius_mm * 1e-3,
+            quantum_efficiency=self.quantum_efficiency,
+            surface_dark_current_a=self.surface_dark_current_na * 1e-9,
+            bulk_dark_current_a=self.bulk_dark_current_na * 1e-9,
+            excess_noise_index=self.excess_noise_index,
+            ionisation_ratio=self.ionisation_ratio,
+            load_resistance_ohm=self.load_resistance_ohm,
+            temperature_k=self.temperature_k,
+            circuit_noise_a=self.circuit_noise_na * 1e-9,
+        )
+
+
+class SipmFile(FileModel):
+    """[detector] type = "sipm"."""
+
+    type: Literal["sipm"]
+    cells: Annotated[int, Field(ge=1)]
+    radius_mm: Positive
+    pde: Share
+    dead_time_ns: Positive
+    dark_count_rate_hz: NotNegative = Field(description="of each cell")
+    statistics: Literal["steady_state", "published"] = "steady_state"
+    counting: Literal["gaussian", "binomial"] = "gaussian"
+    cell_floor: NotNegative = 1.0
+
+    def build(self) -> Sipm:
+        """In SI units."""
+        return Sipm(
+            cells=float(self.cells),
+            radius_m=self.radius_mm * 1e-3,
+            pde=self.pde,
+            dead_time_s=self.dead_time_ns * 1e-9,
+            dark_count_rate_hz=self.dark_count_rate_hz,
+            statistics=self.statistics,
+            counting=self.counting,
+            cell_floor=self.cell_floor,
+        )
+
+
+class TdcFile(FileModel):
+    """[tdc]: comparator and time-to-digital converter."""
+
+    window_us: Positive
+    bandwidth_mhz: Positive
+    threshold_to_noise: Positive | None = None
+    threshold_level: Positive | None = Field(default=None, description="amperes (APD) or cells (SiPM)")
+    lsb_ps: NotNegative = 0.0
+    jitter_ps: NotNegative = 0.0
+    stops: Annotated[int, Field(ge=1, le=16)] = 1
+    walk: Literal["none", "raw", "corrected"] = "corrected"
+
+    @model_validator(mode="after")
+    def _one_threshold(self) -> TdcFile:
+        if (self.threshold_to_noise is None) == (self.threshold_level is None):
+            raise ValueError("one of threshold_to_noise and threshold_level was expected, not both or none")
+        return self
+
+
+class PoseFile(FileModel):
+    """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
+
+    position_m: Vector = (0.0, 0.0, 0.0)
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def pose(self) -> Pose:
+        """As a rotation and a position."""
+        return Pose.from_degrees(
+            position_m=self.position_m, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
+        )
+
+
+class SensorFile(FileModel):
+    """A whole sensor file. ``sources`` says where each number comes from, by dotted key (or its table)."""
+
+    name: str
+    description: str = ""
+    laser: LaserFile
+    optics: OpticsFile
+    scanner: RasterFile
+    detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
+    tdc: TdcFile
+    mounting: PoseFile = PoseFile()
+    sources: dict[str, str] = Field(default_factory=dict)
+
+    def build(self) -> Sensor:
+        """The sensor in SI units."""
+        detector: Detector = self.detector.build()
+        return Sensor(
+            name=self.name,
+            description=self.description,
+            laser=_laser(self.laser),
+            optics=_optics(self.optics),
+            scanner=Raster.from_field_of_view(
+                azimuth_fov=self.scanner.azimuth_fov_deg,
+                elevation_fov=self.scanner.elevation_fov_deg,
+                azimuth_step=self.scanner.azimuth_step_deg,
+                elevation_step=self.scanner.elevation_step_deg,
+                unit_rad=math.pi / 180.0,
+            ),
+            detector=detector,
+            tdc=_tdc(self.tdc),
+            mounting=self.mounting.pose(),
+            sources=dict(self.sources),
+        )
+
+
+def _laser(laser: LaserFile) -> Laser:
+    return Laser(
+        wavelength_m=laser.wavelength_nm * 1e-9,
+        peak_power_w=laser.peak_power_w,
+        pulse_fwhm_s=laser.pulse_fwhm_ns * 1e-9,
+        repetition_rate_hz=laser.repetition_rate_khz * 1e3,
+        divergence_rad=laser.divergence_mrad * 1e-3,
+    )
+
+
+def _optics(optics: OpticsFile) -> Optics:
+    return Optics(
+        aperture_radius_m=optics.aperture_radius_mm * 1e-3,
+        focal_length_m=optics.focal_length_mm * 1e-3,
+        efficiency_laser=optics.efficiency_laser,
+        efficiency_sun=optics.efficiency_sun,
+        sun_irradiance_w_m2=optics.sun_irradiance_w_m2,
+    )
+
+
+def _tdc(tdc: TdcFile) -> Tdc:
+    return Tdc(
+        window_s=tdc.window_us * 1e-6,
+        bandwidth_hz=tdc.bandwidth_mhz * 1e6,
+        threshold_to_noise=tdc.threshold_to_noise,
+        threshold_level=tdc.threshold_level,
+        least_significant_bit_s=tdc.lsb_ps * 1e-12,
+        jitter_s=tdc.jitter_ps * 1e-12,
+        stops=tdc.stops,
+        walk=tdc.walk,
+    )
+
+
+def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
+    """A sensor from a TOML file, with ``detector.gain=60``-like overrides. Raises InputError."""
+    return sensor_from_tables(read_toml(path), where=str(path), overrides=overrides)
+
+
+def sensor_from_tables(tables: dict[str, Any], *, where: str, overrides: Sequence[str] = ()) -> Sensor:
+    """A sensor from the tables of a sensor file."""
+    return validated(SensorFile, with_overrides(tables, overrides), where).build()

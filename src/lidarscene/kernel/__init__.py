@@ -1,0 +1,1 @@
+"""The only files that know Mitsuba and Dr.Jit: scenes in, geometry and scattering out."""

@@ -1,0 +1,66 @@
+"""To and from the device: descriptions made opaque, so that a changed number never compiles a new kernel."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from .backend import mitsuba
+
+_KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
+
+
+def opaque(value: Any) -> Any:
+    """A copy in which every float and int, however deep in frozen dataclasses and tuples, is on the device.
+
+    Strings, None, poses and other arrays stay as they are: they choose code, or never enter a kernel.
+    """
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, float | int):
+        return _opaque_number(value)
+    if isinstance(value, tuple):
+        return tuple(opaque(inner) for inner in value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        changed = {
+            field.name: opaque(getattr(value, field.name))
+            for field in dataclasses.fields(value)
+            if field.name not in _KEPT_STATIC
+        }
+        return dataclasses.replace(value, **changed)
+    return value
+
+
+def _opaque_number(value: float) -> Any:
+    import drjit as dr
+
+    mi = mitsuba()
+    return dr.opaque(mi.Int32 if isinstance(value, int) else mi.Float, value)
+
+
+def opaque_uint32(value: int) -> Any:
+    """A 32-bit unsigned number on the device."""
+    import drjit as dr
+
+    return dr.opaque(mitsuba().UInt32, value)
+
+
+def counter(first: int, count: int) -> Any:
+    """(count,) 32-bit unsigned numbers from ``first`` on; neither number becomes code."""
+    import drjit as dr
+
+    return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
+
+
+def start(arrays: list[Any]) -> None:
+    """Have these arrays computed, in one kernel, without waiting."""
+    import drjit as dr
+
+    dr.eval(*arrays)
+
+
+def wait() -> None:
+    """Until everything that was started is done."""
+    import drjit as dr
+
+    dr.sync_thread()

@@ -1,0 +1,73 @@
+"""Materials: how a surface sends light back, by wavelength. Descriptions only; `kernel.bsdfs` makes them real."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+
+BSDF_KINDS = ("diffuse", "coated", "conductor", "glass", "retroreflector")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spectrum:
+    """A number that depends on wavelength, by linear interpolation between published values.
+
+    wavelength_m  (n,) rising
+    value         (n,)
+    """
+
+    wavelength_m: tuple[float, ...]
+    value: tuple[float, ...]
+
+    @classmethod
+    def constant(cls, value: float) -> Spectrum:
+        """The same at every wavelength."""
+        return cls(wavelength_m=(0.0, np.inf), value=(value, value))
+
+    def covers(self, wavelength_m: float) -> bool:
+        """Whether the table reaches this wavelength (to 1 nm)."""
+        return self.wavelength_m[0] - 1e-9 <= wavelength_m <= self.wavelength_m[-1] + 1e-9
+
+    def at(self, wavelength_m: float) -> float:
+        """The value at a wavelength inside the table."""
+        if self.value[0] == self.value[-1] and not np.isfinite(self.wavelength_m[-1]):
+            return self.value[0]
+        return float(np.interp(wavelength_m, self.wavelength_m, self.value))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Material:
+    """A surface.
+
+    bsdf          one of BSDF_KINDS
+    reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors and glass
+    parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
+                  roughness, index_n, index_k; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg
+    """
+
+    name: str
+    bsdf: str
+    reflectivity: Spectrum
+    parameters: Mapping[str, float | Spectrum] = field(default_factory=dict)
+    description: str = ""
+
+    def at(self, wavelength_m: float) -> dict[str, Any]:
+        """Numbers at one laser wavelength: bsdf, reflectivity and the parameters.
+
+        Raises InputError where the table does not reach the wavelength.
+        """
+        if not self.reflectivity.covers(wavelength_m):
+            low, high = self.reflectivity.wavelength_m[0], self.reflectivity.wavelength_m[-1]
+            raise InputError(
+                f"material '{self.name}': no reflectivity at {wavelength_m * 1e9:.0f} nm; "
+                f"its table reaches from {low * 1e9:.0f} to {high * 1e9:.0f} nm"
+            )
+        values: dict[str, Any] = {"bsdf": self.bsdf, "reflectivity": self.reflectivity.at(wavelength_m)}
+        for key, value in self.parameters.items():
+            values[key] = value.at(wavelength_m) if isinstance(value, Spectrum) else value
+        return values

@@ -1,0 +1,79 @@
+"""Random numbers that belong to the pulse: (seed, stage, pulse, draw) in, the same numbers everywhere out.
+
+Threefry-2x32 with 20 rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as
+1, 2, 3", SC11) is a counter-based generator that needs only 32-bit additions, rotations and
+exclusive-ors, so numpy, Dr.Jit on a CPU and Dr.Jit on a GPU give the same bits, whatever the chunk
+size, the thread count or the worker.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .arrays import Array, xp
+
+# Stages: one key each, so that no two uses of one pulse ever share a number.
+STAGE_EDGE_NOISE = 1
+STAGE_FALSE_ALARM = 2
+STAGE_TDC_JITTER = 3
+
+_ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
+_PARITY = 0x1BD11BDA
+_TWO_PI = 2.0 * math.pi
+_ULP = 2.0**-32
+
+
+def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Two 32-bit words for each (key, counter); all four are 32-bit unsigned arrays that broadcast."""
+    k0, k1 = key
+    schedule = (k0, k1, k0 ^ k1 ^ _PARITY)
+    x0, x1 = counter[0] + k0, counter[1] + k1
+    for r in range(20):
+        rotation = _ROTATIONS[r % 8]
+        x0 = x0 + x1
+        x1 = ((x1 << rotation) | (x1 >> (32 - rotation))) ^ x0
+        if r % 4 == 3:
+            s = r // 4 + 1
+            x0 = x0 + schedule[s % 3]
+            x1 = x1 + schedule[(s + 1) % 3] + s
+    return x0, x1
+
+
+def words(*, seed: Array, stage: int, pulse: Array, draw: int = 0) -> tuple[Array, Array]:
+    """Two independent 32-bit words for every pulse.
+
+    seed   the frame's seed, 32 bits (an opaque Dr.Jit integer, or a Python int)
+    stage  one of the STAGE_ constants
+    pulse  (n,) 32-bit unsigned pulse numbers in the frame
+    draw   which of the pulse's draws in this stage
+    """
+    ops = xp(pulse)
+    pulse = ops.uint32(pulse)
+    zero = pulse ^ pulse
+    return threefry2x32((zero + ops.uint32(seed), zero + stage), (pulse, zero + draw))
+
+
+def open_uniform(word: Array) -> Array:
+    """A float32 in (0, 1] from a 32-bit word; small values keep their relative precision."""
+    ops = xp(word)
+    return (ops.float32(word) + 0.5) * _ULP
+
+
+def normal_pair(word: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Two independent standard normal deviates, by Box and Muller (reaches 6.7 sigma)."""
+    ops = xp(word[0])
+    radius = ops.sqrt(-2.0 * ops.log(open_uniform(word[0])))
+    angle = _TWO_PI * open_uniform(word[1])
+    return radius * ops.cos(angle), radius * ops.sin(angle)
+
+
+def exponential(word: tuple[Array, Array]) -> Array:
+    """A standard exponential deviate whose *small* values are exact to float32 precision.
+
+    First arrivals of rare events live in the small values: -log(u) with u just below one has only 24
+    bits there. So v = 1 - u is drawn with 64 bits and -log(1 - v) is taken by its series where v is small.
+    """
+    ops = xp(word[0])
+    v = (ops.float32(word[0]) + open_uniform(word[1])) * _ULP
+    series = v * (1.0 + v * (0.5 + v * (1.0 / 3.0)))
+    return ops.where(v < 2.0**-6, series, -ops.log(ops.maximum(1.0 - v, 0.5 * _ULP)))

@@ -1,0 +1,88 @@
+"""Silicon photomultiplier: N cells that each fire once and are then dead for tau. (21)-(28), (S4)-(S6).
+
+Counts are fired cells within one dead time. Two models of the background stand side by side:
+
+``published``     (23)-(27) as printed: every dead time starts with all cells alive.
+``steady_state``  derived: a cell that is dead for tau after each firing, under a rate r, is busy
+                  x / (1 + x) of the time, x = r tau; busy cells are binomial. PHYSICS.md, section 3.
+
+At Table 1 the two give 125.7 and 109.6 busy cells; the scene simulation uses the derived one.
+"""
+
+from __future__ import annotations
+
+from ..arrays import Array, xp
+from .special import expm1, log1p
+
+
+def photon_detection_efficiency(
+    *, quantum_efficiency: Array, trigger_probability: Array, fill_factor: Array
+) -> Array:
+    """PDE as the product (21)."""
+    return quantum_efficiency * trigger_probability * fill_factor
+
+
+def background_photons(*, power_w: Array, dead_time_s: Array, photon_energy_j: Array) -> Array:
+    """Background photons in one dead time, N_b-photon under (23)."""
+    return power_w * dead_time_s / photon_energy_j
+
+
+def signal_photons(*, peak_power_w: Array, pulse_fwhm_s: Array, photon_energy_j: Array) -> Array:
+    """Signal photons that count towards the peak, N_s-photon under (24): half of P_r FWHM / (h nu).
+
+    Half of the energy has arrived when the pulse is at its peak, with P_r FWHM taken as the energy (a
+    Gaussian has 6 % more).
+    """
+    return 0.5 * peak_power_w * pulse_fwhm_s / photon_energy_j
+
+
+def fired_share_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+    """Share of cells that fire, 1 - exp(n (exp(-pde / N) - 1)): (22) over N, and (S4)."""
+    return -expm1(photons * expm1(-pde / cells))
+
+
+def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
+    """Share of cells that fire when Poisson light falls on them independently: 1 - exp(-n pde / N).
+
+    Thinning a Poisson stream leaves a Poisson stream, so this is exact; (S2) splits k photons evenly
+    instead, which is 0.03 % lower at Table 1 (pde / 2N).
+    """
+    return -expm1(-photons * pde / cells)
+
+
+def photons_for_share(*, share: Array, pde: Array, cells: Array) -> Array:
+    """`fired_share` solved for the photons; shares at or above one count as one part in 1e6 below it."""
+    return -log1p(-xp(share).minimum(share, 1.0 - 1e-6)) * cells / pde
+
+
+def photons_for_share_published(*, share: Array, pde: Array, cells: Array) -> Array:
+    """`fired_share_published` solved for the photons."""
+    return log1p(-xp(share).minimum(share, 1.0 - 1e-6)) / expm1(-pde / cells)
+
+
+def dark_counts(*, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array) -> Array:
+    """Dark counts of all cells in one dead time, N_d under (23); the rate is for each cell."""
+    return cells * dark_count_rate_hz * dead_time_s
+
+
+def fired_variance_published(*, fired: Array, cells: Array) -> Array:
+    """Variance of the fired cells, N_fired (1 - N_fired / N): (25) and (S6) (which calls it a deviation)."""
+    return fired * (1.0 - fired / cells)
+
+
+def busy_share_steady_state(
+    *, photons: Array, pde: Array, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array
+) -> Array:
+    """Share of time that a cell is dead, x / (1 + x), with light and dark counts in x = r tau."""
+    x = photons * pde / cells + dark_count_rate_hz * dead_time_s
+    return x / (1.0 + x)
+
+
+def busy_variance_steady_state(*, busy_share: Array, cells: Array) -> Array:
+    """Variance of the busy cells, binomial: N x / (1 + x)^2."""
+    return cells * busy_share * (1.0 - busy_share)
+
+
+def snr_approximate(*, signal_photons: Array, background_photons: Array, pde: Array) -> Array:
+    """(28): the SNR where both the signal and the background are far from saturating the cells."""
+    return signal_photons * xp(background_photons, pde).sqrt(pde / background_photons)

@@ -1,0 +1,104 @@
+"""What a run says of itself: the summary as text and as JSON, the missed pulses, the catalogue's lists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import catalog
+from .beams import firing_time_s
+from .io.files import atomic_output
+from .returns import Outcome
+from .sensor import Sensor
+from .simulate import Summary
+
+OUTCOME_TEXT = {
+    Outcome.NO_SURFACE: "no surface",
+    Outcome.BELOW_THRESHOLD: "below threshold",
+    Outcome.OUT_OF_WINDOW: "out of window",
+    Outcome.HIDDEN: "hidden by a false alarm",
+}
+
+# Stages whose time goes with the number of beams; the rest is start-up and files.
+_FRAME_STAGES = ("record", "trace", "collect", "assemble")
+
+
+def beams_per_second(summary: Summary) -> float:
+    """Beams over the time from beams to points, files and start-up left out."""
+    seconds = sum(summary.seconds.get(stage, 0.0) for stage in _FRAME_STAGES)
+    return summary.beams / seconds if seconds > 0.0 else 0.0
+
+
+def as_dict(summary: Summary) -> dict[str, Any]:
+    """The summary for machines."""
+    return {
+        "beams": summary.beams,
+        "hits": summary.hits,
+        "points": summary.points,
+        "echoes": summary.points - summary.false_alarms,
+        "false_alarms": summary.false_alarms,
+        "missed": {text.replace(" ", "_"): int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items()},
+        "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
+        "beams_per_second": round(beams_per_second(summary)),
+    }
+
+
+def as_text(summary: Summary, written: dict[str, str]) -> str:
+    """The summary for people."""
+    lines = [
+        f"beams         {summary.beams:>12,}",
+        f"hits          {summary.hits:>12,}",
+        f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms",
+    ]
+    for outcome, text in OUTCOME_TEXT.items():
+        head = "missed        " if outcome == Outcome.NO_SURFACE else " " * 14
+        lines.append(f"{head}{int(summary.outcomes[outcome]):>12,}   {text}")
+    stages = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in summary.seconds.items())
+    lines.append(f"seconds       {sum(summary.seconds.values()):>12.3f}   {stages}")
+    lines.append(f"beams/second  {beams_per_second(summary):>12,.0f}   from beams to points")
+    lines.append(f"wrote         {', '.join(written.values())}")
+    return "\n".join(lines)
+
+
+class MissedPulses:
+    """Pulses without an echo point, gathered chunk by chunk."""
+
+    def __init__(self) -> None:
+        self._pulses: list[np.ndarray[Any, Any]] = []
+        self._reasons: list[np.ndarray[Any, Any]] = []
+
+    def __call__(self, pulse: np.ndarray[Any, Any], reason: np.ndarray[Any, Any]) -> None:
+        """Add the missed pulses of a chunk and their `Outcome`."""
+        self._pulses.append(pulse)
+        self._reasons.append(reason)
+
+    def save(self, path: Path, sensor: Sensor) -> None:
+        """Write pulse, reason, time_s, channel, azimuth_rad, elevation_rad, and reason_names by value, as .npz."""
+        pulse = np.concatenate([np.zeros(0, np.uint32), *self._pulses])
+        azimuth, elevation = sensor.scanner.angles(pulse)
+        with atomic_output(path) as temporary, temporary.open("wb") as file:
+            np.savez(
+                file,
+                pulse=pulse,
+                reason=np.concatenate([np.zeros(0, np.uint8), *self._reasons]),
+                time_s=firing_time_s(sensor, pulse),
+                channel=sensor.scanner.channel(pulse),
+                azimuth_rad=azimuth,
+                elevation_rad=elevation,
+                reason_names=np.array(["kept", *OUTCOME_TEXT.values()]),
+            )
+
+
+def catalog_text(kind: str) -> str:
+    """One line for each entry of the catalogue."""
+    lines = [f"{kind}:"]
+    for name in catalog.names(kind):
+        if kind == "sensors":
+            lines.append(f"  {name:<26} {catalog.sensor(name).description}")
+        else:
+            material = catalog.material(name)
+            value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"
+            lines.append(f"  {name:<26} {value:<18} {material.bsdf:<15} {material.description}")
+    return "\n".join(lines)

@@ -1,0 +1,52 @@
+"""A raster: rows of constant elevation from the top down, each from the left (positive azimuth) to the right.
+
+Directions are given, not derived from a mirror; what a real mirror does to the raster is another scanner's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..arrays import Array, xp
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raster:
+    """Evenly spaced grid of directions, centred on the sensor's x axis, both edges of the field of view included."""
+
+    columns: int
+    rows: int
+    azimuth_step_rad: Array
+    elevation_step_rad: Array
+
+    @classmethod
+    def from_field_of_view(
+        cls, *, azimuth_fov: float, elevation_fov: float, azimuth_step: float, elevation_step: float, unit_rad: float
+    ) -> Raster:
+        """From full angles and steps in one angular unit of ``unit_rad`` radians."""
+        # 1e-6 of a step is lost to decimal fractions (120 / 0.2 = 599.99...), not by intent.
+        columns = int(azimuth_fov / azimuth_step + 1e-6) + 1
+        rows = int(elevation_fov / elevation_step + 1e-6) + 1
+        return cls(
+            columns=columns, rows=rows,
+            azimuth_step_rad=azimuth_step * unit_rad, elevation_step_rad=elevation_step * unit_rad,
+        )  # fmt: skip
+
+    @property
+    def pulses(self) -> int:
+        """Pulses in one frame."""
+        return self.columns * self.rows
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth and elevation [rad], float32, of each pulse."""
+        ops = xp(pulse)
+        row = self.channel(pulse)
+        column = ops.int32(pulse) - row * self.columns
+        # Twice the offset from the centre is a whole number, so the middle of the grid is exactly zero.
+        azimuth = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.azimuth_step_rad)
+        elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
+        return azimuth, elevation
+
+    def channel(self, pulse: Array) -> Array:
+        """Row of each pulse, 0 at the top."""
+        return xp(pulse).int32(pulse) // self.columns

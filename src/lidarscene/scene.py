@@ -1,0 +1,122 @@
+"""A scene as the simulation sees it: bodies with their surfaces, sun, sky and air. Plain data, metres, radians.
+
+`lidarscene.io.scene_file` makes one from a TOML file, `Scene` is as easily made in Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .arrays import frozen
+from .geometry import Pose, direction_from_angles
+from .materials import Material
+from .physics import air
+
+Matrix = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """A triangle mesh of one material, in its body's frame.
+
+    vertices_m  (v, 3) float64
+    faces       (f, 3) uint32, indices into the vertices
+    """
+
+    vertices_m: Matrix
+    faces: Matrix
+    material: str
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze the arrays."""
+        object.__setattr__(self, "vertices_m", frozen(self.vertices_m, np.float64, (None, 3)))
+        object.__setattr__(self, "faces", frozen(self.faces, np.uint32, (None, 3)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ball:
+    """An exact sphere of one material, centred on its body's origin."""
+
+    radius_m: float
+    material: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Body:
+    """Something with a name, a class and a shape, standing somewhere. Instances are bodies that share parts."""
+
+    name: str
+    class_name: str
+    parts: tuple[Part | Ball, ...]
+    pose: Pose = field(default_factory=Pose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sun:
+    """Direction towards the sun (azimuth counter-clockwise from x seen from above), and illuminance on a
+    surface that faces it."""
+
+    azimuth_rad: float = 0.0
+    elevation_rad: float = math.radians(45.0)
+    illuminance_klux: float = 100.0
+
+    @property
+    def direction(self) -> Matrix:
+        """(3,) unit vector towards the sun, world frame."""
+        return np.array(direction_from_angles(azimuth_rad=self.azimuth_rad, elevation_rad=self.elevation_rad))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sky:
+    """Uniform sky; ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
+
+    diffuse_share: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Air:
+    """One-way transmittance: fixed, times extinction over the range (given, or from visibility)."""
+
+    transmittance: float = 1.0
+    extinction_per_m: float = 0.0
+    visibility_m: float = math.inf
+    model: str = "kim"
+
+    def extinction_at_per_m(self, wavelength_m: float) -> float:
+        """Extinction coefficient at a laser wavelength."""
+        if math.isinf(self.visibility_m):
+            return self.extinction_per_m
+        return self.extinction_per_m + air.extinction_from_visibility_per_m(
+            visibility_m=self.visibility_m, wavelength_m=wavelength_m, model=self.model
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """All that light can meet.
+
+    bodies          in the order of the file; a point's `body` is an index into `body_names`
+    materials       by name, every one that a part names
+    sensor_name     catalogue name or file of the sensor to use unless another is given
+    sensor_pose     where the sensor stands, in the world
+    base            a Mitsuba XML scene whose shapes are added, or None
+    base_materials  BSDF id in that file to material name; BSDFs not listed are used as they are
+    """
+
+    name: str = "scene"
+    bodies: tuple[Body, ...] = ()
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    sun: Sun = field(default_factory=Sun)
+    sky: Sky = field(default_factory=Sky)
+    air: Air = field(default_factory=Air)
+    sensor_name: str = "table1-apd"
+    sensor_pose: Pose = field(default_factory=Pose)
+    base: Path | None = None
+    base_materials: Mapping[str, str] = field(default_factory=dict)

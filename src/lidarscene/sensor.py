@@ -1,0 +1,105 @@
+"""A sensor as the simulation sees it: frozen, SI units and radians, no files.
+
+`lidarscene.io.sensor_file` makes one from a TOML file, where the units are those that people write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from .arrays import Array, xp
+from .detectors import Detector, WorkingPoint
+from .geometry import Pose
+from .physics import radiometry
+from .scan import Scanner
+
+WALK_MODES = ("none", "raw", "corrected")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Laser:
+    """Pulsed transmitter. The divergence is the full angle at 1/e^2; one ray stands for the beam so far."""
+
+    wavelength_m: float
+    peak_power_w: Array
+    pulse_fwhm_s: Array
+    repetition_rate_hz: float
+    divergence_rad: float = 0.0
+
+    @property
+    def photon_energy_j(self) -> float:
+        """h nu."""
+        return radiometry.photon_energy_j(wavelength_m=self.wavelength_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optics:
+    """Receiver. ``sun_irradiance_w_m2`` is in band, at normal incidence and 100 klux (E_sun of (6))."""
+
+    aperture_radius_m: Array
+    focal_length_m: Array
+    efficiency_laser: Array
+    efficiency_sun: Array
+    sun_irradiance_w_m2: Array
+
+    @property
+    def aperture_m2(self) -> Array:
+        """A(0)."""
+        return radiometry.disc_area_m2(radius_m=self.aperture_radius_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tdc:
+    """Comparator and time-to-digital converter.
+
+    window_s                  listening time after each pulse
+    threshold_to_noise        U / sigma_0 (TNR), or None with a fixed level
+    threshold_level           fixed U in signal units (A or cells), or None
+    least_significant_bit_s   step of the reported time; 0: none
+    jitter_s                  standard deviation of the converter's own jitter
+    stops                     crossings reported per shot, first ones first
+    walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
+                              says it is, "none" takes off exactly what it is
+    """
+
+    window_s: Array
+    bandwidth_hz: Array
+    threshold_to_noise: Array | None
+    threshold_level: Array | None = None
+    least_significant_bit_s: Array = 0.0
+    jitter_s: Array = 0.0
+    stops: int = 1
+    walk: str = "corrected"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file."""
+
+    name: str
+    laser: Laser
+    optics: Optics
+    scanner: Scanner
+    detector: Detector
+    tdc: Tdc
+    mounting: Pose = field(default_factory=Pose)
+    description: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def working_point(self, background_power_w: Array) -> WorkingPoint:
+        """The detector under this background."""
+        return self.detector.working_point(
+            background_power_w=background_power_w,
+            photon_energy_j=self.laser.photon_energy_j,
+            bandwidth_hz=self.tdc.bandwidth_hz,
+            pulse_fwhm_s=self.laser.pulse_fwhm_s,
+        )
+
+    def threshold(self, point: WorkingPoint) -> Array:
+        """Comparator level U: TNR sigma_0 or the fixed level, never below what the detector can resolve."""
+        if self.tdc.threshold_level is not None:
+            level: Array = self.tdc.threshold_level
+        else:
+            level = self.tdc.threshold_to_noise * point.noise
+        return xp(level, point.least_threshold).maximum(level, point.least_threshold)
