@@ -1,0 +1,48 @@
+# From a fresh clone: `make car` renders a point cloud, `make test` runs the tests.
+# Needs python3 (3.11 or newer, with venv), make and a Python package index; nothing else.
+
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
+
+.PHONY: car test lint format bench lock clean
+.DELETE_ON_ERROR:
+
+car: $(READY)
+	@mkdir -p out
+	$(BIN)/lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png
+
+test: $(READY)
+	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+lint: $(READY)
+	$(BIN)/uv lock --check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY)
+	$(BIN)/python benchmarks/run.py
+
+lock: $(READY)
+	$(BIN)/uv lock --upgrade
+
+clean:
+	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache
+
+# The environment, made again only when what it is made from has changed.
+# uv stays in it (--inexact), and takes this Python and no other (--python).
+$(READY): pyproject.toml uv.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "make: lidarscene needs Python 3.11 or newer, and '$(PYTHON)' is not:" \
+	         "try make PYTHON=python3.12" >&2; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
+	@$(SYNC) || { echo "make: once more without open3d, which has no wheel for every system" >&2; \
+	    $(SYNC) --no-install-package open3d; }
+	@touch $@

@@ -1,0 +1,25 @@
+"""The car: a modern hatchback of 4.4 x 1.8 x 1.45 m, part by part."""
+
+from car_body import body_parts
+from car_details import inside_parts, outside_parts
+from car_wheels import wheel_parts
+from modelling import join
+
+COLOURS = {
+    "paint": (0.75, 0.76, 0.78, 1.0),
+    "glass": (0.55, 0.65, 0.65, 0.25),
+    "tyre": (0.03, 0.03, 0.03, 1.0),
+    "rim": (0.62, 0.63, 0.65, 1.0),
+    "trim": (0.04, 0.04, 0.04, 1.0),
+    "headlamp": (0.85, 0.88, 0.90, 1.0),
+    "taillamp": (0.55, 0.03, 0.03, 1.0),
+    "plate": (0.92, 0.92, 0.88, 1.0),
+    "interior": (0.10, 0.10, 0.11, 1.0),
+    "chrome": (0.80, 0.80, 0.80, 1.0),
+}
+
+
+def build():
+    """Part name -> Mesh."""
+    found = [body_parts(), wheel_parts(), outside_parts(), inside_parts()]
+    return {name: join(*(mesh for part in found for mesh in part.get(name, ()))) for name in COLOURS}

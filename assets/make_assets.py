@@ -1,0 +1,52 @@
+"""Make every mesh of the shipped scenes: python assets/make_assets.py [--out DIR].
+
+All is modelled here, by lofts, lathes and cuts; nothing is downloaded and nothing is drawn at random that is
+not fixed by a seed, so that a second run writes the same bytes. Coordinates are written as they are, z up,
+x forward, in metres, with the origin on the ground under the object (see glb.py).
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import car
+import house
+import people
+import plants
+import roadside
+from glb import glb_bytes, welded
+
+OBJECTS = {
+    "car": (car.build, car.COLOURS),
+    "pedestrian": (people.build, people.COLOURS),
+    "tree": (plants.build, plants.COLOURS),
+    "house": (house.build, house.COLOURS),
+    "kerb": (roadside.kerb, {"kerb": (0.55, 0.54, 0.52, 1.0)}),
+    "sign": (roadside.sign, roadside.COLOURS),
+    "lamp_post": (roadside.lamp_post, roadside.COLOURS),
+    "bollard": (roadside.bollard, roadside.COLOURS),
+}
+
+
+def make(folder):
+    """Write all objects into `folder`; the lines of a summary."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = []
+    for name, (build, colours) in OBJECTS.items():
+        parts = build()
+        data = glb_bytes(parts, colours)
+        (folder / f"{name}.glb").write_bytes(data)
+        counts = {part: len(welded(mesh)[1]) for part, mesh in parts.items()}
+        lines.append(f"{name}.glb {len(data) / 1e3:.0f} kB, {sum(counts.values())} triangles: {counts}")
+    return lines
+
+
+def main():
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description="make the meshes of the shipped scenes")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "meshes")
+    sys.stdout.write("\n".join(make(parser.parse_args().out)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

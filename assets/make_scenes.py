@@ -1,0 +1,36 @@
+"""Write the shipped scenes: python assets/make_scenes.py [--out DIR]."""
+
+import argparse
+import sys
+from pathlib import Path
+
+import car_scene
+import garage_scene
+import make_range_scene
+import street_scene
+
+SCENES = {
+    "car": car_scene.text,
+    "range": make_range_scene.text,
+    "street": street_scene.text,
+    "garage": garage_scene.text,
+}
+
+
+def make(folder):
+    """Write all scenes into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in SCENES.items():
+        (folder / f"{name}.toml").write_text(text(), encoding="utf-8", newline="\n")
+
+
+def main():
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description="write the shipped scenes")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent.parent / "scenes")
+    make(parser.parse_args().out)
+    sys.stdout.write(f"{', '.join(SCENES)} written\n")
+
+
+if __name__ == "__main__":
+    main()

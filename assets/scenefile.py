@@ -1,0 +1,99 @@
+"""Scene files: headers and bodies in, TOML text out. Metres and degrees, as people edit them."""
+
+MESHES = "../assets/meshes"
+PARTS = {
+    "car": {
+        "glass": "clear_glass",
+        "tyre": "tyre_rubber",
+        "rim": "brushed_aluminium",
+        "trim": "black_plastic",
+        "headlamp": "lamp_lens",
+        "taillamp": "lamp_lens",
+        "plate": "retroreflective_sheeting",
+        "interior": "leather",
+        "chrome": "chrome",
+    },
+    "pedestrian": {
+        "skin": "skin",
+        "clothes": "cotton_cloth",
+        "trousers": "denim",
+        "shoes": "leather",
+        "hair": "hair",
+    },
+    "tree": {"bark": "bark", "foliage": "tree_foliage"},
+    "house": {
+        "brick": "brick",
+        "glass": "clear_glass",
+        "frame": "plaster_white",
+        "concrete": "concrete",
+        "door": "wood",
+        "railing": "galvanised_steel",
+        "roof": "brick",
+        "interior": "plaster_white",
+    },
+    "kerb": {"kerb": "concrete"},
+    "sign": {
+        "pole": "galvanised_steel",
+        "sign_face": "retroreflective_sheeting",
+        "sign_back": "brushed_aluminium",
+    },
+    "lamp_post": {"pole": "galvanised_steel", "head": "black_plastic", "lens": "lamp_lens"},
+    "bollard": {"bollard": "black_plastic", "band": "retroreflective_sheeting"},
+}
+CLASSES = {"tree": "vegetation", "house": "building", "lamp_post": "pole", "bollard": "pole"}
+
+
+def value(item):
+    """One TOML value; numbers with all their digits, so that no angle is rounded."""
+    if isinstance(item, str):
+        return f'"{item}"'
+    if isinstance(item, dict):
+        return "{ " + ", ".join(f"{key} = {value(entry)}" for key, entry in item.items()) + " }"
+    if isinstance(item, list | tuple):
+        return "[" + ", ".join(value(entry) for entry in item) + "]"
+    return repr(round(item, 15) + 0.0) if isinstance(item, float) else repr(item)
+
+
+def table(title, /, **entries):
+    """A TOML table; instances stand one to a line."""
+    lines = [title]
+    for key, entry in entries.items():
+        if key == "instances":
+            lines += ["instances = [", *(f"    {value(one)}," for one in entry), "]"]
+        else:
+            lines.append(f"{key} = {value(entry)}")
+    return "\n".join(lines) + "\n"
+
+
+def place(x, y, z=0.0, yaw_deg=0.0):
+    """One instance."""
+    where = {"position_m": [float(x), float(y), float(z)]}
+    return where | ({"yaw_deg": float(yaw_deg)} if yaw_deg else {})
+
+
+def objects(name, mesh, instances, **paint):
+    """A body of one of our meshes, placed once per instance; `paint` gives or changes a part's material."""
+    return table(
+        "[[bodies]]",
+        name=name,
+        mesh=f"{MESHES}/{mesh}.glb",
+        **{"class": CLASSES.get(mesh, mesh)},
+        materials=paint | {part: name for part, name in PARTS[mesh].items() if part not in paint},
+        instances=instances,
+    )
+
+
+def primitive(name, shape, kind, material, *, position_m=None, instances=None, **size):
+    """A body made of a plane, a box, a sphere or a cylinder, at one place or at several."""
+    where = {"instances": instances} if instances else {"position_m": [float(x) for x in position_m]}
+    return table(
+        "[[bodies]]", name=name, primitive=shape, **{"class": kind}, material=material, **size, **where
+    )
+
+
+def header(name, description, *, made_by, sun, sky, air, sensor):
+    """What stands above the bodies: the four tables of numbers."""
+    first = f"# Made by assets/{made_by}; change it there and run it again.\n"
+    first += table(f"name = {value(name)}", description=description)
+    parts = (("sun", sun), ("sky", sky), ("air", air), ("sensor", sensor))
+    return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts)])

@@ -1,0 +1,74 @@
+"""What every test shares: markers from folders, the back end or a reason, a Python to run."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from lidarscene.errors import BackendError
+from lidarscene.kernel import backend, llvm
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+OUTSIDE = dict(os.environ)
+with contextlib.suppress(BackendError):
+    llvm.use()  # before any test file imports drjit, which looks for LLVM only then
+
+TESTS = Path(__file__).parent
+REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Every folder is a marker: `pytest -m unit` runs tests/unit."""
+    for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
+        config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        folder, *rest = item.path.relative_to(TESTS).parts
+        if rest:
+            item.add_marker(folder)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("gpu"):
+        _mitsuba()
+        if not backend.is_cuda():
+            pytest.skip(f"no GPU: {backend.probe().cuda}")
+
+
+@pytest.fixture(scope="session")
+def mi() -> ModuleType:
+    """Mitsuba with a variant set; where there is none the test is skipped, or fails if REQUIRED."""
+    return _mitsuba()
+
+
+def _mitsuba() -> ModuleType:
+    try:
+        return backend.mitsuba()
+    except BackendError as error:
+        if REQUIRED:
+            raise
+        pytest.skip(f"no usable back end: {' '.join(str(error).split())}")
+
+
+RunPython = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run_python() -> RunPython:
+    """Run code in a fresh Python, with NAME=value in its environment, or NAME=None for unset."""
+
+    def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
+        merged = OUTSIDE | {"PYTHONPATH": str(TESTS.parent / "src")} | environment
+        kept = {name: value for name, value in merged.items() if value is not None}
+        return subprocess.run(
+            [sys.executable, "-c", code], env=kept, capture_output=True, text=True, timeout=120
+        )
+
+    return run

@@ -1,0 +1,230 @@
+"""PointCloud: what is checked at birth, what selections and joins keep, what Open3D gets."""
+
+import copy
+import pickle
+import sys
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene.cloud import COLUMNS, MEASURED, RANGE, TRUTH, CloudBuilder, PointCloud
+from lidarscene.errors import InputError, LidarSceneError
+
+NAMES: dict[str, tuple[str, ...]] = {
+    "body_names": ("road", "Käfer\nrot", "sign end_header"),
+    "class_names": ("road", "car"),
+    "material_names": ("asphalt", "paint texturefile.png"),
+}
+
+
+def small_columns(n: int = 7, *, truth: bool = True, seed: int = 1) -> dict[str, Any]:
+    """Arrays by attribute: every column different, with the extremes that are legal."""
+    rng = np.random.default_rng(seed)
+    columns: dict[str, Any] = {"xyz_m": rng.normal(0, 30, (n, 3)).astype(np.float32)}
+    columns["range_m"] = np.linalg.norm(columns["xyz_m"].astype(np.float64), axis=1).astype(np.float32)
+    for c in COLUMNS[3:]:
+        if c.dtype.startswith("float"):
+            columns[c.attribute] = rng.random(n).astype(c.dtype)
+        else:
+            columns[c.attribute] = rng.integers(0, 2, n).astype(c.dtype)
+    columns["true_range_m"][::3] = np.inf
+    for name in ("body", "class_id", "material"):
+        columns[name][::3] = -1
+    return columns if truth else {a: v for a, v in columns.items() if a not in TRUTH}
+
+
+def small_cloud(n: int = 7, *, truth: bool = True, seed: int = 1, **changes: Any) -> PointCloud:
+    metadata = {"sensor": "test", "frame": "sensor", "seed": "7"}
+    return PointCloud(**(small_columns(n, truth=truth, seed=seed) | NAMES | {"metadata": metadata} | changes))
+
+
+def assert_same(a: PointCloud, b: PointCloud) -> None:
+    """Every array equal to the bit, dtype included, and all text."""
+    assert a.has_truth == b.has_truth
+    for attribute in MEASURED + (TRUTH if a.has_truth else ()):
+        if attribute != "range_m":
+            np.testing.assert_array_equal(getattr(a, attribute), getattr(b, attribute), strict=True)
+    np.testing.assert_allclose(a.range_m, b.range_m, rtol=2e-7)
+    assert {n: getattr(a, n) for n in NAMES} == {n: getattr(b, n) for n in NAMES}
+    assert a.metadata == b.metadata
+
+
+def test_columns_name_every_array_once() -> None:
+    assert " ".join(c.name for c in COLUMNS) == (
+        "x y z intensity snr detection_probability time channel azimuth elevation return_number status "
+        "true_range incidence_angle reflectivity sun_angle in_shadow body class material"
+    )
+    attributes = [c.attribute for c in (*COLUMNS[2:], RANGE)]
+    assert sorted(attributes) == sorted(MEASURED + TRUTH)
+
+
+def test_arrays_are_read_only_and_not_copied() -> None:
+    columns = small_columns()
+    cloud = PointCloud(**columns)
+    for attribute, given in columns.items():
+        assert np.shares_memory(getattr(cloud, attribute), given)
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(cloud, attribute)[0] = 0
+        given[:1] = given[1:2]  # the owner's array stays as it was
+
+
+def test_position_is_single_or_double() -> None:
+    columns = small_columns()
+    assert PointCloud(**columns).xyz_m.dtype == np.float32
+    for other in (np.float64, np.int64, np.float16):
+        changed = columns | {"xyz_m": columns["xyz_m"].astype(other)}
+        assert PointCloud(**changed).xyz_m.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"snr": np.zeros(6)}, r"PointCloud\.snr: array of shape \(6,\)"),
+        ({"xyz_m": np.zeros((7, 2))}, r"PointCloud\.xyz_m: array of shape \(7, 2\)"),
+        ({"snr": np.array([1, 2, np.nan, 4, 5, 6, np.inf])}, r"PointCloud\.snr: NaN at 1 places"),
+        ({"status": np.full(7, 256)}, r"PointCloud\.status: values do not fit uint8"),
+        ({"status": np.full(7, -1)}, r"PointCloud\.status: values do not fit uint8"),
+        ({"body": None, "material": None}, "truth fields come all together; missing: body, material"),
+        ({"body": np.full(7, 3)}, r"PointCloud\.body: 3 to 3, with names for 0 to 2"),
+        ({"class_id": np.full(7, -2)}, r"PointCloud\.class_id: -2 to -2"),
+        ({"metadata": {"frame": "world"}}, "'sensor_position_m' as 'x y z'; came 'world' with ''"),
+        ({"metadata": {"frame": "world", "sensor_position_m": "1 2 inf"}}, "with '1 2 inf'"),
+        ({"metadata": {"frame": "car"}}, "'frame' must be 'sensor', or 'world'"),
+        ({"metadata": {"": "nothing"}}, "keys of 1 to 100 characters"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        small_cloud(**changes)
+
+
+def test_names_are_optional() -> None:
+    assert len(small_cloud(body_names=(), class_names=(), material_names=(), metadata={})) == 7
+
+
+def test_sensor_position() -> None:
+    assert small_cloud().sensor_position_m.tolist() == [0, 0, 0]
+    world = {"frame": "world", "sensor_position_m": "1 -2.5 3e2"}
+    assert small_cloud(metadata=world).sensor_position_m.tolist() == [1, -2.5, 300]
+
+
+def test_column_by_name() -> None:
+    cloud = small_cloud()
+    assert cloud.column("y") is not None
+    np.testing.assert_array_equal(cloud.column("y"), cloud.xyz_m[:, 1])
+    assert cloud.column("class") is cloud.class_id
+    assert cloud.column("range") is cloud.range_m
+    with pytest.raises(InputError, match=r"column 'speed'.*choices are x, y, z, intensity.*material, range"):
+        cloud.column("speed")
+    with pytest.raises(InputError, match=r"column 'body'"):
+        cloud.without_truth().column("body")
+
+
+def test_without_truth() -> None:
+    bare = small_cloud().without_truth()
+    assert not bare.has_truth
+    assert [c.name for c in bare.columns][-1] == "status"
+    assert bare.body is None
+    assert_same(bare, small_cloud(truth=False))
+
+
+@pytest.mark.parametrize("index", [slice(2, 5), [4, 0], np.arange(7) % 2 == 0, np.zeros(0, np.int64)])
+def test_select(index: Any) -> None:
+    cloud = small_cloud()
+    chosen = cloud.select(index)
+    for c in COLUMNS:
+        np.testing.assert_array_equal(chosen.column(c.name), cloud.column(c.name)[index], strict=True)
+    assert chosen.metadata == cloud.metadata
+    assert chosen.body_names == cloud.body_names
+
+
+def test_concatenate_is_the_inverse_of_select() -> None:
+    cloud = small_cloud()
+    parts = [cloud.select(slice(0, 3)), cloud.select(slice(3, 3)), cloud.select(slice(3, None))]
+    assert_same(PointCloud.concatenate(parts), cloud)
+    assert len(parts) == 3
+    assert_same(PointCloud.concatenate(parts, consume=True), cloud)
+    assert parts == []
+
+
+def test_concatenate_refuses_what_does_not_belong_together() -> None:
+    cloud = small_cloud()
+    with pytest.raises(ValueError, match="no parts"):
+        PointCloud.concatenate([])
+    with pytest.raises(ValueError, match="name different"):
+        PointCloud.concatenate([cloud, small_cloud(class_names=("car", "road"))])
+    with pytest.raises(ValueError, match=r"not as before: body, class_id, in_shadow"):
+        PointCloud.concatenate([cloud, cloud.without_truth()])
+
+
+def test_builder_holds_the_points_and_one_column() -> None:
+    """Rationale: 50 million points must not be there twice. Tolerance: the widest column and 64 KB."""
+    chunks, n = 20, 10_000
+    tracemalloc.start()
+    try:
+        builder = CloudBuilder()
+        for seed in range(chunks):
+            builder.append(small_columns(n, seed=seed))
+        tracemalloc.reset_peak()
+        held, _ = tracemalloc.get_traced_memory()
+        cloud = builder.build(**NAMES)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(cloud) == chunks * n
+    assert peak - held < chunks * n * 12 + 65536
+    assert len(builder.build()) == 0
+
+
+def test_builder_of_nothing_is_an_empty_cloud() -> None:
+    cloud = CloudBuilder().build(metadata={"sensor": "a"})
+    assert (len(cloud), cloud.has_truth, cloud.metadata) == (0, True, {"sensor": "a"})
+
+
+def test_builder_names_what_is_missing() -> None:
+    columns = small_columns()
+    del columns["snr"]
+    with pytest.raises(ValueError, match="snr"):
+        CloudBuilder().append(columns)
+
+
+def test_repr_is_one_line() -> None:
+    cloud = small_cloud(status=[0, 0, 1, 0, 0, 1, 0])
+    assert repr(cloud).startswith("PointCloud(7 points: 5 echoes, 2 false alarms; x -")
+    assert repr(cloud).endswith("m; sensor 'test')")
+    assert repr(small_cloud(0)) == "PointCloud(0 points: 0 echoes, 0 false alarms; sensor 'test')"
+
+
+def test_survives_pickle_and_copy() -> None:
+    """Rationale: clouds travel between the processes of a training pipeline."""
+    assert_same(pickle.loads(pickle.dumps(small_cloud())), small_cloud())
+    assert_same(copy.deepcopy(small_cloud()), small_cloud())
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a", "a.ply.gz"])
+def test_unknown_suffix_lists_the_known(name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}: suffix '.*' names no point cloud format; known: \.ply"):
+        small_cloud().save(name)
+    with pytest.raises(InputError, match=r"known: \.ply"):
+        PointCloud.load(name)
+
+
+@pytest.mark.parametrize("n", [0, 7])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_to_open3d(n: int, dtype: Any) -> None:
+    pytest.importorskip("open3d", exc_type=ImportError)
+    cloud = small_cloud(n, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
+    theirs = cloud.to_open3d()
+    assert set(theirs.point) == {"positions"} | {c.name for c in COLUMNS[3:]}
+    np.testing.assert_array_equal(theirs.point["positions"].numpy(), cloud.xyz_m, strict=True)
+    for c in COLUMNS[3:]:
+        values = cloud.column(c.name)[:, None]
+        np.testing.assert_array_equal(theirs.point[c.name].numpy(), values, strict=True)
+
+
+def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(LidarSceneError, match="pip install open3d"):
+        small_cloud().to_open3d()

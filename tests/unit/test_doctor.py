@@ -1,0 +1,52 @@
+"""Doctor: the report names everything a bug report needs, and never fails itself."""
+
+import platform
+
+from lidarscene.doctor import run_doctor
+from lidarscene.kernel import backend
+
+REPORT = (
+    "from lidarscene.doctor import run_doctor; text, ok = run_doctor(); print(text); raise SystemExit(not ok)"
+)
+
+
+def test_a_healthy_machine(mi) -> None:
+    text, healthy = run_doctor()
+    assert healthy
+    assert platform.python_version() in text
+    assert mi.__version__ in text
+    assert mi.variant() in text
+    assert "plate at 5.0000 m, range found 5.0000 m: right" in text
+    assert text.endswith("lidarscene can trace rays here")
+
+
+def test_a_broken_machine(run_python) -> None:
+    path = "/nowhere/libLLVM.so"
+    done = run_python(REPORT, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT="llvm_ad_mono")
+    assert (done.returncode, done.stderr) == (1, "")
+    assert f"DRJIT_LIBLLVM_PATH={path}: no such file" in done.stdout
+    assert done.stdout.rstrip().endswith("lidarscene cannot trace rays here")
+
+
+def test_a_back_end_that_fails_at_work(mi, monkeypatch) -> None:
+    def fail() -> tuple[float, float]:
+        raise RuntimeError("no OptiX")
+
+    monkeypatch.setattr(backend, "trace_one_ray", fail)
+    text, healthy = run_doctor()
+    assert not healthy
+    assert "failed: no OptiX" in text
+
+
+def test_a_back_end_that_is_wrong(mi, monkeypatch) -> None:
+    monkeypatch.setattr(backend, "trace_one_ray", lambda: (5.0, 4.0))
+    text, healthy = run_doctor()
+    assert not healthy
+    assert "WRONG" in text
+
+
+def test_doctor_does_not_import_what_it_names(run_python) -> None:
+    done = run_python(
+        "import sys; from lidarscene.doctor import run_doctor; run_doctor(); print('open3d' in sys.modules)"
+    )
+    assert done.stdout.strip() == "False"
