@@ -43,6 +43,6 @@ $(READY): pyproject.toml uv.lock
 	         "try make PYTHON=python3.12" >&2; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
-	@$(SYNC) || { echo "make: once more without open3d, which has no wheel for every system" >&2; \
-	    $(SYNC) --no-install-package open3d; }
+	@$(SYNC) || { echo "make: once more without open3d, which is optional and has no wheel for every system" >&2; \
+	    $(SYNC) --no-install-package open3d --no-install-package libusb-package; }
 	@touch $@

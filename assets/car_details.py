@@ -76,7 +76,10 @@ def inside_parts():
     shelf = box(size_m=(0.42, 1.40, 0.02), centre_m=(-1.72, 0, 0.92))
     pan = box(size_m=(3.0, 1.08, 0.02), centre_m=(-0.15, 0, 0.27))
     bulkhead = box(size_m=(0.02, 1.5, 0.5), centre_m=(1.10, 0, 0.60))
-    return {"interior": [*seats, *heads, dash, tube(ring, 0.014, segments=6), shelf, pan, bulkhead]}
+    panels = box(size_m=(1.83, 0.02, 0.62), centre_m=(0.015, 0.75, 0.62))
+    rail = box(size_m=(2.90, 0.02, 0.22), centre_m=(-0.35, 0.77, 0.81))
+    doors = join(panels, rail).both_sides()
+    return {"interior": [doors, *seats, *heads, dash, tube(ring, 0.014, segments=6), shelf, pan, bulkhead]}
 
 
 def _seat(*, x, y, width_m):

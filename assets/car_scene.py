@@ -78,9 +78,16 @@ def _things():
         objects("car", "car", [place(*CAR_AT_M, yaw_deg=180)], paint="car_paint_white"),
         objects("pedestrian", "pedestrian", [place(-2.6, 5.0, 0.12, 180)]),
         objects(
-            "tree", "tree", [place(5.5, 8.2, 0.1), place(20.0, 8.0, 0.1, 130), place(-11.0, 9.0, 0.1, 250)]
+            "tree",
+            "tree",
+            [
+                place(-0.5, 9.5, 0.1),
+                place(20.0, 8.0, 0.1, 130),
+                place(-11.0, 9.0, 0.1, 250),
+                place(4.0, -12.5, 0.1, 20),
+            ],
         ),
         objects("sign", "sign", [place(-7.5, 4.0, 0.12, 180)]),
         objects("lamp_post", "lamp_post", [place(9.5, 3.95, 0.12, -90)]),
-        objects("house", "house", [place(19.0, 19.0, 0.05, -90), place(29.0, 19.0, 0.05, -90)]),
+        objects("house", "house", [place(22.0, 19.0, 0.05, -90), place(32.0, 19.0, 0.05, -90)]),
     ]

@@ -9,7 +9,7 @@ SEGMENTS = 32
 # Local z is the axle, outwards. (radius, z)
 _SHOULDER = [(0.208, -0.088), (0.232, -0.103), (0.268, -0.106), (0.298, -0.098), (0.312, -0.084)]
 _TREAD = [(0.318, -0.060), (0.319, -0.018), (0.311, -0.014)]
-_BARREL = [(0.205, 0.090), (0.217, 0.094), (0.217, 0.085), (0.205, 0.076), (0.192, 0.060), (0.188, -0.08)]
+_BARREL = [(0.188, -0.08), (0.192, 0.06), (0.204, 0.08), (0.205, 0.09), (0.217, 0.094), (0.217, 0.084)]
 
 
 def wheel_parts():
@@ -32,7 +32,7 @@ def _tyre():
 
 
 def _rim():
-    barrel = lathe(_BARREL[::-1], segments=SEGMENTS).flipped()
+    barrel = lathe(_BARREL, segments=SEGMENTS).flipped()
     hub = lathe([(0.062, 0.02), (0.060, 0.058), (0.048, 0.066), (0.030, 0.068)], segments=20)
     hub_cap = cap(np.column_stack([circle(20, radius_m=0.030), np.full(20, 0.068)]))
     disc = lathe([(0.150, -0.01), (0.150, 0.012), (0.07, 0.012)], segments=SEGMENTS)

@@ -17,7 +17,7 @@ RANGES_M = tuple(range(50, 501, 50))
 SUN_ELEVATION_DEG = 50.0
 SUN_OFF_NORMAL_DEG = 60.0
 SPACING_DEG = 5.4  # between the azimuths of two neighbours
-SUBTENSE_DEG = 2.4  # side of each board, seen from the sensor: 12 x 12 beams of 0.2 degrees
+SUBTENSE_DEG = 2.5  # side of each board, seen from the sensor: 12 x 12 beams of 0.2 degrees
 
 
 def board_elevation_rad(*, azimuth_rad):

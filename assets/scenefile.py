@@ -44,14 +44,14 @@ CLASSES = {"tree": "vegetation", "house": "building", "lamp_post": "pole", "boll
 
 
 def value(item):
-    """One TOML value; numbers with all their digits, so that no angle is rounded."""
+    """One TOML value; numbers to 1e-12, which any machine's cosines give alike."""
     if isinstance(item, str):
         return f'"{item}"'
     if isinstance(item, dict):
         return "{ " + ", ".join(f"{key} = {value(entry)}" for key, entry in item.items()) + " }"
     if isinstance(item, list | tuple):
         return "[" + ", ".join(value(entry) for entry in item) + "]"
-    return repr(round(item, 15) + 0.0) if isinstance(item, float) else repr(item)
+    return repr(round(item, 12) + 0.0) if isinstance(item, float) else repr(item)
 
 
 def table(title, /, **entries):

@@ -4,13 +4,15 @@ import contextlib
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from lidarscene.errors import BackendError
+from lidarscene.errors import BackendError, LidarSceneError
+from lidarscene.io import open3d_door
 from lidarscene.kernel import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -55,6 +57,19 @@ def _mitsuba() -> ModuleType:
         if REQUIRED:
             raise
         pytest.skip(f"no usable back end: {' '.join(str(error).split())}")
+
+
+@pytest.fixture(scope="session")
+def open3d() -> ModuleType:
+    """Open3D through its door; where it cannot be had the test is skipped, or fails if REQUIRED."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what it imports is not ours
+        try:
+            return open3d_door.open3d()
+        except LidarSceneError as error:
+            if REQUIRED:
+                raise
+            pytest.skip(str(error))
 
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]

@@ -200,6 +200,8 @@ def _pose(text: str) -> Pose:
     except ValueError:
         numbers = []
     if not 3 <= len(numbers) <= 6 or not all(math.isfinite(number) for number in numbers):
-        raise argparse.ArgumentTypeError(f"X,Y,Z[,YAW,PITCH,ROLL] in metres and degrees was expected, {text} came")
+        raise argparse.ArgumentTypeError(
+            f"X,Y,Z[,YAW,PITCH,ROLL] in metres and degrees was expected, {text} came"
+        )
     x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from lidarscene.arrays import frozen
-from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.errors import InputError
 
 Array = np.ndarray[Any, Any]
 
@@ -204,11 +204,11 @@ class PointCloud:
         return cast(PointCloud, read(path))
 
     def to_open3d(self) -> Any:
-        """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute."""
-        try:
-            open3d: Any = importlib.import_module("open3d")
-        except ImportError as error:
-            raise LidarSceneError(f"Open3D cannot be imported ({error}); try: pip install open3d") from error
+        """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute.
+
+        Raises LidarSceneError, with what to install, where Open3D cannot be imported.
+        """
+        open3d: Any = importlib.import_module("lidarscene.io.open3d_door").open3d()
         cloud = open3d.t.geometry.PointCloud()
         cloud.point["positions"] = open3d.core.Tensor(np.ascontiguousarray(self.xyz_m))
         for column in self.columns[3:]:

@@ -1,14 +1,11 @@
 """Pictures: a PointCloud in, a PNG or SVG file out.
 
-The perspective view projects and splats the points here, in numpy, nearest on top; matplotlib, imported when
-called, frames the image with title and scale.
+The points are drawn by `lidarscene.pixels`; matplotlib, imported when called, adds title, axes and scale.
 """
 
 from __future__ import annotations
 
-import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +14,16 @@ import numpy as np
 from lidarscene.cloud import COLUMNS, RANGE, STATUS_NAMES, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.io.files import atomic_output
+from lidarscene.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
 
 Array = np.ndarray[Any, Any]
-Vector = tuple[float, float, float]
+Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure
 
 BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
 PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
            "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
 NO_SURFACE = "#6b7280"
 LOGARITHMIC = ("intensity", "snr")
-SHORT_NAMES = {"detection_probability": "detection probability", "return_number": "return",
-               "incidence_angle": "incidence angle", "in_shadow": "shadow", "true_range": "true range",
-               "sun_angle": "sun angle"}  # fmt: skip
 DPI = 200  # of a picture 1920 pixels wide
 SUPERSAMPLING = 2
 
@@ -46,12 +41,12 @@ def perspective_picture(
 ) -> None:
     """Draw the cloud as seen from ``eye_m`` towards ``target_m``, in the frame of the points.
 
-    Without them: from above and behind the sensor, towards what is near. ``fov_deg`` is the full angle across.
+    Without them: from above and behind the sensor, towards what is near. ``fov_deg`` is across.
     """
     figure = _figure(size_px)
+    camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
     shades = _Shades(cloud, colour_by)
-    camera = _camera(cloud, eye_m, target_m, fov_deg)
-    _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), cloud, shades, camera, highlight_false_alarms)
+    _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), cloud, shades, camera, alarms=highlight_false_alarms)
     _save(figure, path)
 
 
@@ -64,7 +59,8 @@ def range_image(
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell a beam; dark grey where no point came."""
     figure = _figure(size_px)
-    _draw_range_image(figure, (0.06, 0.14, 0.86, 0.74), cloud, _Shades(cloud, colour_by), _cells(cloud))
+    box = (0.06, 0.17, 0.84, 0.68)
+    _draw_range_image(figure, box, cells_of(cloud), _Shades(cloud, colour_by), labels=True)
     _title(figure, cloud)
     _save(figure, path)
 
@@ -79,30 +75,31 @@ def frame_picture(
 ) -> None:
     """Draw both: the perspective on top, below it a range image for each column named in ``strips``."""
     figure = _figure(size_px)
-    top = 0.62 if strips else 1.0
-    camera = _camera(cloud, None, None, 60.0)
-    _draw_perspective(figure, (0.0, 1 - top, 1.0, top), cloud, _Shades(cloud, colour_by), camera, True)
-    each = (1 - top) / max(len(strips), 1)
-    cells = _cells(cloud)
-    for i, name in enumerate(strips):
-        box = (0.06, 1 - top - (i + 1) * each + 0.30 * each, 0.86, 0.62 * each)
-        _draw_range_image(figure, box, cloud, _Shades(cloud, name), cells)
+    strip, foot = 0.165, 0.055 if strips else 0.0
+    rest = foot + strip * len(strips)
+    shades, camera = _Shades(cloud, colour_by), camera_for(cloud)
+    _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), cloud, shades, camera, alarms=True)
+    cells = cells_of(cloud)
+    for i, name in enumerate(reversed(strips)):
+        box = (0.06, foot + i * strip, 0.84, 0.86 * strip)
+        _draw_range_image(figure, box, cells, _Shades(cloud, name), labels=i == 0)
     _save(figure, path)
 
 
 class _Shades:
     """The colour of each point for one column, and the scale that explains it.
 
-    values  (n,) in the unit of the scale; rgb (n, 3) uint8
-    kinds   (label, colour) of each category, most frequent first; empty for a quantity
+    rgb    (n, 3) uint8
+    kinds  (label, colour) of each category, most frequent first; empty for a quantity
     """
 
     def __init__(self, cloud: PointCloud, name: str) -> None:
         from matplotlib import colors
 
-        self.column = {c.name: c for c in (*COLUMNS, RANGE)}.get(name)
+        self.name = name
         values = np.asarray(cloud.column(name))
-        unit = cloud.metadata.get(f"{name}_unit", self.column.unit if self.column else "")
+        units = {c.name: c.unit for c in (*COLUMNS, RANGE)}
+        unit = cloud.metadata.get(f"{name}_unit", units[name])
         names = _category_names(cloud, name)
         self.kinds: list[tuple[str, str]] = []
         if names is not None:
@@ -115,10 +112,10 @@ class _Shades:
                 values, unit = np.degrees(values), "°"
             self.map = _colour_map(name)
             self.norm = _norm(values, name)
-        self.values = values
-        self.label = SHORT_NAMES.get(name, name) + (f" [{unit}]" if unit != "1" and names is None else "")
-        shown = np.ma.masked_invalid(values) if len(values) else np.ma.array(np.zeros(0))
-        self.rgb = np.asarray(self.map(self.norm(shown), bytes=True))[:, :3]
+        self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
+        finite = np.isfinite(values)
+        colours = self.map(np.asarray(self.norm(np.where(finite, values, 1.0))), bytes=True)[:, :3]
+        self.rgb = np.where(finite[:, None], colours, _rgb(NO_SURFACE))
 
     def _sort_kinds(self, values: Array, names: dict[int, str]) -> Array:
         """Number the categories by how often they come; all after the palette's last share its colour."""
@@ -152,19 +149,14 @@ def _colour_map(name: str) -> Any:
     import matplotlib as mpl
     from matplotlib import colors
 
-    if name in ("range", "true_range", "time"):
-        base, low, high = mpl.colormaps["turbo_r"], 0.06, 0.94
-    elif name in LOGARITHMIC:
-        base, low, high = mpl.colormaps["inferno"], 0.22, 1.0
-    else:
-        base, low, high = mpl.colormaps["viridis"], 0.12, 1.0
-    shown = colors.ListedColormap(base(np.linspace(low, high, 256)))
-    shown.set_bad(NO_SURFACE)
-    return shown
+    chosen = {"range": ("turbo_r", 0.06, 0.94), "true_range": ("turbo_r", 0.06, 0.94)}
+    chosen |= dict.fromkeys(LOGARITHMIC, ("inferno", 0.3, 1.0))
+    base, low, high = chosen.get(name, ("viridis", 0.12, 1.0))
+    return colors.ListedColormap(mpl.colormaps[base](np.linspace(low, high, 256)))
 
 
 def _norm(values: Array, name: str) -> Any:
-    """The scale from the 1st to the 99th percentile; logarithmic for powers."""
+    """The scale from the 1st to the 99th percentile; logarithmic for powers, finer for what is near."""
     from matplotlib import colors
 
     usable = values[np.isfinite(values)]
@@ -175,95 +167,141 @@ def _norm(values: Array, name: str) -> Any:
         low, high = 0.0, 1.0
     if name in LOGARITHMIC:
         return colors.LogNorm(low, max(high, low * 1.01), clip=True)
-    return colors.Normalize(low, high if high > low else low + 1.0, clip=True)
+    gamma = 0.5 if name.endswith("range") else 1.0
+    return colors.PowerNorm(gamma, low, high if high > low else low + 1.0, clip=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Camera:
-    """A pinhole: ``axes`` has the rows right, down, forward; the full angle across is ``fov_deg``."""
-
-    eye_m: Array
-    axes: Array
-    fov_deg: float
-
-    def project(self, xyz_m: Array, *, width: int, height: int) -> tuple[Array, Array, Array]:
-        """Pixel column, row and depth in metres of each point, float32; a depth <= 0 is behind."""
-        right, down, depth = (self.axes @ (xyz_m - self.eye_m).T).astype(np.float32)
-        focal = 0.5 * width / math.tan(0.5 * math.radians(self.fov_deg))
-        scale = focal / np.maximum(depth, np.float32(1e-3))
-        return right * scale + 0.5 * width, down * scale + 0.5 * height, depth
-
-
-def _camera(cloud: PointCloud, eye_m: Vector | None, target_m: Vector | None, fov_deg: float) -> _Camera:
-    """From here to there, level; what is not given follows from the near half of the echoes."""
-    sensor = cloud.sensor_position_m
-    echoes = cloud.xyz_m[cloud.status == 0] - sensor if len(cloud) else np.zeros((0, 3))
-    distance = np.linalg.norm(echoes[:, :2], axis=1)
-    near = echoes[distance <= np.percentile(distance, 60)] if len(echoes) else np.array([[20.0, 0.0, -1.5]])
-    reach = float(np.percentile(np.linalg.norm(near[:, :2], axis=1), 75))
-    reach = min(max(reach, 2.0), 60.0)
-    mean = (near[:, :2] / np.maximum(np.linalg.norm(near[:, :2], axis=1, keepdims=True), 1e-6)).mean(axis=0)
-    ahead = np.array([1.0, 0.0, 0.0])
-    around = float(np.linalg.norm(mean)) < 0.3
-    if not around:
-        ahead[:2] = mean / np.linalg.norm(mean)
-    back, up, forward = (1.3, 0.9, 0.1) if around else (0.35, 0.32, 0.9)
-    eye = sensor - back * reach * ahead + (0.0, 0.0, up * reach) if eye_m is None else np.array(eye_m, float)
-    ground = np.array([0.0, 0.0, float(np.median(near[:, 2]))])
-    target = sensor + forward * reach * ahead + ground if target_m is None else np.array(target_m, float)
-    look = target - eye
-    right = np.cross(look, (0.0, 0.0, 1.0))
-    if not 0 < fov_deg < 180 or np.linalg.norm(right) < 1e-9 * max(1.0, float(np.linalg.norm(look))):
-        raise InputError(f"camera: from {eye} to {target} with {fov_deg} degrees is no view with z up")
-    look, right = look / np.linalg.norm(look), right / np.linalg.norm(right)
-    return _Camera(eye_m=eye, axes=np.stack([right, np.cross(look, right), look]), fov_deg=fov_deg)
+def _draw_perspective(
+    figure: Any, box: Box, cloud: PointCloud, shades: _Shades, camera: Camera, *, alarms: bool
+) -> None:
+    """The perspective in this part of the figure, with title and scale."""
+    left, bottom, width, height = box
+    pixels = [SUPERSAMPLING * n for n in _pixels(figure, box)]
+    rgb, large = shades.rgb, np.zeros(len(cloud), bool)
+    if alarms and shades.name != "status":
+        large = cloud.status == 1
+        rgb = np.where(large[:, None], _rgb(ALARM), rgb)
+    front, depth_m = splat(camera, cloud.xyz_m, size=(pixels[0], pixels[1]), large=large)
+    _show(figure, box, lit(coloured(front, rgb, nothing=_rgb(BACKGROUND)), depth_m, reduction=SUPERSAMPLING))
+    _title(figure, cloud)
+    if large.any():
+        figure.text(0.975, 0.975, "●  false alarm", color=ALARM, fontsize=7.5, ha="right", va="top")
+    if shades.kinds:
+        _legend(figure, shades, (left + 0.025, bottom + 0.04 * height, width, 0.8 * height))
+    elif len(cloud):
+        _panel(figure, (left + 0.015, bottom + 0.02 * height, 0.24 * width, 0.11 * height))
+        bar = (left + 0.025, bottom + 0.095 * height, 0.22 * width, 0.016 * height)
+        _scale(figure, bar, shades, "horizontal")
+    else:
+        figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=16, ha="center")
 
 
-def _splat(camera: _Camera, xyz_m: Array, rgb: Array, *, large: Array, width: int, height: int) -> Array:
-    """(height, width, 3) uint8 image of the points as discs, nearest on top, edges darkened.
-
-    xyz_m (n, 3); rgb (n, 3) uint8; large (n,) bool, drawn twice as wide
-    """
-    w, h = width * SUPERSAMPLING, height * SUPERSAMPLING
-    u, v, depth = camera.project(xyz_m, width=w, height=h)
-    margin = 0.02 * w
-    seen = (depth > 0.1) & (u > -margin) & (u < w + margin) & (v > -margin) & (v < h + margin)
-    index = np.flatnonzero(seen)
-    front = np.full((h, w), -1, np.int32)
-    if len(index):
-        index = index[np.argsort(-depth[index], kind="stable")]
-        middle = float(np.median(depth[index]))
-        base = min(max(0.42 * math.sqrt(0.4 * w * h / len(index)), 1.2), 3.5)
-        growth = np.clip(np.sqrt(middle / depth[index]), 0.75, 2.2)
-        radius = np.rint(base * growth * np.where(large[index], 2.0, 1.0)).astype(np.int32)
-        _discs(front, index, u[index], v[index], radius)
-    image = _lit(front, depth, rgb)
-    return image.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3).mean(axis=(1, 3)).astype(np.uint8)
+def _draw_range_image(figure: Any, box: Box, cells: Cells, shades: _Shades, *, labels: bool) -> None:
+    """One strip: the sensor's view in this part of the figure, with axes in degrees and a scale."""
+    left, bottom, width, height = box
+    image = coloured(cells.image(size=_pixels(figure, box)), shades.rgb, nothing=_rgb(MISSING))
+    x, y = cells.azimuth_deg, cells.elevation_deg
+    axes = _show(figure, box, image, extent=(x[-1], x[0], y[0], y[-1]))
+    axes.set_axis_on()
+    axes.tick_params(colors=INK, labelsize=6, length=2, labelbottom=labels)
+    axes.set_ylabel("elevation [°]", color=INK, fontsize=6.5)
+    if labels:
+        axes.set_xlabel("azimuth [°]  (left is positive)", color=INK, fontsize=6.5)
+    if shades.kinds:
+        _legend(figure, shades, (left + width + 0.012, bottom, 0.1, height))
+    elif len(shades.rgb):
+        _scale(figure, (left + width + 0.012, bottom, 0.010, height), shades, "vertical")
+    else:
+        figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=9, ha="center")
 
 
-def _discs(front: Array, index: Array, u: Array, v: Array, radius: Array) -> None:
-    """Write each point's index over the pixels of its disc; the points come farthest first."""
-    h, w = front.shape
-    starts = np.flatnonzero(np.diff(radius, prepend=-1))
-    for first, last in zip(starts, [*starts[1:], len(index)], strict=True):
-        r = int(radius[first])
-        dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
-        inside = dx**2 + dy**2 <= (r + 0.3) ** 2
-        for part in np.array_split(np.arange(first, last), (last - first) * inside.sum() // (1 << 22) + 1):
-            x = u[part].astype(np.int32)[:, None] + dx[inside]
-            y = v[part].astype(np.int32)[:, None] + dy[inside]
-            kept = (x >= 0) & (x < w) & (y >= 0) & (y < h)
-            front[y[kept], x[kept]] = np.broadcast_to(index[part][:, None], x.shape)[kept]
+def _rgb(colour: str) -> Array:
+    """(3,) uint8 of "#rrggbb"."""
+    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
 
 
-def _lit(front: Array, depth: Array, rgb: Array) -> Array:
-    """Colours of the front points, darker where a neighbour is nearer (eye-dome lighting)."""
-    covered = front >= 0
-    near = np.where(covered, np.log2(np.maximum(depth, 0.1))[front], np.float32(np.inf))
-    shade = np.zeros(front.shape, np.float32)
-    reach = SUPERSAMPLING
-    for dy, dx in ((0, reach), (0, -reach), (reach, 0), (-reach, 0)):
-        step = np.where(covered, near, 0.0) - np.roll(near, (dy, dx), axis=(0, 1))
-        shade += np.clip(step, 0.0, 0.5)
-    bright = np.exp(np.float32(-1.6) * shade)[..., None]
-    return np.where(covered[..., None], rgb[front] * bright, _rgb(BACKGROUND).astype(np.float32))
+def _figure(size_px: tuple[int, int]) -> Any:
+    """An empty dark figure of this size; text scales with the width."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    width, height = size_px
+    dpi = DPI * width / 1920
+    figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor=BACKGROUND)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _pixels(figure: Any, box: Box) -> tuple[int, int]:
+    """Width and height of this part of the figure."""
+    width, height = figure.get_size_inches() * figure.dpi
+    return max(round(width * box[2]), 1), max(round(height * box[3]), 1)
+
+
+def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
+    """Put the image there, pixel by pixel; returns its axes, which are off."""
+    axes = figure.add_axes(box)
+    axes.imshow(image, aspect="auto", interpolation="none", **options)
+    axes.set_axis_off()
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    return axes
+
+
+def _title(figure: Any, cloud: PointCloud) -> None:
+    """Scene and sensor, and how many points."""
+    alarms = int(np.count_nonzero(cloud.status))
+    named = [Path(cloud.metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
+    counts = [f"{len(cloud):,} points".replace(",", "\u202f"), f"{alarms:,} false alarms" if alarms else ""]
+    box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
+    options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
+    figure.text(
+        0.025, 0.975, "  ·  ".join(filter(None, named)) or "lidarscene", fontsize=10, weight="bold", **options
+    )
+    y = 0.975 - 0.21 / figure.get_size_inches()[1]
+    figure.text(0.025, y, "  ·  ".join(c for c in counts if c), fontsize=7.5, **options)
+
+
+def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
+    """A small colour bar with quantity and unit."""
+    from matplotlib.cm import ScalarMappable
+
+    mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
+    bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
+    bar.set_ticks([t for t in bar.get_ticks() if shades.norm.vmin <= t <= shades.norm.vmax])
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
+    bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)
+
+
+def _legend(figure: Any, shades: _Shades, box: Box) -> None:
+    """The categories, one line each, most frequent first, as far as there is room."""
+    line = 0.135 / figure.get_size_inches()[1]
+    kinds = shades.kinds[: max(round(box[3] / line), 2)]
+    if len(kinds) < len(shades.kinds):
+        kinds[-1] = (f"{len(shades.kinds) - len(kinds) + 1} more", INK)
+    shorts = [label if len(label) <= 24 else label[:23] + "…" for label, _ in kinds]
+    x, y, width = box[0], box[1], 0.03 + 0.0068 * max(map(len, shorts))
+    _panel(figure, (x - 0.008, y - 0.6 * line, width, (len(kinds) + 0.7) * line))
+    for i, (short, (_, colour)) in enumerate(zip(shorts[::-1], kinds[::-1], strict=True)):
+        figure.text(x, y + i * line, "●", color=colour, fontsize=7)
+        figure.text(x + 0.014, y + i * line, short, color=INK, fontsize=6.5, parse_math=False)
+
+
+def _panel(figure: Any, box: Box) -> None:
+    """A dark veil between the points and what is written over them."""
+    from matplotlib.patches import Rectangle
+
+    veil = Rectangle(box[:2], *box[2:], transform=figure.transFigure, color=BACKGROUND, alpha=0.7, lw=0)
+    figure.add_artist(veil)
+
+
+def _save(figure: Any, path: str | os.PathLike[str]) -> None:
+    """Write what the suffix names, atomically."""
+    kind = Path(path).suffix.lower().lstrip(".")
+    if kind not in ("png", "svg"):
+        raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
+    with atomic_output(path) as temporary:
+        figure.savefig(
+            temporary, format=kind, facecolor=BACKGROUND, metadata={"Date": None} if kind == "svg" else None
+        )

@@ -140,7 +140,8 @@ def _edge(
         found = echoes.found & (signal >= level)
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
-    crossing = arrival + pulse_shape.leading_edge_time_s(level=point.power_w(level) / power, fwhm_s=fwhm)
+    share = ops.where(found, point.power_w(level) / power, 1.0)
+    crossing = arrival + pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     amplitude = ops.maximum(signal + deviate * sigma, threshold)
     walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)
     return _Edge(

@@ -61,7 +61,8 @@ class Body:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sun:
     """Direction towards the sun (azimuth counter-clockwise from x seen from above), and illuminance on a
-    surface that faces it."""
+    surface that faces it.
+    """
 
     azimuth_rad: float = 0.0
     elevation_rad: float = math.radians(45.0)

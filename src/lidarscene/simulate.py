@@ -79,7 +79,9 @@ class Simulator:
     ambient  light and air of the scene in the sensor's band
     """
 
-    def __init__(self, scene: Scene, sensor: Sensor, *, world: World | None = None, pose: Pose | None = None) -> None:
+    def __init__(
+        self, scene: Scene, sensor: Sensor, *, world: World | None = None, pose: Pose | None = None
+    ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
         pose  where the sensor stands in the world; the scene's own if None. `render` takes another per frame.

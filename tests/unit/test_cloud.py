@@ -2,8 +2,8 @@
 
 import copy
 import pickle
-import sys
 import tracemalloc
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 
 from lidarscene.cloud import COLUMNS, MEASURED, RANGE, TRUTH, CloudBuilder, PointCloud
 from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.io import open3d_door
 
 NAMES: dict[str, tuple[str, ...]] = {
     "body_names": ("road", "Käfer\nrot", "sign end_header"),
@@ -213,8 +214,7 @@ def test_unknown_suffix_lists_the_known(name: str) -> None:
 
 @pytest.mark.parametrize("n", [0, 7])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_to_open3d(n: int, dtype: Any) -> None:
-    pytest.importorskip("open3d", exc_type=ImportError)
+def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
     cloud = small_cloud(n, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
     theirs = cloud.to_open3d()
     assert set(theirs.point) == {"positions"} | {c.name for c in COLUMNS[3:]}
@@ -225,6 +225,9 @@ def test_to_open3d(n: int, dtype: Any) -> None:
 
 
 def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "open3d", None)
+    def closed() -> ModuleType:
+        raise LidarSceneError("try: pip install open3d")
+
+    monkeypatch.setattr(open3d_door, "open3d", closed)
     with pytest.raises(LidarSceneError, match="pip install open3d"):
         small_cloud().to_open3d()

@@ -37,6 +37,7 @@ MAY_IMPORT = {
     "mitsuba": ("kernel",),
     "drjit": ("kernel", "arrays.py"),
     "matplotlib": ("plots.py",),
+    "open3d": ("io",),
 }
 
 HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "trimesh")

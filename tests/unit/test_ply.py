@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -127,8 +128,7 @@ def test_trimesh_reads_positions(tmp_path: Path, dtype: Any, ascii: bool) -> Non
 
 @pytest.mark.parametrize("ascii", [False, True])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool) -> None:
-    open3d = pytest.importorskip("open3d", exc_type=ImportError)
+def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d: ModuleType) -> None:
     cloud = small_cloud(
         50,
         xyz_m=small_columns(50)["xyz_m"].astype(dtype),
@@ -149,8 +149,7 @@ def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool) -> Non
         np.testing.assert_array_equal(tensor.point[c.name].numpy(), values, strict=True)
 
 
-def test_open3d_takes_a_file_without_points(tmp_path: Path) -> None:
-    open3d = pytest.importorskip("open3d", exc_type=ImportError)
+def test_open3d_takes_a_file_without_points(tmp_path: Path, open3d: ModuleType) -> None:
     write_ply(tmp_path / "a.ply", small_cloud(0))
     assert len(open3d.io.read_point_cloud(str(tmp_path / "a.ply")).points) == 0
 

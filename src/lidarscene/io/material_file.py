@@ -86,8 +86,12 @@ class MaterialFile(FileModel):
             parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0
         if self.index:
             wavelengths = tuple(row.wavelength_nm * 1e-9 for row in self.index)
-            parameters["index_n"] = Spectrum(wavelength_m=wavelengths, value=tuple(row.n for row in self.index))
-            parameters["index_k"] = Spectrum(wavelength_m=wavelengths, value=tuple(row.k for row in self.index))
+            parameters["index_n"] = Spectrum(
+                wavelength_m=wavelengths, value=tuple(row.n for row in self.index)
+            )
+            parameters["index_k"] = Spectrum(
+                wavelength_m=wavelengths, value=tuple(row.k for row in self.index)
+            )
         return Material(
             name=name, bsdf=self.bsdf, reflectivity=self._spectrum(), parameters=parameters,
             description=self.description,

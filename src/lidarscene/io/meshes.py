@@ -111,7 +111,11 @@ def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
         flat, faces = plane_mesh(size_m=(size_m[u], size_m[v]))
         for sign in (1.0, -1.0):
             vertices = np.zeros_like(flat)
-            vertices[:, u], vertices[:, v], vertices[:, axis] = flat[:, 0], flat[:, 1], sign * size_m[axis] / 2
+            vertices[:, u], vertices[:, v], vertices[:, axis] = (
+                flat[:, 0],
+                flat[:, 1],
+                sign * size_m[axis] / 2,
+            )
             parts.append((vertices, faces if sign > 0 else faces[:, ::-1]))
     return joined(parts)
 

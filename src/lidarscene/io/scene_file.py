@@ -46,9 +46,13 @@ class AirFile(FileModel):
 
     @model_validator(mode="after")
     def _only_one(self) -> AirFile:
-        given = [k for k in ("transmittance", "extinction_per_m", "visibility_km") if getattr(self, k) is not None]
+        given = [
+            k for k in ("transmittance", "extinction_per_m", "visibility_km") if getattr(self, k) is not None
+        ]
         if len(given) > 1:
-            raise ValueError(f"one of transmittance, extinction_per_m and visibility_km was expected, {given} came")
+            raise ValueError(
+                f"one of transmittance, extinction_per_m and visibility_km was expected, {given} came"
+            )
         return self
 
     def build(self) -> Air:
@@ -92,7 +96,9 @@ class BodyFile(PoseFile):
         given = {k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None}
         if given != set(needed):
             what = f"primitive '{self.primitive}'" if self.primitive else "a mesh"
-            raise ValueError(f"{what} takes {' and '.join(needed) or 'no size'}, {sorted(given) or 'none'} came")
+            raise ValueError(
+                f"{what} takes {' and '.join(needed) or 'no size'}, {sorted(given) or 'none'} came"
+            )
         length = {"plane": 2, "box": 3}.get(self.primitive or "")
         if length and self.size_m is not None and len(self.size_m) != length:
             raise ValueError(f"size_m of a {self.primitive} has {length} numbers, {len(self.size_m)} came")
@@ -230,7 +236,12 @@ def _mesh_parts(
         if named is None:
             named = _own_material(piece, path, where, materials)
         parts.append(
-            Part(vertices_m=piece.vertices_m * body.scale, faces=piece.faces, material=named, name=piece.keys[0])
+            Part(
+                vertices_m=piece.vertices_m * body.scale,
+                faces=piece.faces,
+                material=named,
+                name=piece.keys[0],
+            )
         )
     return tuple(parts)
 
@@ -238,12 +249,12 @@ def _mesh_parts(
 def _own_material(piece: meshes.SubMesh, path: Path, where: str, materials: dict[str, Material]) -> str:
     """The mesh file's own colour as a diffuse surface: an estimate, since colours are not infrared."""
     if piece.grey is None:
-        raise InputError(f"{where}: no material for sub-mesh '{piece.keys[0]}' of {path.name}; give material = ...")
+        raise InputError(
+            f"{where}: no material for sub-mesh '{piece.keys[0]}' of {path.name}; give material = ..."
+        )
     name = f"{path.stem}:{piece.keys[0]}"
     materials[name] = Material(
         name=name, bsdf="diffuse", reflectivity=Spectrum.constant(piece.grey),
         description="estimate: mean of the mesh file's base colour",
     )  # fmt: skip
     return name
-
-

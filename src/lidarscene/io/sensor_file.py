@@ -28,7 +28,9 @@ class LaserFile(FileModel):
     peak_power_w: Positive
     pulse_fwhm_ns: Positive
     repetition_rate_khz: Positive
-    divergence_mrad: NotNegative = Field(default=0.0, description="full angle at 1/e^2; not used with one ray a pulse")
+    divergence_mrad: NotNegative = Field(
+        default=0.0, description="full angle at 1/e^2; not used with one ray a pulse"
+    )
 
 
 class OpticsFile(FileModel):

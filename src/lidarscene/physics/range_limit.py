@@ -51,7 +51,9 @@ def maximum_range_apd_m(
     )  # fmt: skip
     if as_printed:
         optics = optics / cos_sun
-    light = quantum_efficiency * reflectivity * aperture_m2 / (sun_irradiance_w_m2 * excess_noise * bandwidth_hz)
+    light = (
+        quantum_efficiency * reflectivity * aperture_m2 / (sun_irradiance_w_m2 * excess_noise * bandwidth_hz)
+    )
     ops = xp(optics, light, peak_power_w, threshold_to_noise)
     return ops.sqrt(optics * ops.sqrt(light) * peak_power_w * focal_over_radius / threshold_to_noise)
 

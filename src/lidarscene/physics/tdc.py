@@ -54,7 +54,9 @@ def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Arr
     return ops.where(quiet, step, smooth)
 
 
-def crossing_level(*, threshold: Array, noise: Array, kappa_1: Array, kappa_2: Array, deviate: Array) -> Array:
+def crossing_level(
+    *, threshold: Array, noise: Array, kappa_1: Array, kappa_2: Array, deviate: Array
+) -> Array:
     """Signal level s at which s + z sigma(s) = U.
 
     threshold, noise  U and sigma_0, in signal units

@@ -21,7 +21,13 @@ class Raster:
 
     @classmethod
     def from_field_of_view(
-        cls, *, azimuth_fov: float, elevation_fov: float, azimuth_step: float, elevation_step: float, unit_rad: float
+        cls,
+        *,
+        azimuth_fov: float,
+        elevation_fov: float,
+        azimuth_step: float,
+        elevation_step: float,
+        unit_rad: float,
     ) -> Raster:
         """From full angles and steps in one angular unit of ``unit_rad`` radians."""
         # 1e-6 of a step is lost to decimal fractions (120 / 0.2 = 599.99...), not by intent.

@@ -1,0 +1,67 @@
+"""The door to Open3D: nothing in, the `open3d` module out, or one line that says what to install.
+
+Open3D is optional. Its Linux wheels load libusb for its depth cameras, which bare machines lack; the package
+`libusb-package` brings it, but where no loader looks, so it is loaded here beforehand.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from ..errors import LidarSceneError
+
+LIBUSB = "libusb-1.0"
+_PACKAGES = "pip install open3d libusb-package" if sys.platform == "linux" else "pip install open3d"
+_SYSTEM = "apt install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"
+
+
+@functools.cache
+def open3d() -> ModuleType:
+    """The `open3d` module: the only door to Open3D in this package.
+
+    Raises LidarSceneError, in one line, with what to install and what the loader said.
+    """
+    try:
+        try:
+            return _imported()
+        except (ImportError, OSError) as error:
+            if LIBUSB not in str(error) or not _preload_libusb():
+                raise
+            return _imported()
+    except (ImportError, OSError) as error:
+        raise LidarSceneError(_advice(error)) from error
+
+
+def _imported() -> ModuleType:
+    import open3d as module
+
+    return module  # type: ignore[no-any-return]
+
+
+def _preload_libusb() -> bool:
+    """Load the libusb of `libusb-package` for everyone in this process; False if that is not there."""
+    spec = importlib.util.find_spec("libusb_package")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(str(Path(folder) / f"{LIBUSB}.so"), mode=ctypes.RTLD_GLOBAL)
+            return True
+    return False
+
+
+def _advice(error: Exception) -> str:
+    reason = " ".join(str(error).split())
+    if isinstance(error, ModuleNotFoundError):
+        way_out = _PACKAGES
+    elif LIBUSB in reason:
+        way_out = "pip install libusb-package, or apt install libusb-1.0-0"
+    elif ".so" in reason:
+        way_out = _SYSTEM
+    else:
+        way_out = f"{_PACKAGES} --force-reinstall"
+    return f"Open3D cannot be imported ({reason}); try: {way_out}"

@@ -1,0 +1,274 @@
+"""The meshes and scenes that assets/ makes: the same bytes again, sound triangles, the geometry they promise."""
+
+import math
+import re
+import subprocess
+import sys
+import tomllib
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+ROOT = Path(__file__).parents[2]
+MESHES, SCENES = ROOT / "assets" / "meshes", ROOT / "scenes"
+CATALOGUE = ROOT / "src" / "lidarscene" / "catalog" / "materials"
+
+# Parts, fewest and most triangles, size (x, y, z) in metres and how far it may be off.
+EXPECTED = {
+    "car": (
+        "paint glass tyre rim trim headlamp taillamp plate interior chrome",
+        (15_000, 30_000),
+        (4.4, 2.1, 1.47),
+        0.06,
+    ),
+    "pedestrian": ("skin clothes trousers shoes hair", (2_000, 6_000), (0.83, 0.60, 1.75), 0.06),
+    "tree": ("bark foliage", (8_000, 15_000), (4.9, 5.0, 6.5), 0.6),
+    "house": (
+        "brick glass frame concrete door railing roof interior",
+        (3_000, 8_000),
+        (10.6, 10.5, 13.0),
+        0.15,
+    ),
+    "kerb": ("kerb", (50, 500), (2.0, 0.15, 0.12), 0.002),
+    "sign": ("pole sign_face sign_back", (200, 2_000), (0.08, 0.60, 2.88), 0.01),
+    "lamp_post": ("pole head lens", (400, 2_000), (1.86, 0.32, 7.96), 0.02),
+    "bollard": ("bollard band", (300, 1_000), (0.15, 0.15, 0.895), 0.005),
+}
+SCENE_NAMES = ("car", "range", "street", "garage")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with everything made afresh."""
+    folder = tmp_path_factory.mktemp("made")
+    for script in ("make_assets.py", "make_scenes.py"):
+        command = [sys.executable, "-B", str(ROOT / "assets" / script), "--out", str(folder)]
+        subprocess.run(command, check=True, capture_output=True, text=True)
+    return folder
+
+
+def parts_of(name):
+    """Part name -> (points, faces) as the file has them."""
+    scene = trimesh.load_scene(MESHES / f"{name}.glb", process=False)
+    return {part: (np.asarray(g.vertices, float), np.asarray(g.faces)) for part, g in scene.geometry.items()}
+
+
+def scene_of(name):
+    return tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def soup(name):
+    """(m, 3, 3) corners of all triangles of a mesh, without its panes, which are single surfaces."""
+    return np.concatenate(
+        [points[faces] for part, (points, faces) in parts_of(name).items() if part != "glass"]
+    )
+
+
+def first_hits(corners, origin, directions):
+    """(range, cosine with the normal) of the first triangle that each ray meets; inf where none."""
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(u, v)
+    found = []
+    for start, way in zip(origin, directions, strict=True):
+        across = np.cross(way, v)
+        scale = np.einsum("ij,ij->i", u, across)
+        scale = np.where(scale == 0, np.inf, scale)
+        shift = start - a
+        b1 = np.einsum("ij,ij->i", shift, across) / scale
+        turned = np.cross(shift, u)
+        b2 = turned @ way / scale
+        t = np.einsum("ij,ij->i", v, turned) / scale
+        t = np.where((b1 >= 0) & (b2 >= 0) & (b1 + b2 <= 1) & (t > 1e-9), t, np.inf)
+        i = int(np.argmin(t))
+        found.append((t[i], normal[i] @ way / np.linalg.norm(normal[i])))
+    return np.array(found).T
+
+
+def test_the_list_here_is_the_list_on_disk():
+    assert {path.stem for path in MESHES.glob("*")} == set(EXPECTED)
+    assert {path.stem for path in SCENES.glob("*.toml")} >= set(SCENE_NAMES)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_mesh_made_again_has_the_same_bytes(made, name):
+    assert (made / f"{name}.glb").read_bytes() == (MESHES / f"{name}.glb").read_bytes()
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_a_scene_made_again_has_the_same_bytes(made, name):
+    assert (made / f"{name}.toml").read_bytes() == (SCENES / f"{name}.toml").read_bytes()
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_parts_triangles_and_size(name):
+    words, (fewest, most), size_m, off_m = EXPECTED[name]
+    parts = parts_of(name)
+    assert set(parts) == set(words.split())
+    assert fewest <= sum(len(faces) for _, faces in parts.values()) <= most
+    points = np.concatenate([points for points, _ in parts.values()])
+    np.testing.assert_allclose(np.ptp(points, axis=0), size_m, atol=off_m)
+    assert -0.05 < points[:, 2].min() < 0.01, "it should stand on z = 0"
+    assert (MESHES / f"{name}.glb").stat().st_size < 1.5e6
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_materials_carry_the_names_of_their_parts(name):
+    scene = trimesh.load_scene(MESHES / f"{name}.glb", process=False)
+    for part, geometry in scene.geometry.items():
+        assert geometry.visual.material.name == part
+    assert set(scene.graph.nodes_geometry) == set(scene.geometry)
+    for node in scene.graph.nodes_geometry:
+        np.testing.assert_array_equal(scene.graph[node][0], np.eye(4))
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_no_triangle_is_degenerate(name):
+    for part, (points, faces) in parts_of(name).items():
+        assert np.isfinite(points).all(), part
+        corners = points[faces]
+        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.linalg.norm(area, axis=1).min() > 1e-8, part
+        assert faces.min() >= 0, part
+        assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces), f"{part}: a triangle twice"
+
+
+@pytest.mark.parametrize(
+    ("name", "share"), [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02)]
+)
+def test_surfaces_look_outwards(name, share):
+    """From around and above, a ray's first hit is on a front face; one part wound the wrong way fails this."""
+    corners = soup(name)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    i = np.arange(220)
+    share_of = np.stack([(0.5 + i * g) % 1 for g in (0.8191725, 0.6710436, 0.5497005)], axis=1)
+    height, turn = 0.9 * ((i * 0.7548777) % 1), 2 * np.pi * ((i * 0.5698403) % 1)
+    flat = np.sqrt(1 - height**2)
+    around = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    origin = (low + high) / 2 + 3 * np.linalg.norm(high - low) * around
+    ways = low + (high - low) * share_of - origin
+    range_m, cosine = first_hits(corners, origin, ways / np.linalg.norm(ways, axis=1, keepdims=True))
+    hit = np.isfinite(range_m)
+    assert hit.sum() > 25
+    assert np.mean(cosine[hit] > 0) <= share
+
+
+def test_the_car_is_closed_from_below_and_its_glass_can_be_seen_through():
+    corners = soup("car")
+    x, y = np.meshgrid(np.linspace(-1.9, 1.9, 9), np.linspace(-0.45, 0.45, 4))
+    origin = np.stack([x.ravel(), y.ravel(), np.full(x.size, -1.0)], axis=1)
+    range_m, _ = first_hits(corners, origin, np.broadcast_to([0.0, 0.0, 1.0], origin.shape))
+    assert range_m.max() < 1.45, "something below 0.45 m over every point of the underside"
+    window = np.array([[-0.6, 3.0, 1.15]])
+    range_m, _ = first_hits(corners, window, np.array([[0.0, -1.0, 0.0]]))
+    assert range_m[0] > 2.6, "the side window is an opening in the paint"
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_scenes_name_only_what_there_is(name):
+    scene = scene_of(name)
+    known = {path.stem for path in CATALOGUE.glob("*.toml")} | set(scene.get("materials", {}))
+    assert scene["name"] == name
+    names = [body["name"] for body in scene["bodies"]]
+    assert len(set(names)) == len(names)
+    for body in scene["bodies"]:
+        used = set(body.get("materials", {}).values())
+        used |= {body["material"]} if "material" in body else set()
+        assert used <= known, body["name"]
+        assert ("mesh" in body) != ("primitive" in body), body["name"]
+        if "mesh" in body:
+            assert set(body["materials"]) == set(parts_of(Path(body["mesh"]).stem)), body["name"]
+
+
+def test_the_street_has_200k_triangles_and_cars_of_four_colours():
+    total, paints = 0, set()
+    for body in scene_of("street")["bodies"]:
+        if "mesh" in body:
+            faces = sum(len(faces) for _, faces in parts_of(Path(body["mesh"]).stem).values())
+            total += faces * len(body["instances"])
+            paints |= {body["materials"]["paint"]} if "paint" in body["materials"] else set()
+    assert total >= 200_000
+    assert len(paints) >= 4
+
+
+# ---- the range scene: Table 1's conditions, to the last digit ----
+
+
+def boards():
+    """(scene, names, centres, normals, corners) of the range scene; corners (n, 4, 3)."""
+    scene = scene_of("range")
+    centre = np.array([body["position_m"] for body in scene["bodies"]])
+    corners, normal = [], []
+    for body in scene["bodies"]:
+        yaw, pitch = math.radians(body["yaw_deg"]), math.radians(body["pitch_deg"])
+        about_z = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+        up = np.array(
+            [[math.cos(pitch), 0, -math.sin(pitch)], [0, 1, 0], [math.sin(pitch), 0, math.cos(pitch)]]
+        )
+        half = 0.5 * np.array(body["size_m"])
+        flat = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [*half, 0]
+        corners.append(flat @ (about_z @ up).T + body["position_m"])
+        normal.append((about_z @ up)[:, 2])
+    return scene, [body["name"] for body in scene["bodies"]], centre, np.array(normal), np.array(corners)
+
+
+def sun_direction(scene):
+    azimuth, elevation = (math.radians(scene["sun"][key]) for key in ("azimuth_deg", "elevation_deg"))
+    level = math.cos(elevation)
+    return np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+
+
+def test_range_boards_are_a_pair_every_50_m():
+    scene, names, centre, _, _ = boards()
+    assert sorted(names) == sorted(f"board_{p}_{r}m" for p in (10, 80) for r in range(50, 501, 50))
+    for name, place, body in zip(names, centre, scene["bodies"], strict=True):
+        percent, range_m = map(int, re.findall(r"\d+", name))
+        assert np.linalg.norm(place) == pytest.approx(range_m, abs=1e-9)
+        assert scene["materials"][body["material"]] == {"bsdf": "diffuse", "reflectivity": percent / 100}
+    assert scene["sensor"]["position_m"] == [0, 0, 0]
+
+
+def test_range_conditions_are_those_of_table_1():
+    scene = scene_of("range")
+    assert scene["sun"]["illuminance_klux"] == 100
+    assert scene["sky"]["diffuse_share"] == 0
+    assert scene["air"] == {"transmittance": 0.98}
+
+
+def test_range_boards_face_the_sensor_and_the_sun_is_60_degrees_off():
+    scene, _, centre, normal, _ = boards()
+    towards = -centre / np.linalg.norm(centre, axis=1, keepdims=True)
+    off_axis = np.linalg.norm(np.cross(normal, towards), axis=1)
+    assert off_axis.max() < 1e-9
+    assert (np.einsum("ij,ij->i", normal, towards) > 0).all(), "the front is towards the sensor"
+    off_sun = np.degrees(np.arccos(normal @ sun_direction(scene)))
+    np.testing.assert_allclose(off_sun, 60.0, atol=1e-9)
+
+
+def test_range_boards_are_seen_whole_and_apart():
+    _, names, _, _, corners = boards()
+    way = corners / np.linalg.norm(corners, axis=2, keepdims=True)
+    azimuth = np.degrees(np.arctan2(way[..., 1], way[..., 0]))
+    elevation = np.degrees(np.arcsin(way[..., 2]))
+    assert np.abs(azimuth).max() < 60
+    assert np.abs(elevation).max() < 12.5
+    for i, j in combinations(range(len(names)), 2):
+        apart = max(azimuth[i].min() - azimuth[j].max(), azimuth[j].min() - azimuth[i].max())
+        assert apart > 1.0, (names[i], names[j])
+    side = np.degrees(2 * np.arcsin(np.linalg.norm(way[:, 0] - way[:, 1], axis=1) / 2))
+    assert side.min() > 2.2, "fewer than 100 beams of 0.2 degrees"
+
+
+def test_no_range_board_shades_another():
+    scene, names, _, _, corners = boards()
+    triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    shares = np.array([(a, b) for a in (0.02, 0.35, 0.65, 0.98) for b in (0.02, 0.35, 0.65, 0.98)])
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    spots = corners[:, None, 0] + shares[:, :1] * u[:, None] + shares[:, 1:] * v[:, None]
+    sun = sun_direction(scene)
+    start = spots.reshape(-1, 3) + 1e-3 * sun
+    range_m, _ = first_hits(triangles, start, np.broadcast_to(sun, start.shape))
+    shaded = sorted({names[i // len(shares)] for i in np.flatnonzero(np.isfinite(range_m))})
+    assert shaded == []

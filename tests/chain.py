@@ -1,0 +1,117 @@
+"""The chain by hand, every lane kept: what the tests look at between the stages."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lidarscene import Scene, Sensor, beams, echoes, load_sensor, returns
+from lidarscene.geometry import Pose
+from lidarscene.io.meshes import box_mesh, plane_mesh
+from lidarscene.kernel import device
+from lidarscene.kernel.trace import trace
+from lidarscene.kernel.world import build_world
+from lidarscene.materials import Material, Spectrum
+from lidarscene.scene import Air, Ball, Body, Part, Sky, Sun
+from lidarscene.simulate import ambient_of
+
+NARROW = [
+    "scanner.azimuth_fov_deg=0.02", "scanner.elevation_fov_deg=0.02",
+    "scanner.azimuth_step_deg=0.01", "scanner.elevation_step_deg=0.01",
+]  # fmt: skip
+"""A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
+
+PUBLISHED = ["detector.statistics='published'", "detector.cell_floor=0"]
+
+
+def sensor(name, *overrides):
+    return load_sensor(name, overrides=list(overrides))
+
+
+def diffuse(name="grey", reflectivity=0.1):
+    return Material(name=name, bsdf="diffuse", reflectivity=Spectrum.constant(reflectivity))
+
+
+def facing(*, range_m, theta_deg=0.0, size_m=None, at=(0.0, 0.0, 0.0), material="grey"):
+    """A plane at this range on the x axis of a sensor at ``at``, its normal theta away from the beam."""
+    size = size_m or max(4.0, range_m / 10.0)
+    vertices, faces = plane_mesh(size_m=(size, size))
+    # The plane's normal is +z; pitching by -90 degrees turns it to -x, towards the sensor.
+    turn = Pose.from_degrees(yaw_deg=theta_deg) @ Pose.from_degrees(pitch_deg=90.0)
+    place = Pose(position_m=np.array(at) + [range_m, 0.0, 0.0], rotation=turn.rotation)
+    return Body(
+        name="plane", class_name="plane", pose=place,
+        parts=(Part(vertices_m=vertices, faces=faces, material=material),),
+    )  # fmt: skip
+
+
+def box(*, at, size_m=(2.0, 3.0, 1.5), yaw_deg=0.0, material="grey"):
+    vertices, faces = box_mesh(size_m=size_m)
+    return Body(
+        name="box", class_name="box", pose=Pose.from_degrees(position_m=at, yaw_deg=yaw_deg),
+        parts=(Part(vertices_m=vertices, faces=faces, material=material),),
+    )  # fmt: skip
+
+
+def ball(*, at, radius_m=1.0, material="grey"):
+    return Body(
+        name="ball", class_name="ball", pose=Pose.from_degrees(position_m=at),
+        parts=(Ball(radius_m=radius_m, material=material),),
+    )  # fmt: skip
+
+
+def scene(*bodies, materials=(), klux=100.0, sun=None, sky=0.0, air=None, pose=None):
+    """A scene of these bodies, grey (10 %) unless said otherwise, under Table 1's light and air."""
+    known = {material.name: material for material in (diffuse(), *materials)}
+    return Scene(
+        name="test", bodies=tuple(bodies), materials=known, sky=Sky(diffuse_share=sky),
+        sun=sun or Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0), illuminance_klux=klux),
+        air=air or Air(transmittance=0.98), sensor_pose=pose or Pose(),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """Every pulse's numbers between the stages, numpy."""
+
+    direction: Any
+    hits: Any
+    light: Any
+    detection: Any
+
+
+def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None) -> Lanes:
+    """One frame, stage by stage, on the device; every lane comes back."""
+    place = described.sensor_pose @ equipped.mounting
+    centre = place.position_m if centre is None else np.asarray(centre)
+    world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
+    on_device = device.opaque(equipped)
+    pulse = device.counter(0, equipped.scanner.pulses)
+    rays = beams.fire(
+        on_device,
+        pulse=pulse,
+        origin_m=device.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
+        rotation=device.opaque(tuple(float(x) for x in place.rotation.ravel())),
+    )
+    hits = trace(world, rays, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
+    light = echoes.receive(rays, hits, on_device, device.opaque(ambient_of(described, equipped)))
+    detection = returns.detect(light, on_device, seed=device.opaque_uint32(seed), pulse=pulse)
+    direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
+    return Lanes(direction, fetched(hits), fetched(light), fetched(detection))
+
+
+def fetched(stage):
+    """A stage's arrays as numpy."""
+    import dataclasses
+
+    def fetch(value):
+        if dataclasses.is_dataclass(value):
+            return fetched(value)
+        if isinstance(value, tuple):
+            return tuple(fetch(inner) for inner in value)
+        return np.array(value.numpy()) if hasattr(value, "numpy") else value
+
+    return dataclasses.replace(
+        stage, **{f.name: fetch(getattr(stage, f.name)) for f in dataclasses.fields(stage)}
+    )

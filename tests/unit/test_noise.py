@@ -1,0 +1,84 @@
+"""Random numbers: the published test vectors, the same bits on both array types, and the right distributions."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from lidarscene import noise
+
+# Random123's kat_vectors for threefry2x32, 20 rounds (Salmon et al., SC11): counter, key, result.
+KNOWN = [
+    ((0x00000000, 0x00000000), (0x00000000, 0x00000000), (0x6B200159, 0x99BA4EFE)),
+    ((0xFFFFFFFF, 0xFFFFFFFF), (0xFFFFFFFF, 0xFFFFFFFF), (0x1CB996FC, 0xBB002BE7)),
+    ((0x243F6A88, 0x85A308D3), (0x13198A2E, 0x03707344), (0xC4923A9C, 0x483DF7A0)),
+]
+FALSE_ALARM = 1e-4  # of each statistical test below, at a fixed seed
+
+
+def words_of(pair):
+    return tuple(np.array([value], dtype=np.uint32) for value in pair)
+
+
+@pytest.mark.parametrize(("counter", "key", "expected"), KNOWN)
+def test_published_vectors(counter, key, expected):
+    first, second = noise.threefry2x32(words_of(key), words_of(counter))
+    assert (int(first[0]), int(second[0])) == expected
+
+
+def test_same_bits_on_the_device(mi):
+    pulse = np.arange(5000, dtype=np.uint32) * np.uint32(858_993)
+    for seed, stage, draw in ((0, 1, 0), (4_294_967_295, 3, 7)):
+        here = noise.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
+        there = noise.words(seed=mi.UInt32(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
+        for a, b in zip(here, there, strict=True):
+            np.testing.assert_array_equal(a, b.numpy())
+    for deviate in (noise.normal_pair, lambda w: (noise.exponential(w),)):
+        for a, b in zip(deviate(here), deviate(there), strict=True):
+            np.testing.assert_allclose(a, b.numpy(), rtol=2e-5, atol=2e-6)
+
+
+def test_stages_draws_and_seeds_are_independent():
+    pulse = np.arange(100_000, dtype=np.uint32)
+    streams = [
+        noise.normal_pair(noise.words(seed=seed, stage=stage, pulse=pulse, draw=draw))
+        for seed, stage, draw in ((0, 1, 0), (1, 1, 0), (0, 2, 0), (0, 1, 1))
+    ]
+    flat = np.stack([deviate for pair in streams for deviate in pair])
+    correlation = np.corrcoef(flat)[np.triu_indices(len(flat), 1)]
+    limit = stats.norm.isf(FALSE_ALARM / 2 / len(correlation)) / np.sqrt(len(pulse))
+    assert np.abs(correlation).max() < limit
+
+
+def test_neighbouring_pulses_are_independent():
+    deviate, _ = noise.normal_pair(noise.words(seed=0, stage=1, pulse=np.arange(200_000, dtype=np.uint32)))
+    for lag in (1, 2, 601):
+        r = np.corrcoef(deviate[:-lag], deviate[lag:])[0, 1]
+        assert abs(r) < stats.norm.isf(FALSE_ALARM / 2) / np.sqrt(len(deviate))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_normal(which):
+    deviate = noise.normal_pair(noise.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[
+        which
+    ]
+    assert stats.kstest(deviate, "norm").pvalue > FALSE_ALARM
+    assert 4.0 < np.abs(deviate).max() < 6.8
+
+
+def test_exponential_and_its_small_values():
+    pulse = np.arange(2_000_000, dtype=np.uint32)
+    deviate = noise.exponential(noise.words(seed=5, stage=2, pulse=pulse))
+    assert stats.kstest(deviate[:300_000], "expon").pvalue > FALSE_ALARM
+    # Rare events live down here: 2e6 draws put 2000 +- 45 below 1e-3, evenly, all different.
+    small = deviate[deviate < 1e-3]
+    assert abs(len(small) - 2e6 * 1e-3) < 4.0 * np.sqrt(2e3)
+    assert stats.kstest(small / 1e-3, "uniform").pvalue > FALSE_ALARM
+    assert len(np.unique(small)) == len(small)
+
+
+def test_words_at_the_ends_of_their_range():
+    lowest, highest = (np.array([v], dtype=np.uint32) for v in (0, 0xFFFFFFFF))
+    for word in ((lowest, lowest), (highest, highest), (lowest, highest), (highest, lowest)):
+        assert np.isfinite(noise.normal_pair(word)).all()
+        assert np.isfinite(noise.exponential(word)).all()
+        assert noise.exponential(word)[0] > 0.0

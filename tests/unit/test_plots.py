@@ -1,0 +1,294 @@
+"""Pictures and the pixels in them: size, content, colours, and what they say when there is nothing to show."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene import pixels, plots
+from lidarscene.cloud import CloudBuilder, PointCloud
+from lidarscene.errors import InputError, OutputError
+from lidarscene.pixels import NOTHING, camera_for, cells_of, splat
+from lidarscene.plots import frame_picture, perspective_picture, range_image
+
+BOXES = (  # low and high corner in metres, z from the sensor, 1.8 m above the road
+    ((14.0, 2.0, -1.5), (18.2, 3.8, -0.3)),
+    ((15.0, 2.1, -0.3), (17.4, 3.7, 0.1)),
+    ((24.0, -4.4, -1.5), (28.4, -2.6, -0.3)),
+    ((25.2, -4.3, -0.3), (27.6, -2.7, 0.0)),
+    ((9.0, -6.0, -1.8), (9.5, -5.5, 0.0)),
+    ((5.0, 11.0, -1.8), (60.0, 16.0, 4.0)),
+    ((40.0, -14.0, -1.8), (55.0, -9.0, 6.0)),
+)
+
+
+def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCloud:
+    """A road with cars, a post, a ball and houses, by brute force: every beam against every body."""
+    azimuth, elevation = np.meshgrid(
+        np.radians(np.arange(-60, 60, step_deg) + step_deg / 2),
+        np.radians(np.arange(-25, 10, step_deg) + step_deg / 2),
+    )
+    azimuth, elevation = azimuth.ravel(), elevation.ravel()
+    beam = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    nearest, body, cosine = (
+        np.full(azimuth.shape, np.inf),
+        np.full(azimuth.shape, -1),
+        np.zeros(azimuth.shape),
+    )
+
+    def meet(t: Any, k: int, cos: Any) -> None:
+        better = (t > 0) & (t < nearest)
+        nearest[better], body[better], cosine[better] = t[better], k, np.broadcast_to(cos, t.shape)[better]
+
+    with np.errstate(divide="ignore"):
+        meet(-1.8 / beam[2], 0, -beam[2])
+        for k, (low, high) in enumerate(BOXES, start=1):
+            sides = np.sort([np.array(low)[:, None] / beam, np.array(high)[:, None] / beam], axis=0)
+            enter = sides[0].max(axis=0)
+            cos = np.abs(np.take_along_axis(beam, sides[0].argmax(axis=0)[None], axis=0)[0])
+            meet(np.where(enter < sides[1].min(axis=0), enter, np.inf), k, cos)
+    along = np.array([12.0, -1.5, -1.1]) @ beam
+    under = along**2 - (12.0**2 + 1.5**2 + 1.1**2 - 0.7**2)
+    meet(
+        np.where(under > 0, along - np.sqrt(np.maximum(under, 0)), np.inf),
+        len(BOXES) + 1,
+        np.sqrt(np.maximum(under, 0)) / 0.7,
+    )
+    rng = np.random.default_rng(seed)
+    true = nearest
+    alarm = np.zeros(len(true), bool)
+    alarm[rng.choice(len(true), alarms, replace=False)] = True
+    reported = np.where(alarm, rng.uniform(2, 150, len(true)), true + rng.normal(0, 0.015, len(true)))
+    kept = alarm | (true < 120)
+    material = np.array([0, 1, 1, 2, 2, 3, 4, 4, 5, -1])[body]
+    reflectivity = np.array([0.12, 0.5, 0.08, 0.8, 0.35, 0.6, 0.0])[material]
+    snr = np.where(np.isfinite(true), reflectivity * cosine * 2e6 / np.maximum(true, 1) ** 2, 0) + 5
+    columns: dict[str, Any] = {
+        "xyz_m": (beam * reported).T.astype(np.float32),
+        "range_m": reported,
+        "intensity": snr * 1e-9,
+        "snr": snr,
+        "detection_probability": 1 - np.exp(-snr / 10),
+        "time_s": np.arange(len(true)) * 2e-5,
+        "channel": np.arange(len(true)) % 16,
+        "azimuth_rad": azimuth,
+        "elevation_rad": elevation,
+        "return_number": np.ones(len(true)),
+        "status": alarm,
+        "true_range_m": true,
+        "incidence_angle_rad": np.arccos(np.clip(cosine, 0, 1)),
+        "reflectivity": reflectivity,
+        "sun_angle_rad": np.full(len(true), 0.5),
+        "in_shadow": np.zeros(len(true)),
+        "body": body,
+        "class_id": np.array([0, 1, 1, 1, 1, 2, 3, 3, 4, -1])[body],
+        "material": material,
+    }
+    return PointCloud(
+        **{name: values[kept] for name, values in columns.items()},
+        body_names=("road", "car", "cabin", "van", "van cabin", "post", "house", "block", "ball"),
+        class_names=("road", "vehicle", "post", "building", "ball"),
+        material_names=("asphalt", "white paint", "black paint", "steel", "brick", "rubber"),
+        metadata={"scene": "scenes/street.toml", "sensor": "raster-test", "intensity_unit": "A"},
+    )
+
+
+def picture(path: Path) -> Any:
+    """(height, width, 3) uint8."""
+    from matplotlib import image
+
+    return np.rint(255 * image.imread(path)[..., :3]).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def cloud() -> PointCloud:
+    return street()
+
+
+@pytest.mark.parametrize(
+    ("draw", "size"),
+    [(perspective_picture, (1920, 1080)), (range_image, (1920, 640)), (frame_picture, (1920, 1600))],
+)
+@pytest.mark.parametrize("full", [True, False])
+def test_picture_has_its_size_and_shows_something(
+    draw: Any, size: tuple[int, int], full: bool, cloud: PointCloud, tmp_path: Path
+) -> None:
+    shown = cloud if full else CloudBuilder().build()
+    draw(shown, tmp_path / "a.png")
+    image = picture(tmp_path / "a.png")
+    assert image.shape == (size[1], size[0], 3)
+    bright = float((image.max(axis=2) > 80).mean())
+    assert bright > 0.03 if full else 1e-4 < bright < 0.1
+
+
+@pytest.mark.parametrize("size_px", [(400, 300), (801, 333)])
+def test_size_can_be_chosen(size_px: tuple[int, int], cloud: PointCloud, tmp_path: Path) -> None:
+    for draw in (perspective_picture, range_image, frame_picture):
+        draw(cloud, tmp_path / "a.png", size_px=size_px)
+        assert picture(tmp_path / "a.png").shape == (size_px[1], size_px[0], 3)
+
+
+@pytest.mark.parametrize(
+    "name", ["true_range", "class", "body", "material", "status", "azimuth", "time", "in_shadow"]
+)
+def test_colours_answer_to_the_column(name: str, cloud: PointCloud, tmp_path: Path) -> None:
+    """Rationale: the same points in other colours is another picture, and no column makes it fail."""
+    size = (640, 360)
+    perspective_picture(cloud, tmp_path / "a.png", colour_by="intensity", size_px=size)
+    perspective_picture(cloud, tmp_path / "b.png", colour_by=name, size_px=size)
+    assert (picture(tmp_path / "a.png") != picture(tmp_path / "b.png")).any(axis=2).mean() > 0.1
+
+
+def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
+    few = cloud.select(slice(0, None, 40))
+    for column in few.columns:
+        range_image(few, tmp_path / "a.png", colour_by=column.name, size_px=(320, 160))
+        range_image(few.select([0]), tmp_path / "a.png", colour_by=column.name, size_px=(320, 160))
+
+
+def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> None:
+    for draw in (perspective_picture, range_image, frame_picture):
+        with pytest.raises(InputError, match=r"column 'colour': .* choices are x, y, z, intensity"):
+            draw(cloud, tmp_path / "a.png", colour_by="colour")
+    with pytest.raises(InputError, match="'class'"):
+        perspective_picture(cloud.without_truth(), tmp_path / "a.png", colour_by="class")
+
+
+def test_false_alarms_stand_out(cloud: PointCloud, tmp_path: Path) -> None:
+    magenta = np.frombuffer(bytes.fromhex(plots.ALARM[1:]), np.uint8)
+    for shown, least in ((True, 20), (False, 0)):
+        perspective_picture(cloud, tmp_path / "a.png", highlight_false_alarms=shown, size_px=(960, 540))
+        found = int((np.abs(picture(tmp_path / "a.png").astype(int) - magenta).max(axis=2) < 3).sum())
+        assert found > least if shown else found == 0
+
+
+def test_svg(cloud: PointCloud, tmp_path: Path) -> None:
+    range_image(cloud, tmp_path / "a.svg")
+    assert re.search("<svg.*width", (tmp_path / "a.svg").read_text())
+
+
+def test_other_suffix_and_bad_folder(cloud: PointCloud, tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"a\.gif: suffix '\.gif' names no picture format; known: \.png, \.svg"
+    ):
+        range_image(cloud, tmp_path / "a.gif")
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="is a file, not a folder"):
+        range_image(cloud, tmp_path / "file" / "a.png")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:
+    for options in ({"eye_m": (0, 0, 5), "target_m": (0, 0, 0)}, {"fov_deg": 180.0}, {"fov_deg": 0.0}):
+        with pytest.raises(InputError, match="no view with z up"):
+            camera_for(cloud, **options)
+    with pytest.raises(InputError, match="no view with z up"):
+        camera_for(cloud, eye_m=(1, 2, 3), target_m=(1, 2, 3))
+
+
+def test_projection_against_trigonometry() -> None:
+    """Reference: with 90 degrees across, a point 30 degrees to the left is tan 30 of the half width to the left."""
+    camera = camera_for(CloudBuilder().build(), eye_m=(1, 2, 3), target_m=(11, 2, 3), fov_deg=90.0)
+    points = np.array([[11, 2, 3], [11, 2 + 10 * math.tan(math.pi / 6), 3], [11, 2, 5], [-9, 2, 3]])
+    u, v, depth = camera.project(points, width=200, height=100)
+    np.testing.assert_allclose(u[:3], [100, 100 - 100 * math.tan(math.pi / 6), 100], atol=1e-4)
+    np.testing.assert_allclose(v[:3], [50, 50, 50 - 20], atol=1e-4)
+    np.testing.assert_allclose(depth, [10, 10, 10, -10], atol=1e-5)
+
+
+def test_nearest_point_is_on_top_whatever_the_order() -> None:
+    camera = camera_for(CloudBuilder().build(), eye_m=(0, 0, 0), target_m=(1, 0, 0))
+    for x in ([10.0, 5.0, -5.0, 20.0], [5.0, 10.0, 20.0, -5.0]):
+        front, depth = splat(camera, np.array([[d, 0, 0] for d in x]), size=(101, 51))
+        assert set(np.unique(front)) == {NOTHING, x.index(5.0)}
+        assert depth[25, 50] == 5.0
+        assert np.isinf(depth[0, 0])
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 4e5])
+@pytest.mark.parametrize("turn", [0.0, 2.0])
+def test_default_camera_frames_the_bulk(cloud: PointCloud, shift_m: float, turn: float) -> None:
+    """Rationale: wherever the sensor stands and looks, most of what is near is in the picture.
+
+    Tolerance: the scan is 120 degrees wide, the picture 60.
+    """
+    c, s = math.cos(turn), math.sin(turn)
+    shift = np.array([shift_m, -shift_m, 10.0])
+    xyz_m = cloud.xyz_m.astype(np.float64) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + shift
+    columns = cloud._arrays() | {"xyz_m": xyz_m}
+    metadata = {"frame": "world", "sensor_position_m": " ".join(map(str, shift))}
+    moved = PointCloud(**columns, metadata=metadata)
+    near = (moved.status == 0) & (moved.range_m < 40) & (moved.range_m > 8)
+    u, v, depth = camera_for(moved).project(xyz_m[near], width=1600, height=900)
+    inside = (depth > 0) & (u > 0) & (u < 1600) & (v > 0) & (v < 900)
+    assert inside.mean() > 0.65
+
+
+def test_cells_of_a_raster_are_its_beams(cloud: PointCloud) -> None:
+    cells = cells_of(cloud)
+    assert cells.point.shape == (70, 240)
+    assert (cells.point != NOTHING).sum() == len(cloud)
+    np.testing.assert_allclose(np.diff(cells.azimuth_deg), 0.5, atol=1e-5)
+    np.testing.assert_allclose(cells.elevation_deg[[0, -1]], [-25.0, 10.0], atol=1e-4)
+    image = cells.image(size=(240, 70))
+    np.testing.assert_array_equal(image, cells.point[::-1, ::-1])
+
+
+def scan(azimuth_deg: Any, elevation_deg: Any, **changes: Any) -> PointCloud:
+    azimuth, elevation = np.broadcast_arrays(azimuth_deg, elevation_deg)
+    n = azimuth.size
+    template = street(step_deg=5.0).select(np.zeros(n, np.int64))
+    angles = {"azimuth_rad": np.radians(azimuth.ravel()), "elevation_rad": np.radians(elevation.ravel())}
+    return PointCloud(**template._arrays() | angles | changes)
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "shape"),
+    [
+        (np.arange(0, 90, 0.2), np.array([-7.0, -5, -4, -3.5, -3, -1, 0, 2])[:, None], (8, 450)),
+        (20 * np.sin(np.linspace(-1.4, 1.4, 301)), np.linspace(-5, 5, 40)[:, None], (40, 301)),
+        (
+            np.arange(0, 360, 0.4) + 0.013 * np.arange(32)[:, None] ** 1.1,
+            np.arange(32)[:, None] * 1.0,
+            (32, 902),
+        ),
+        (np.arange(500) * 0.1, 0.0, (1, 500)),
+    ],
+    ids=["uneven rows", "resonant", "staggered spinning", "one row"],
+)
+def test_cells_of_other_scans(azimuth: Any, elevation: Any, shape: tuple[int, int]) -> None:
+    """Rationale: a full scan has a point in (nearly) each cell, and loses (nearly) none to a neighbour."""
+    cloud = scan(azimuth, elevation)
+    cells = cells_of(cloud)
+    assert abs(cells.point.shape[1] - shape[1]) <= 0.01 * shape[1]
+    regular_rows = shape[0] != 8
+    assert cells.point.shape[0] == shape[0] or not regular_rows
+    filled = int((cells.point != NOTHING).sum())
+    assert filled >= 0.98 * len(cloud)
+
+
+def test_cells_of_a_rosette_are_mostly_filled() -> None:
+    t = np.linspace(0, 200, 20000)
+    cells = cells_of(scan(20 * np.cos(t) * np.cos(7.3 * t), 12 * np.sin(t) * np.cos(7.3 * t)))
+    assert (cells.point != NOTHING).mean() > 0.25
+    assert 5000 < cells.point.size < 40000
+
+
+def test_first_return_is_shown() -> None:
+    cloud = scan(np.array([1.0, 1.0, 2.0, 2.0]), 0.0, return_number=np.array([2, 1, 1, 2]))
+    assert cells_of(cloud).point.tolist() == [[1, 2]]
+
+
+def test_light_makes_edges_dark() -> None:
+    """A wall behind a nearer one: darker right beside it, unchanged away from it."""
+    image = np.full((20, 40, 3), 200, np.uint8)
+    depth = np.where(np.arange(40) < 20, 5.0, 20.0)[None].repeat(20, axis=0).astype(np.float32)
+    shown = pixels.lit(image, depth, reduction=2)
+    assert shown.shape == (10, 20, 3)
+    assert shown[5, 10, 0] < 150
+    assert (shown[5, [3, 15], 0] == 200).all()

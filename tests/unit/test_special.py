@@ -1,0 +1,58 @@
+"""Special functions against SciPy, in both precisions; relative errors, because tails are what counts."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import gammaln
+
+from lidarscene.physics import special
+
+
+def relative(got, expected):
+    return np.max(np.abs(got / expected - 1.0))
+
+
+def test_normal_tail():
+    x = np.linspace(-10.0, 16.0, 20_001)
+    assert relative(special.normal_tail(x), stats.norm.sf(x)) < 2e-10
+    x32 = np.linspace(-8.0, 8.0, 20_001, dtype=np.float32)
+    bound = 5e-7 * (1.0 + 0.5 * x32.astype(float) ** 2)
+    error = np.abs(special.normal_tail(x32) / stats.norm.sf(x32.astype(float)) - 1.0)
+    assert (error < bound).all()
+    assert special.normal_tail(np.float32([40.0]))[0] == 0.0
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_log1p_and_expm1(dtype):
+    x = np.concatenate([-np.geomspace(1e-12, 0.5, 500), np.geomspace(1e-12, 0.5, 500)]).astype(dtype)
+    allowed = 1e-9 if dtype == np.float64 else 1e-5  # the series are cut for float32, and good to that here
+    assert relative(special.log1p(x).astype(float), np.log1p(x.astype(float))) < allowed
+    assert relative(special.expm1(x).astype(float), np.expm1(x.astype(float))) < allowed
+
+
+def test_log_gamma():
+    x = np.concatenate([np.linspace(1.0, 50.0, 981), np.geomspace(50.0, 5000.0, 200)])
+    np.testing.assert_allclose(special.log_gamma(x), gammaln(x), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("trials", [1, 20, 400, 3000])
+def test_binomial_tail(trials):
+    rng = np.random.default_rng(0)
+    least, probability = rng.integers(0, trials + 2, 3000).astype(float), rng.random(3000)
+    expected = stats.binom.sf(least - 1, trials, probability)
+    got = special.binomial_tail(least=least, trials=float(trials), probability=probability)
+    seen = expected > 1e-25
+    assert np.max(np.abs(got - expected)[seen] / expected[seen]) < 1e-8
+    assert (got[~seen] < 1e-24).all()
+
+
+def test_binomial_tail_on_the_device(mi):
+    rng = np.random.default_rng(1)
+    least = rng.integers(0, 402, 3000).astype(np.float32)
+    probability = rng.random(3000).astype(np.float32)
+    got = special.binomial_tail(
+        least=mi.Float(least), trials=mi.Float(400.0), probability=mi.Float(probability)
+    )
+    expected = stats.binom.sf(least - 1, 400, probability.astype(float))
+    seen = expected > 1e-12
+    assert np.max(np.abs(got.numpy() - expected)[seen] / expected[seen]) < 2e-3
