@@ -29,7 +29,6 @@ class NumpyOps:
     maximum = staticmethod(np.maximum)
     minimum = staticmethod(np.minimum)
     where = staticmethod(np.where)
-    isfinite = staticmethod(np.isfinite)
 
     @staticmethod
     def uint32(x: Array) -> Array:
@@ -53,14 +52,21 @@ class DrjitOps:
     def __init__(self) -> None:
         import drjit as dr
 
-        for name in ("exp", "log", "sqrt", "sin", "cos", "abs", "floor", "maximum", "minimum", "isfinite"):
+        for name in ("exp", "log", "sqrt", "sin", "cos", "abs", "floor"):
             setattr(self, name, getattr(dr, name))
-        self.rint = dr.round
-        self.where = dr.select
+        self.rint: Any = dr.round
+        self.where: Any = dr.select
         self._dr = dr
 
-    def __getattr__(self, name: str) -> Any:  # pragma: no cover - names are set in __init__
-        raise AttributeError(f"Dr.Jit side of lidarscene.arrays has no '{name}'")
+    # dr.minimum and dr.maximum become LLVM's fminimum and fmaximum, which some releases cannot lower for
+    # scalars and then abort the process ("Cannot select"); a comparison and a select are always there.
+    def minimum(self, a: Array, b: Array) -> Array:
+        """The smaller of two."""
+        return self.where(a < b, a, b)
+
+    def maximum(self, a: Array, b: Array) -> Array:
+        """The larger of two."""
+        return self.where(a > b, a, b)
 
     def uint32(self, x: Array) -> Array:
         """32-bit unsigned integers."""

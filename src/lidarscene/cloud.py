@@ -17,7 +17,7 @@ from lidarscene.errors import InputError
 
 Array = np.ndarray[Any, Any]
 
-STATUS_NAMES = ("echo", "false alarm")
+STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
 
@@ -43,7 +43,7 @@ COLUMNS = (
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
-    Column("time", "time_s", "float64", "s", "firing time plus time of flight, from the start of the frame"),
+    Column("time", "time_s", "float64", "s", "emission of the pulse, from the start of the frame"),
     Column("channel", "channel", "int32", "1", "laser channel"),
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),

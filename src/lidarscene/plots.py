@@ -23,6 +23,7 @@ BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
 PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
            "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
 NO_SURFACE = "#6b7280"
+ROUND_RANGES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 LOGARITHMIC = ("intensity", "snr")
 DPI = 200  # of a picture 1920 pixels wide
 SUPERSAMPLING = 2
@@ -100,9 +101,8 @@ class _Shades:
         values = np.asarray(cloud.column(name))
         units = {c.name: c.unit for c in (*COLUMNS, RANGE)}
         unit = cloud.metadata.get(f"{name}_unit", units[name])
-        names = _category_names(cloud, name)
         self.kinds: list[tuple[str, str]] = []
-        if names is not None:
+        if (names := _category_names(cloud, name)) is not None:
             values = self._sort_kinds(values, names)
             palette = [colour for _, colour in self.kinds] or [NO_SURFACE]
             self.map: Any = colors.ListedColormap(palette)
@@ -133,14 +133,9 @@ class _Shades:
 
 def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
     """Names by value for a column that sorts points, None for one that measures."""
-    tables = {
-        "body": cloud.body_names,
-        "class": cloud.class_names,
-        "material": cloud.material_names,
-        "status": STATUS_NAMES,
-        "in_shadow": ("lit", "in shadow"),
-        "return_number": ("none", "first", "second", "third"),
-    }
+    tables = {"status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "body": cloud.body_names}
+    tables |= {"class": cloud.class_names, "material": cloud.material_names}
+    tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None
 
 
@@ -243,8 +238,7 @@ def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
     axes = figure.add_axes(box)
     axes.imshow(image, aspect="auto", interpolation="none", **options)
     axes.set_axis_off()
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    axes.spines[:].set_visible(False)
     return axes
 
 
@@ -255,9 +249,8 @@ def _title(figure: Any, cloud: PointCloud) -> None:
     counts = [f"{len(cloud):,} points".replace(",", "\u202f"), f"{alarms:,} false alarms" if alarms else ""]
     box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
     options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
-    figure.text(
-        0.025, 0.975, "  ·  ".join(filter(None, named)) or "lidarscene", fontsize=10, weight="bold", **options
-    )
+    title = "  ·  ".join(filter(None, named)) or "lidarscene"
+    figure.text(0.025, 0.975, title, fontsize=10, weight="bold", **options)
     y = 0.975 - 0.21 / figure.get_size_inches()[1]
     figure.text(0.025, y, "  ·  ".join(c for c in counts if c), fontsize=7.5, **options)
 
@@ -268,7 +261,8 @@ def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
 
     mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
-    bar.set_ticks([t for t in bar.get_ticks() if shades.norm.vmin <= t <= shades.norm.vmax])
+    ticks = ROUND_RANGES_M if shades.name.endswith("range") else bar.get_ticks()
+    bar.set_ticks([t for t in ticks if shades.norm.vmin <= t <= shades.norm.vmax])
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
     bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)
@@ -301,7 +295,6 @@ def _save(figure: Any, path: str | os.PathLike[str]) -> None:
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg"):
         raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
+    options = {"metadata": {"Date": None}} if kind == "svg" else {}
     with atomic_output(path) as temporary:
-        figure.savefig(
-            temporary, format=kind, facecolor=BACKGROUND, metadata={"Date": None} if kind == "svg" else None
-        )
+        figure.savefig(temporary, format=kind, facecolor=BACKGROUND, **options)

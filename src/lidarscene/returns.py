@@ -135,12 +135,12 @@ def _edge(
     if point.exact:
         # Same deviate, exact probability: its upper tail is uniform in (0, 1).
         found = echoes.found & (normal_tail(deviate) < probability)
-        level = ops.minimum(level, signal)
     else:
         found = echoes.found & (signal >= level)
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
-    share = ops.where(found, point.power_w(level) / power, 1.0)
+    # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
+    share = ops.where(found & (level < signal), point.power_w(level) / power, 1.0)
     crossing = arrival + pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     amplitude = ops.maximum(signal + deviate * sigma, threshold)
     walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import beams, echoes, returns
 from .cloud import CloudBuilder, PointCloud
+from .detectors import Apd
 from .echoes import Ambient, Echoes
 from .geometry import Pose
 from .hits import Hits
@@ -236,6 +237,7 @@ class Simulator:
             "scene": self.scene.name,
             "sensor": self.sensor.name,
             "seed": str(seed),
+            "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
             "frame": frame,
         }
         if frame == "world":

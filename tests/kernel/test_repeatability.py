@@ -107,8 +107,10 @@ def test_numpy_and_device_agree(name, counting):
         assert np.mean(here.reported != there.reported) < 2e-4
         both = here.reported & there.reported & (here.status == there.status)
         assert both.sum() > 0
-        difference = np.abs(here.range_m - there.range_m)[both]
-        assert np.quantile(difference, 0.999) < 2e-3
+        # An alarm's time is an exponential over its rate, and the rate a float32 tail: 1e-3 relative.
+        allowed = 2e-3 + np.where(here.status == 1, 1e-3 * here.range_m, 0.0)
+        difference = (np.abs(here.range_m - there.range_m) / allowed)[both]
+        assert np.quantile(difference, 0.999) < 1.0
 
 
 def test_a_second_frame_compiles_nothing(mi):

@@ -25,7 +25,7 @@ TIERS = (
     ("cloud",),
     ("kernel",),
     ("simulate",),
-    ("catalog", "io", "plots"),
+    ("catalog", "io", "pixels", "plots"),
     ("api", "report"),
     ("analysis",),
     ("cli", "doctor", "__main__"),

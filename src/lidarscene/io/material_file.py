@@ -6,7 +6,7 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..materials import Material, Spectrum
 from .toml_file import FileModel, read_toml, validated
@@ -14,14 +14,16 @@ from .toml_file import FileModel, read_toml, validated
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
-# What each kind of surface needs beyond its reflectivity, and the values of inline materials.
-_NEEDED = {
+# What each kind of surface needs beyond its reflectivity, and what it may have besides.
+_NEEDED: dict[str, tuple[str, ...]] = {
     "diffuse": (),
     "coated": ("coat_ior", "coat_roughness"),
     "conductor": ("roughness",),
     "glass": ("index",),
     "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
 }
+_OPTIONAL: dict[str, tuple[str, ...]] = {"conductor": ("index",), "glass": ("thickness_mm",)}
+_KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
 
 class ReflectivityRow(FileModel):
@@ -41,6 +43,16 @@ class IndexRow(FileModel):
     source: str = ""
 
 
+def _is_table(value: object) -> str:
+    return "table" if isinstance(value, tuple) else "number"
+
+
+Reflectivity = Annotated[
+    Annotated[UnitInterval, Tag("number")] | Annotated[tuple[ReflectivityRow, ...], Tag("table")],
+    Discriminator(_is_table),
+]
+
+
 class MaterialFile(FileModel):
     """A surface: its kind, its diffuse reflectivity by wavelength (or one for all), and what its kind needs."""
 
@@ -48,7 +60,7 @@ class MaterialFile(FileModel):
     description: str = ""
     note: str = ""
     bsdf: Literal["diffuse", "coated", "conductor", "glass", "retroreflector"] = "diffuse"
-    reflectivity: UnitInterval | tuple[ReflectivityRow, ...]
+    reflectivity: Reflectivity
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
     coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
     coat_source: str = ""
@@ -67,6 +79,10 @@ class MaterialFile(FileModel):
         missing = [key for key in _NEEDED[self.bsdf] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"a {self.bsdf} material needs {' and '.join(missing)}")
+        allowed = {*_NEEDED[self.bsdf], *_OPTIONAL.get(self.bsdf, ())}
+        idle = [key for key in _KINDS_KEYS if key not in allowed and getattr(self, key) is not None]
+        if idle:
+            raise ValueError(f"a {self.bsdf} material has no {' and no '.join(idle)}")
         for key in ("reflectivity", "index"):
             rows = getattr(self, key)
             if isinstance(rows, tuple):

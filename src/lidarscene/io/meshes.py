@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import math
+import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +20,9 @@ Matrix = np.ndarray[Any, Any]
 LARGEST_EDGE_M = 16.0
 """Primitives are cut into triangles no longer than this along an axis: the single-precision error of a hit
 grows with the size of the triangle that was hit (6e-6 of a 2 m range on one of 1 km, 6e-7 on one of 20 m)."""
+
+MOST_CUTS = 512
+"""Cuts along an axis, beyond which triangles grow instead: on planes of more than 8 km."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,64 +42,114 @@ class SubMesh:
 
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
-    if not path.exists():
-        raise InputError(f"{path}: no such mesh file")
-    pieces = _read_scene(path)
-    if not any(len(piece.faces) for piece in pieces):
-        raise InputError(f"{path}: the mesh is empty; at least one triangle was expected")
+    if not path.is_file():
+        raise InputError(f"{path}: {'is a folder, a mesh file was expected' if path.is_dir() else 'no such file'}")
+    pieces = [piece for piece in _pieces(path) if len(piece.faces)]
+    if not pieces:
+        raise InputError(f"{path}: the mesh is empty, at least one triangle was expected")
     for piece in pieces:
-        bad = int(np.count_nonzero(~np.isfinite(piece.vertices_m).all(axis=1)))
+        count = len(piece.vertices_m)
+        bad = count - int(np.count_nonzero(np.isfinite(piece.vertices_m).all(axis=1)))
         if bad:
-            raise InputError(f"{path}: {bad} of {len(piece.vertices_m)} vertices are not finite numbers")
-        if len(piece.faces) and (piece.faces.min() < 0 or piece.faces.max() >= len(piece.vertices_m)):
-            raise InputError(
-                f"{path}: a face names vertex {int(piece.faces.max())}, the mesh has {len(piece.vertices_m)}"
-            )
-    return [piece for piece in pieces if len(piece.faces)]
-
-
-def _read_scene(path: Path) -> list[SubMesh]:
-    import trimesh
-
-    try:
-        # process=False keeps the file's own vertices and faces, in its order.
-        loaded = trimesh.load_scene(str(path), process=False)
-    except Exception as error:
-        # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
-    pieces = []
-    for node in loaded.graph.nodes_geometry:
-        transform, name = loaded.graph[node]
-        geometry = loaded.geometry[name]
-        if not hasattr(geometry, "faces"):
-            continue
-        vertices = np.asarray(geometry.vertices, dtype=np.float64)
-        placed = vertices @ transform[:3, :3].T + transform[:3, 3]
-        material = getattr(getattr(geometry, "visual", None), "material", None)
-        keys = tuple(dict.fromkeys(str(k) for k in (getattr(material, "name", None), name, node) if k))
-        pieces.append(
-            SubMesh(vertices_m=placed, faces=np.asarray(geometry.faces), keys=keys, grey=_grey(material))
-        )
+            raise InputError(f"{path}: {bad} of {count} vertices are not finite numbers")
+        low, high = int(piece.faces.min()), int(piece.faces.max())
+        if low < 0 or high >= count:
+            raise InputError(f"{path}: a face names vertex {low if low < 0 else high}, there are {count}")
     return pieces
 
 
+def _pieces(path: Path) -> list[SubMesh]:
+    """What trimesh finds in the file, empty pieces included."""
+    try:
+        loaded = _loaded(path)
+        return [_placed(loaded, node) for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
+    except Exception as error:
+        # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
+
+
+def _loaded(path: Path) -> Any:
+    """A trimesh Scene that keeps the file's own vertices and faces, in its order; nothing is printed."""
+    import trimesh
+
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if path.suffix.lower() != ".obj":
+            return trimesh.load_scene(str(path), process=False)
+        data = path.read_bytes()
+        if b"mtllib" not in data:
+            data = b"mtllib " + _NO_MTL.encode() + b"\n" + data
+        return trimesh.load_scene(
+            io.BytesIO(data), file_type="obj", process=False, resolver=_mtl_resolver(path, data)
+        )
+
+
+_NO_MTL = "lidarscene-none.mtl"
+
+
+def _mtl_resolver(path: Path, data: bytes) -> Any:
+    """Files beside an OBJ file; its .mtl has every material that the OBJ uses, or else trimesh forgets their names."""
+    from trimesh.resolvers import FilePathResolver
+
+    class Resolver(FilePathResolver):  # type: ignore[misc]
+        def get(self, name: str) -> bytes:
+            if not name.lower().endswith(".mtl"):
+                return bytes(super().get(name))
+            try:
+                given = bytes(super().get(name))
+            except Exception:
+                given = b""
+            known, used = (
+                set(re.findall(rb"^\s*" + word + rb"[ \t]+(.*?)\s*$", text, re.MULTILINE))
+                for word, text in ((b"newmtl", given), (b"usemtl", data))
+            )
+            return b"\n".join([given, *(b"newmtl " + one for one in sorted(used - known))])
+
+    return Resolver(str(path))
+
+
+def _is_mesh(loaded: Any, node: Any) -> bool:
+    return hasattr(loaded.geometry[loaded.graph[node][1]], "faces")
+
+
+def _placed(loaded: Any, node: Any) -> SubMesh:
+    """The mesh of a node, where the node's transforms put it."""
+    transform, name = loaded.graph[node]
+    geometry = loaded.geometry[name]
+    vertices = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3)
+    material = getattr(geometry.visual, "material", None)
+    return SubMesh(
+        vertices_m=vertices @ transform[:3, :3].T + transform[:3, 3],
+        faces=np.asarray(geometry.faces).reshape(-1, 3),
+        keys=tuple(dict.fromkeys(str(key) for key in (getattr(material, "name", None), name, node) if key)),
+        grey=_grey(material),
+    )
+
+
+_TRIMESH_DEFAULT = (102, 102, 102)
+
+
 def _grey(material: Any) -> float | None:
-    """Mean of the base colour in linear light, or None; trimesh keeps colours as 0-255 or 0-1."""
+    """Mean of the base colour in linear light, or None; trimesh keeps colours as 0 to 255, and fills in its own."""
     colour = getattr(material, "baseColorFactor", None)
     if colour is None:
         colour = getattr(material, "diffuse", None)
-    if colour is None:
+    if colour is None or tuple(colour[:3]) == _TRIMESH_DEFAULT:
         return None
-    rgb = np.asarray(colour, dtype=np.float64)[:3]
-    if np.asarray(colour).dtype == np.uint8:
-        rgb = rgb / 255.0
-    return float(np.clip(rgb.mean(), 0.0, 1.0))
+    rgb = np.asarray(colour[:3], dtype=np.float64)
+    return float(np.clip(rgb.mean() / 255.0, 0.0, 1.0))
+
+
+def _cuts(length_m: float) -> int:
+    """Into how many pieces a length is cut."""
+    return min(max(1, math.ceil(length_m / LARGEST_EDGE_M)), MOST_CUTS)
 
 
 def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Matrix, Matrix]:
     """Rectangle in its xy plane, normal +z, centred: vertices (v, 3) and faces (f, 3)."""
-    nx, ny = (max(1, math.ceil(s / LARGEST_EDGE_M)) for s in size_m)
+    nx, ny = (_cuts(s) for s in size_m)
     x, y = np.linspace(-0.5, 0.5, nx + 1) * size_m[0], np.linspace(-0.5, 0.5, ny + 1) * size_m[1]
     gx, gy = np.meshgrid(x, y, indexing="ij")
     vertices = np.stack([gx.ravel(), gy.ravel(), np.zeros(gx.size)], axis=1)
@@ -104,25 +161,21 @@ def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Matrix, Matrix]:
 
 
 def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
-    """Box centred on the origin, normals outward: six planes."""
+    """Box centred on the origin, normals outward, closed."""
     parts = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
         flat, faces = plane_mesh(size_m=(size_m[u], size_m[v]))
         for sign in (1.0, -1.0):
             vertices = np.zeros_like(flat)
-            vertices[:, u], vertices[:, v], vertices[:, axis] = (
-                flat[:, 0],
-                flat[:, 1],
-                sign * size_m[axis] / 2,
-            )
+            vertices[:, [u, v]], vertices[:, axis] = flat[:, :2], sign * size_m[axis] / 2
             parts.append((vertices, faces if sign > 0 else faces[:, ::-1]))
-    return joined(parts)
+    return _welded(*joined(parts))
 
 
 def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Matrix, Matrix]:
     """Closed cylinder about z, centred; ``sections`` flat sides (64: 0.12 % of the radius off the round)."""
-    rings = max(1, math.ceil(height_m / LARGEST_EDGE_M))
+    rings = _cuts(height_m)
     angle = np.arange(sections) * (2.0 * np.pi / sections)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius_m
     heights = np.linspace(-0.5, 0.5, rings + 1) * height_m
@@ -147,3 +200,9 @@ def joined(parts: list[tuple[Matrix, Matrix]]) -> tuple[Matrix, Matrix]:
     vertices = np.concatenate([vertices for vertices, _ in parts])
     faces = np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)])
     return vertices, faces
+
+
+def _welded(vertices: Matrix, faces: Matrix) -> tuple[Matrix, Matrix]:
+    """The same mesh with equal vertices made one."""
+    unique, index = np.unique(vertices, axis=0, return_inverse=True)
+    return unique, index.reshape(-1)[faces]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
@@ -14,12 +18,17 @@ from ..materials import Material, Spectrum
 from ..scene import Air, Ball, Body, Part, Scene, Sky, Sun
 from . import meshes
 from .material_file import MaterialFile
-from .sensor_file import PoseFile
+from .sensor_file import LARGEST_COORDINATE_M, PoseFile
 from .toml_file import FileModel, read_toml, validated
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Length = Annotated[float, Field(gt=0, le=1e6)]
+Name = Annotated[str, Field(min_length=1)]
 MaterialLookup = Callable[[str], Material]
+
+SMALLEST_BODY_M = 1e-6
+"""A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
 
 
 class SunFile(FileModel):
@@ -50,9 +59,7 @@ class AirFile(FileModel):
             k for k in ("transmittance", "extinction_per_m", "visibility_km") if getattr(self, k) is not None
         ]
         if len(given) > 1:
-            raise ValueError(
-                f"one of transmittance, extinction_per_m and visibility_km was expected, {given} came"
-            )
+            raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
         return self
 
     def build(self) -> Air:
@@ -66,44 +73,57 @@ class AirFile(FileModel):
 
 
 class SceneSensorFile(PoseFile):
-    """[sensor]: which sensor by default, and where it stands."""
+    """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
 
-    name: str = "table1-apd"
+    name: Name = "table1-apd"
+
+
+# What gives the size of each shape; a mesh has its own.
+_SIZES: dict[str | None, tuple[str, ...]] = {
+    None: (),
+    "plane": ("size_m",),
+    "box": ("size_m",),
+    "sphere": ("radius_m",),
+    "cylinder": ("radius_m", "height_m"),
+}
+_LENGTHS = {"plane": 2, "box": 3}
 
 
 class BodyFile(PoseFile):
-    """[[bodies]]: a mesh file or a primitive, its materials, and where it stands (or its instances)."""
+    """[[bodies]]: a mesh file or a primitive, its materials, and where it stands.
 
-    name: str
-    mesh: str | None = None
+    Instances stand in the body's own frame, and are bodies named NAME.0, NAME.1, ...
+    """
+
+    name: Name
+    mesh: Name | None = None
     primitive: Literal["plane", "box", "sphere", "cylinder"] | None = None
-    size_m: tuple[Positive, ...] | None = None
-    radius_m: Positive | None = None
-    height_m: Positive | None = None
-    class_name: str = Field(default="", alias="class")
-    material: str | None = None
-    materials: dict[str, str] = Field(default_factory=dict)
-    scale: Positive = 1.0
-    instances: tuple[PoseFile, ...] | None = None
+    size_m: tuple[Length, ...] | None = None
+    radius_m: Length | None = None
+    height_m: Length | None = None
+    class_name: str = Field(default="", alias="class", description="the body's name if left out")
+    material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
+    materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
+    scale: Length = 1.0
+    instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _one_shape(self) -> BodyFile:
         if (self.mesh is None) == (self.primitive is None):
             raise ValueError("one of mesh and primitive was expected, not both or none")
-        needed = {None: (), "plane": ("size_m",), "box": ("size_m",), "sphere": ("radius_m",)}.get(
-            self.primitive, ("radius_m", "height_m")
-        )
-        given = {k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None}
-        if given != set(needed):
-            what = f"primitive '{self.primitive}'" if self.primitive else "a mesh"
-            raise ValueError(
-                f"{what} takes {' and '.join(needed) or 'no size'}, {sorted(given) or 'none'} came"
-            )
-        length = {"plane": 2, "box": 3}.get(self.primitive or "")
-        if length and self.size_m is not None and len(self.size_m) != length:
-            raise ValueError(f"size_m of a {self.primitive} has {length} numbers, {len(self.size_m)} came")
+        shape = f"a {self.primitive}" if self.primitive else "a mesh"
+        needed = _SIZES[self.primitive]
+        given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
+        if set(given) != set(needed):
+            expected = f"takes {' and '.join(needed)}" if needed else "has its own size"
+            raise ValueError(f"{shape} {expected}, {' and '.join(given) or 'none'} came")
+        length = _LENGTHS.get(self.primitive or "")
+        if length and len(self.size_m or ()) != length:
+            raise ValueError(f"size_m of {shape} has {length} numbers, {len(self.size_m or ())} came")
         if self.primitive and self.material is None:
             raise ValueError("key 'material' is missing")
+        if self.primitive and self.materials:
+            raise ValueError(f"materials is for the sub-meshes of a mesh, {shape} has only 'material'")
         return self
 
 
@@ -112,8 +132,8 @@ class SceneFile(FileModel):
 
     name: str = ""
     description: str = ""
-    base: str | None = None
-    base_materials: dict[str, str] = Field(default_factory=dict)
+    base: Name | None = Field(default=None, description="Mitsuba XML scene whose shapes are added")
+    base_materials: dict[str, Name] = Field(default_factory=dict, description="BSDF id in it to material")
     sun: SunFile = SunFile()
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
@@ -121,43 +141,60 @@ class SceneFile(FileModel):
     materials: dict[str, MaterialFile] = Field(default_factory=dict)
     bodies: tuple[BodyFile, ...] = ()
 
+    @model_validator(mode="after")
+    def _something(self) -> SceneFile:
+        if not self.bodies and self.base is None:
+            raise ValueError("the scene is empty: [[bodies]] or base = ... was expected")
+        if self.base_materials and self.base is None:
+            raise ValueError("base_materials came without base")
+        return self
+
 
 def read_scene(path: Path, *, catalogue: MaterialLookup) -> Scene:
     """A scene from a TOML or Mitsuba XML file; ``catalogue`` finds materials the file does not define.
 
     Raises InputError, one line that names the file and the key.
     """
-    if path.suffix.lower() == ".xml":
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-        return Scene(name=path.stem, base=path)
+    if _is_xml(path):
+        return Scene(name=path.stem, base=_xml(path))
     return scene_from_model(validated(SceneFile, read_toml(path), str(path)), path=path, catalogue=catalogue)
+
+
+def files_of_scene(path: Path) -> Iterator[Path]:
+    """The scene file and all that it names: meshes, base scene, sensor. None of them may be an output.
+
+    The file is one that `read_scene` has taken; of an XML file, what it takes from others is not known.
+    """
+    yield path
+    if _is_xml(path):
+        with suppress(OSError, ValueError, ElementTree.ParseError):
+            for element in ElementTree.parse(path).getroot().iter():
+                yield path.parent / (element.get("filename") or element.get("value") or "")
+        return
+    file = validated(SceneFile, read_toml(path), str(path))
+    yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
+    yield Path(_sensor_name(file.sensor.name, path.parent))
+    if file.base:
+        yield from files_of_scene(path.parent / file.base)
 
 
 def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) -> Scene:
     """A scene from a checked scene file that lies at ``path``."""
-    materials = {name: model.build(name) for name, model in file.materials.items()}
+    surfaces = _Surfaces(file, catalogue)
+    reader = functools.cache(meshes.read_mesh)
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
-        where = f"{path}: bodies[{index}] ('{body.name}')"
-        parts = _parts(body, folder=path.parent, where=where, materials=materials)
+        where = f'{path}: bodies[{index} "{body.name}"]'
+        parts = _parts(body, folder=path.parent, where=where, surfaces=surfaces, reader=reader)
+        _check_extent(parts, where)
         bodies.extend(_placed(body, parts))
     _check_names(bodies, path)
-    wanted = {part.material for body in bodies for part in body.parts} | set(file.base_materials.values())
-    for name in sorted(wanted - set(materials)):
-        try:
-            materials[name] = catalogue(name)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-    base = path.parent / file.base if file.base else None
-    if base is not None and not base.is_file():
-        raise InputError(f"{path}: base: no such file {base}")
-    if not bodies and base is None:
-        raise InputError(f"{path}: the scene has no bodies")
+    for identity, name in file.base_materials.items():
+        surfaces.require(name, f"{path}: base_materials.{identity}")
     return Scene(
         name=file.name or path.stem,
         bodies=tuple(bodies),
-        materials=materials,
+        materials=surfaces.materials,
         sun=Sun(
             azimuth_rad=math.radians(file.sun.azimuth_deg),
             elevation_rad=math.radians(file.sun.elevation_deg),
@@ -167,9 +204,23 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         air=file.air.build(),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
-        base=base,
+        base=_xml(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )
+
+
+def _is_xml(path: Path) -> bool:
+    return path.suffix.lower() == ".xml"
+
+
+def _xml(path: Path, where: str = "") -> Path:
+    """The path, if there is an XML file."""
+    if not path.is_file():
+        what = "is a folder, a Mitsuba XML scene was expected" if path.is_dir() else "no such file"
+        raise InputError(f"{where}{path}: {what}")
+    if not _is_xml(path):
+        raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")
+    return path
 
 
 def _sensor_name(name: str, folder: Path) -> str:
@@ -177,84 +228,123 @@ def _sensor_name(name: str, folder: Path) -> str:
     return str(folder / name) if name.endswith(".toml") else name
 
 
+class _Surfaces:
+    """The materials of a scene by name: the file's own, and those of the catalogue that something needs."""
+
+    def __init__(self, file: SceneFile, catalogue: MaterialLookup) -> None:
+        self.materials = {name: model.build(name) for name, model in file.materials.items()}
+        self._catalogue = catalogue
+
+    def require(self, name: str, where: str) -> str:
+        """The name, once there is such a material."""
+        if name not in self.materials:
+            try:
+                self.materials[name] = self._catalogue(name)
+            except InputError as error:
+                raise InputError(f"{where}: {error}") from None
+        return name
+
+    def add_grey(self, name: str, grey: float) -> str:
+        """A mesh file's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+        self.materials[name] = Material(
+            name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
+            description="estimate: mean of the mesh file's base colour",
+        )  # fmt: skip
+        return name
+
+
 def _check_names(bodies: list[Body], path: Path) -> None:
     seen: set[str] = set()
     for body in bodies:
         if body.name in seen:
-            raise InputError(f"{path}: two bodies are named '{body.name}'; every name once was expected")
+            raise InputError(f"{path}: two bodies are named '{body.name}', every name once was expected")
         seen.add(body.name)
 
 
+def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
+    """Refuse a body too small or too far out for the arithmetic."""
+    points = [part.vertices_m for part in parts if isinstance(part, Part)]
+    points += [np.array([[part.radius_m] * 3, [-part.radius_m] * 3]) for part in parts if isinstance(part, Ball)]
+    low = np.min([p.min(axis=0) for p in points], axis=0)
+    high = np.max([p.max(axis=0) for p in points], axis=0)
+    extent, reach = float((high - low).max()), float(np.maximum(high, -low).max())
+    if extent < SMALLEST_BODY_M or reach > LARGEST_COORDINATE_M:
+        raise InputError(
+            f"{where}: is {extent:.3g} m across and reaches {reach:.3g} m from its origin, with its scale; "
+            f"{SMALLEST_BODY_M:g} m or more, and {LARGEST_COORDINATE_M:g} m or less, was expected"
+        )
+
+
 def _placed(body: BodyFile, parts: tuple[Part | Ball, ...]) -> list[Body]:
-    """The body, or one for each of its instances (named NAME.0, NAME.1, ...)."""
+    """The body, or one for each of its instances."""
     label = body.class_name or body.name
     if body.instances is None:
         return [Body(name=body.name, class_name=label, parts=parts, pose=body.pose())]
     return [
-        Body(name=f"{body.name}.{i}", class_name=label, parts=parts, pose=placed.pose())
-        for i, placed in enumerate(body.instances)
+        Body(name=f"{body.name}.{i}", class_name=label, parts=parts, pose=body.pose() @ instance.pose())
+        for i, instance in enumerate(body.instances)
     ]
 
 
+MeshReader = Callable[[Path], list[meshes.SubMesh]]
+
+
 def _parts(
-    body: BodyFile, *, folder: Path, where: str, materials: dict[str, Material]
+    body: BodyFile, *, folder: Path, where: str, surfaces: _Surfaces, reader: MeshReader
 ) -> tuple[Part | Ball, ...]:
     """The body's shape, scaled, with a material name for every part."""
+    if body.material is not None:
+        surfaces.require(body.material, f"{where}.material")
+    for key, name in body.materials.items():
+        surfaces.require(name, f"{where}.materials.{key}")
     if body.mesh is not None:
-        return _mesh_parts(body, folder / body.mesh, where=where, materials=materials)
-    material = body.material or ""
-    size = body.size_m or ()
+        return _mesh_parts(body, folder / body.mesh, where=where, surfaces=surfaces, reader=reader)
+    material, scale = body.material or "", body.scale
+    size_m = tuple(scale * length for length in body.size_m or ())
+    radius_m, height_m = scale * (body.radius_m or 0.0), scale * (body.height_m or 0.0)
     if body.primitive == "sphere":
-        return (Ball(radius_m=(body.radius_m or 0.0) * body.scale, material=material),)
+        return (Ball(radius_m=radius_m, material=material),)
     if body.primitive == "plane":
-        vertices, faces = meshes.plane_mesh(size_m=(size[0] * body.scale, size[1] * body.scale))
+        vertices, faces = meshes.plane_mesh(size_m=cast(tuple[float, float], size_m))
     elif body.primitive == "box":
-        vertices, faces = meshes.box_mesh(size_m=tuple(s * body.scale for s in size))  # type: ignore[arg-type]
+        vertices, faces = meshes.box_mesh(size_m=cast(tuple[float, float, float], size_m))
     else:
-        vertices, faces = meshes.cylinder_mesh(
-            radius_m=(body.radius_m or 0.0) * body.scale, height_m=(body.height_m or 0.0) * body.scale
-        )
+        vertices, faces = meshes.cylinder_mesh(radius_m=radius_m, height_m=height_m)
     return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
 
 
 def _mesh_parts(
-    body: BodyFile, path: Path, *, where: str, materials: dict[str, Material]
-) -> tuple[Part | Ball, ...]:
+    body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader
+) -> tuple[Part, ...]:
     try:
-        pieces = meshes.read_mesh(path)
+        pieces = reader(path)
     except InputError as error:
-        raise InputError(f"{where}: mesh: {error}") from None
+        raise InputError(f"{where}.mesh: {error}") from None
     known = {key for piece in pieces for key in piece.keys}
     unknown = sorted(set(body.materials) - known)
     if unknown:
         raise InputError(
-            f"{where}: materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
+            f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
         )
-    parts = []
-    for piece in pieces:
-        named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
-        if named is None:
-            named = _own_material(piece, path, where, materials)
-        parts.append(
-            Part(
-                vertices_m=piece.vertices_m * body.scale,
-                faces=piece.faces,
-                material=named,
-                name=piece.keys[0],
-            )
+    return tuple(
+        Part(
+            vertices_m=piece.vertices_m * body.scale,
+            faces=piece.faces,
+            material=_material_of(piece, body, where, surfaces),
+            name=piece.keys[0],
         )
-    return tuple(parts)
+        for piece in pieces
+    )
 
 
-def _own_material(piece: meshes.SubMesh, path: Path, where: str, materials: dict[str, Material]) -> str:
-    """The mesh file's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+def _material_of(piece: meshes.SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+    """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
+    named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
+    if named is not None:
+        return named
     if piece.grey is None:
         raise InputError(
-            f"{where}: no material for sub-mesh '{piece.keys[0]}' of {path.name}; give material = ..."
+            f"{where}: no material for sub-mesh '{piece.keys[0]}' of {body.mesh}, which has no colour of its "
+            "own; material or materials was expected"
         )
-    name = f"{path.stem}:{piece.keys[0]}"
-    materials[name] = Material(
-        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(piece.grey),
-        description="estimate: mean of the mesh file's base colour",
-    )  # fmt: skip
-    return name
+    return surfaces.add_grey(f"{body.mesh}:{piece.keys[0]}", piece.grey)

@@ -18,7 +18,12 @@ from .toml_file import FileModel, read_toml, validated, with_overrides
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
-Vector = tuple[float, float, float]
+
+LARGEST_COORDINATE_M = 1e8
+"""No position is farther off: enough for any map projection, and far from what single precision can hold."""
+
+Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class LaserFile(FileModel):
@@ -134,9 +139,11 @@ class TdcFile(FileModel):
     """[tdc]: comparator and time-to-digital converter."""
 
     window_us: Positive
-    bandwidth_mhz: Positive
-    threshold_to_noise: Positive | None = None
-    threshold_level: Positive | None = Field(default=None, description="amperes (APD) or cells (SiPM)")
+    bandwidth_mhz: Annotated[float, Field(ge=1e-3)]
+    threshold_to_noise: Annotated[float, Field(ge=0.01)] | None = None
+    threshold_level: Annotated[float, Field(ge=1e-15)] | None = Field(
+        default=None, description="amperes (APD) or cells (SiPM)"
+    )
     lsb_ps: NotNegative = 0.0
     jitter_ps: NotNegative = 0.0
     stops: Annotated[int, Field(ge=1, le=16)] = 1
@@ -167,7 +174,7 @@ class PoseFile(FileModel):
 class SensorFile(FileModel):
     """A whole sensor file. ``sources`` says where each number comes from, by dotted key (or its table)."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     description: str = ""
     laser: LaserFile
     optics: OpticsFile
@@ -238,5 +245,6 @@ def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
 
 
 def sensor_from_tables(tables: dict[str, Any], *, where: str, overrides: Sequence[str] = ()) -> Sensor:
-    """A sensor from the tables of a sensor file."""
-    return validated(SensorFile, with_overrides(tables, overrides), where).build()
+    """A sensor from the tables of a sensor file that ``where`` names."""
+    changed = with_overrides(tables, overrides)
+    return validated(SensorFile, changed, " --set ".join([where, *overrides])).build()

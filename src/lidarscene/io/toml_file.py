@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,107 +14,189 @@ from ..errors import InputError
 
 
 class FileModel(BaseModel):
-    """Base of all file models: unknown keys are errors, values are not coerced from strings, NaN is refused."""
+    """Base of all file models: unknown keys are errors, no value is turned into another type, NaN is refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 Model = TypeVar("Model", bound=BaseModel)
+
+# What was expected, by pydantic's error type; its own texts speak of Python.
+_EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a table",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "int_type": "a whole number",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "{le:g} or less",
+    "literal_error": "{expected}",
+    "model_type": "a table",
+    "string_too_short": "text that is not empty",
+    "string_type": "text",
+    "too_long": "a list of at most {max_length}",
+    "too_short": "a list of at least {min_length}",
+    "tuple_type": "a list",
+    "union_tag_invalid": "one of {expected_tags}",
+}
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        # Windows editors put a byte-order mark first, which TOML does not know.
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, a TOML file was expected") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: not UTF-8 text (at line {line})") from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
-def validated(model: type[Model], tables: dict[str, Any], where: str) -> Model:
+def validated(model: type[Model], tables: Mapping[str, Any], where: str) -> Model:
     """``tables`` as a model. Raises InputError with the first mistake and how many more there are."""
     try:
-        return model.model_validate(tables)
+        return model.model_validate(_with_tuples(tables))
     except ValidationError as error:
         first = error.errors()[0]
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise InputError(f"{where}: {_told(first, model)}{more}") from None
+        raise InputError(f"{where}: {_told(first, model, tables)}{more}") from None
 
 
-def _told(error: Any, model: type[BaseModel]) -> str:
-    """One pydantic error as "key: what is wrong, what came"."""
-    # A discriminated union puts its tag between the keys: detector.apd.gain is written detector.gain.
-    location = [part for part in error["loc"] if not (isinstance(part, str) and part in _TAGS)]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-    if error["type"] == "extra_forbidden":
-        known = ", ".join(_keys_at(model, location[:-1]))
+def _with_tuples(value: Any) -> Any:
+    """Lists as tuples: strict models take nothing else."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(inner) for key, inner in value.items()}
+    return tuple(_with_tuples(inner) for inner in value) if isinstance(value, list) else value
+
+
+def _told(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> str:
+    """One pydantic error as "key: what was expected, what came"."""
+    kind, context = error["type"], error.get("ctx", {})
+    location = _keys_in_file(error["loc"], tables, missing=kind == "missing")
+    if kind.startswith("union_tag_"):
+        location.append(context["discriminator"].strip("'"))
+    key = _dotted(location, tables)
+    if kind == "extra_forbidden":
+        known = ", ".join(_known_keys(model, location[:-1], tables))
         return f"unknown key '{key}'" + (f"; known here: {known}" if known else "")
-    if error["type"] == "missing":
+    if kind == "missing" and isinstance(location[-1], int):
+        return f"{_dotted(location[:-1], tables)}: a longer list was expected, {_shown(error['input'])} came"
+    if kind in ("missing", "union_tag_not_found"):
         return f"key '{key}' is missing"
-    message = error["msg"].removeprefix("Value error, ").replace("Input should", "should")
-    came = error.get("input")
-    shown = "" if isinstance(came, dict) or not key else f", {came!r} came"
-    return f"{key}: {message}{shown}" if key else message
+    if kind == "value_error":
+        message = str(error["msg"]).removeprefix("Value error, ")
+        return f"{key}: {message}" if key else message
+    expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else f"({error['msg']}) something else"
+    return f"{key}: {expected} was expected, {_shown(context.get('tag', error['input']))} came"
 
 
-_TAGS = frozenset({"apd", "sipm", "raster"})
+def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:
+    """A pydantic location without what is not in the file: the tags that say which of several models was tried."""
+    keys: list[Any] = []
+    parts = list(location)
+    for number, part in enumerate(parts):
+        is_last = number == len(parts) - 1
+        if isinstance(tables, Mapping) and part in tables:
+            tables = tables[part]
+        elif isinstance(tables, (list, tuple)) and isinstance(part, int) and part < len(tables):
+            tables = tables[part]
+        elif not (missing and is_last):
+            continue
+        keys.append(part)
+    return keys
 
 
-def _keys_at(model: type[BaseModel], location: list[Any]) -> list[str]:
-    """Keys a model knows at a place, as far as the types tell."""
-    fields: Any = model
+def _dotted(location: Iterable[Any], tables: Any) -> str:
+    """``bodies[3].scale``, with the name of what is counted where it has one: ``bodies[3 "car"].scale``."""
+    text = ""
     for part in location:
+        tables = _inside(tables, part)
+        if isinstance(part, int):
+            name = tables.get("name") if isinstance(tables, Mapping) else None
+            text += f"[{part} {_shown(name)}]" if isinstance(name, str) else f"[{part}]"
+        else:
+            text += f".{part}" if text else str(part)
+    return text
+
+
+def _inside(tables: Any, part: Any) -> Any:
+    try:
+        return tables[part]
+    except (IndexError, KeyError, TypeError):
+        return None
+
+
+def _shown(value: Any) -> str:
+    """A value much as it is written in TOML, not too long."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
+    """Keys that a model knows at a place, as far as the types and the file's own ``type`` tell."""
+    for part in location:
+        tables = _inside(tables, part)
         if isinstance(part, int):
             continue
-        annotation = fields.model_fields[part].annotation if part in fields.model_fields else None
-        nested = _model_in(annotation)
-        if nested is None:
+        inner = _models_in(model.model_fields[part].annotation) if part in model.model_fields else []
+        if len(inner) > 1:
+            inner = [one for one in inner if _inside(tables, "type") in _types_of(one)]
+        if len(inner) != 1:
             return []
-        fields = nested
-    return [info.alias or name for name, info in fields.model_fields.items()]
+        model = inner[0]
+    return [info.alias or name for name, info in model.model_fields.items()]
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The only model inside a type such as ``tuple[Body, ...]`` or ``Sun | None``; None if not just one."""
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """All models inside a type such as ``tuple[Body, ...]`` or ``Apd | Sipm``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    inner = [_model_in(argument) for argument in getattr(annotation, "__args__", ())]
-    found = [one for one in inner if one is not None]
-    return found[0] if len(found) == 1 else None
+        return [annotation]
+    return [found for argument in getattr(annotation, "__args__", ()) for found in _models_in(argument)]
 
 
-def with_overrides(tables: dict[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
-    """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain strings."""
-    result = _deep_copy(tables)
+def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:
+    """What ``type`` may be in a model: the arguments of its Literal."""
+    field = model.model_fields.get("type")
+    return tuple(getattr(field.annotation, "__args__", ())) if field else ()
+
+
+def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
+    """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain text."""
+    result: dict[str, Any] = _copied(tables)
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         path = [part.strip() for part in key.split(".")]
         if not equals or not all(path):
             raise InputError(f"--set {assignment}: KEY=VALUE was expected, such as detector.gain=60")
         table = result
-        for part in path[:-1]:
-            inner = table.setdefault(part, {})
-            if not isinstance(inner, dict):
-                raise InputError(f"--set {assignment}: '{part}' is a value, not a table")
-            table = inner
+        for depth, part in enumerate(path[:-1], start=1):
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise InputError(f"--set {assignment}: {'.'.join(path[:depth])} is a value, not a table")
         table[path[-1]] = _toml_value(text)
     return result
 
 
 def _toml_value(text: str) -> Any:
+    """``text`` as a TOML value; as text where it is none."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        tables = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
         return text.strip()
+    return tables["value"] if len(tables) == 1 else text.strip()
 
 
-def _deep_copy(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _deep_copy(inner) for key, inner in value.items()}
-    return list(value) if isinstance(value, list) else value
+def _copied(value: Any) -> Any:
+    """A copy that shares no table with the original."""
+    return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value

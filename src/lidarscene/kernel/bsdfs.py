@@ -9,6 +9,7 @@ import functools
 import math
 from typing import Any
 
+from ..arrays import xp
 from .backend import mitsuba
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
@@ -133,8 +134,8 @@ def _retroreflector_class() -> Any:
             # For small angles |wi - wo| is the observation angle; acos would lose it in rounding.
             observation = dr.norm(si.wi - wo)
             lobe = dr.exp(-math.log(2.0) * dr.square(observation / self.half_angle))
-            entrance = dr.power(dr.minimum(cos_i, cos_o), _ENTRANCE_EXPONENT)
-            retro = self.peak * lobe * entrance / dr.maximum(cos_i, 1e-3)
+            entrance = dr.power(xp(cos_i).minimum(cos_i, cos_o), _ENTRANCE_EXPONENT)
+            retro = self.peak * lobe * entrance / xp(cos_i).maximum(cos_i, 1e-3)
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
@@ -145,7 +146,7 @@ def _retroreflector_class() -> Any:
             bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
             bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
             bs.pdf = self.pdf(ctx, si, wo, active)
-            value = self.eval(ctx, si, wo, active) / dr.maximum(bs.pdf, 1e-12)
+            value = self.eval(ctx, si, wo, active) / xp(bs.pdf).maximum(bs.pdf, 1e-12)
             return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..arrays import Array
+from ..arrays import Array, xp
 from ..beams import Beams
 from ..hits import Hits
 from .backend import mitsuba
@@ -45,7 +45,7 @@ def trace(world: World, beams: Beams, *, sun: tuple[Array, Array, Array], cohere
     return Hits(
         found=found,
         range_m=dr.select(found, first.t, 1.0),
-        cos_incidence=dr.select(found, dr.minimum(-dr.dot(normal, direction), 1.0), 0.0),
+        cos_incidence=dr.select(found, xp(first.t).minimum(-dr.dot(normal, direction), 1.0), 0.0),
         backscatter_per_sr=back,
         sun_scatter_per_sr=towards_sun,
         reflectivity=reflectivity,

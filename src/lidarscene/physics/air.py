@@ -27,7 +27,7 @@ def kruse_exponent(visibility_km: float) -> float:
         return 1.6
     if visibility_km > 6.0:
         return 1.3
-    return 0.585 * visibility_km ** (1.0 / 3.0)
+    return 0.585 * math.cbrt(visibility_km)
 
 
 def kim_exponent(visibility_km: float) -> float:
@@ -56,7 +56,8 @@ def extinction_from_visibility_per_m(
     forgetting that is worth a factor of eight.
     """
     exponent = {"kruse": kruse_exponent, "kim": kim_exponent}[model](visibility_m / 1000.0)
-    return _KRUSE_CONTRAST / visibility_m * (wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM) ** -exponent
+    ratio = wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM
+    return _KRUSE_CONTRAST / visibility_m * math.pow(ratio, -exponent)
 
 
 def extinction_from_transmittance_per_m(*, transmittance: float, range_m: float) -> float:
