@@ -4,97 +4,139 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from .errors import InputError, LidarSceneError
+from .errors import BackendError, InputError, LidarSceneError, OutputError
 
 if TYPE_CHECKING:
     from .geometry import Pose
     from .simulate import Summary
 
+RENDER_HELP = """\
+examples:
+  lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png
+  lidarscene render scenes/car.toml -o out/car.ply --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene render my_scene.xml -o cloud.ply --pose -5,0,1.8,0,-2,0 --json
+"""
+
+SUFFIXES = {"output": (".ply",), "keep_missed": (".npz",), "picture": (".png", ".svg")}
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is 0, 2 for usage, input and output mistakes, 3 without a back end."""
-    arguments = _parser().parse_args(argv)
     try:
+        arguments = _parser().parse_args(_with_joined_pose(sys.argv[1:] if argv is None else argv))
         return int(arguments.run(arguments))
     except LidarSceneError as error:
-        sys.stderr.write(f"lidarscene: error: {error}\n")
+        # How to get a back end takes several lines; everything else is told in one.
+        _complain(str(error) if isinstance(error, BackendError) else _printable(str(error)))
         return error.exit_code
+    except MemoryError:
+        _complain("out of memory; a smaller --chunk needs less")
+        return 1
     except KeyboardInterrupt:
-        sys.stderr.write("lidarscene: interrupted, nothing was written\n")
+        _complain("interrupted")
         return 130
-    except BrokenPipeError:
-        # The reader of our output has gone (`lidarscene catalog | head`): nothing is wrong.
-        sys.stderr.close()
-        return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in one line, as everything else here does."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message}; see {self.prog} -h")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
     )
     parser.add_argument("--version", action="version", version=f"lidarscene {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    _add_render(commands.add_parser("render", help="a point cloud of a scene"))
+    parser.set_defaults(run=lambda _: _help(parser))
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    _add_render(commands)
 
-    catalog = commands.add_parser("catalog", help="what sensors and materials there are")
-    catalog.add_argument("kind", nargs="?", choices=("sensors", "materials"))
-    catalog.add_argument("name", nargs="?", help="print this entry, with the sources of its numbers")
+    catalog = commands.add_parser(
+        "catalog", help="what sensors and materials there are",
+        description="List the catalogue, or print an entry's file, with a source for every number.",
+    )  # fmt: skip
+    catalog.add_argument("kind", nargs="?", choices=("sensors", "materials"), help="list only these")
+    catalog.add_argument("name", metavar="NAME", nargs="?", help="print this entry")
     catalog.set_defaults(run=_catalog)
 
-    doctor = commands.add_parser("doctor", help="what this machine can run, and why not more")
+    doctor = commands.add_parser(
+        "doctor", help="what this machine can run, and why not more",
+        description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
+    )  # fmt: skip
     doctor.set_defaults(run=_doctor)
 
-    schema = commands.add_parser("schema", help="JSON Schema of a file, for editors")
+    schema = commands.add_parser(
+        "schema", help="JSON Schema of a file, for editors",
+        description="Print the JSON Schema of scene, sensor or material files; editors complete and check with it.",
+    )  # fmt: skip
     schema.add_argument("kind", choices=("scene", "sensor", "material"))
     schema.set_defaults(run=_schema)
     return parser
 
 
-def _add_render(render: argparse.ArgumentParser) -> None:
-    add = render.add_argument
-    add("scene", metavar="SCENE", type=Path, help="scene file (.toml) or Mitsuba scene (.xml)")
-    add("-o", "--output", metavar="OUT.ply", type=Path, required=True, help="point cloud to write")
+def _add_render(commands: Any) -> None:
+    render = commands.add_parser(
+        "render", help="a point cloud of a scene", epilog=RENDER_HELP,
+        description="Simulate one frame of a lidar in a scene and write its point cloud.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    render.add_argument(
+        "scene", metavar="SCENE", type=Path, help="scene file (.toml) or Mitsuba scene (.xml)"
+    )
+    add = render.add_argument_group("what is simulated").add_argument
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, such as detector.gain=60")  # fmt: skip
-    add("--seed", type=_whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated")  # fmt: skip
     add("--pose", type=_pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensor stands, metres and degrees, over the scene's own; write --pose=-1,... if negative")  # fmt: skip
-    add("--chunk", metavar="N", type=_whole(1, 2**31 - 1), help="pulses traced at a time; bounds the memory")
+        help="where the sensor stands, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
+    add("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
+    add(
+        "--chunk", metavar="N", type=_whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more"
+    )
+    add = render.add_argument_group("what is written").add_argument
+    add("-o", "--output", metavar="OUT.ply", type=Path, required=True, help="the point cloud")
     add("--frame", choices=("world", "sensor"), default="world", help="frame of the points (default world)")
     add("--no-truth", action="store_true", help="leave the ground truth out")
     add("--ascii", action="store_true", help="write text instead of binary")
-    add("--keep-missed", metavar="F.npz", type=Path, help="write every pulse without an echo point, and why")
-    add("--picture", metavar="F.png", type=Path, help="draw the cloud and its range image")
+    add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
+    add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
     add("--json", action="store_true", help="print the summary as JSON")
     render.set_defaults(run=_render)
 
 
+def _help(parser: argparse.ArgumentParser) -> int:
+    """No command: say what there is, as a usage mistake."""
+    parser.print_help(sys.stderr)
+    return InputError.exit_code
+
+
 def _render(arguments: argparse.Namespace) -> int:
     from . import api, report
-    from .io.files import require_writable
     from .simulate import DEFAULT_CHUNK, Simulator, Summary
 
     summary = Summary()
     since = time.perf_counter()
-    for path in (arguments.output, arguments.keep_missed, arguments.picture):
-        if path is not None:
-            require_writable(path)
-    if arguments.output.suffix.lower() != ".ply":
-        raise InputError(f"--output {arguments.output}: a name that ends in .ply was expected")
+    _check_outputs(arguments)
     scene = api.load_scene(arguments.scene)
     sensor = api.load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
+    _keep_inputs(arguments)
     since = summary.spent("load", since)
     simulator = Simulator(scene, sensor, pose=arguments.pose)
-    since = summary.spent("build", since)
+    summary.spent("build", since)
     missed = report.MissedPulses() if arguments.keep_missed else None
     with _progress(sensor.scanner.pulses) as progress:
         cloud = simulator.render(
@@ -117,17 +159,42 @@ def _render(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _outputs(arguments: argparse.Namespace) -> dict[str, Path]:
+    """The files to write, by key of SUFFIXES."""
+    return {key: getattr(arguments, key) for key in SUFFIXES if getattr(arguments, key) is not None}
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse what could not be written, before any work goes into it."""
+    from .io.files import require_writable
+
+    for key, path in _outputs(arguments).items():
+        if path.suffix.lower() not in SUFFIXES[key]:
+            expected = " or ".join(SUFFIXES[key])
+            raise InputError(f"{_option(key)} {path}: a name that ends in {expected} was expected")
+        require_writable(path)
+
+
+def _keep_inputs(arguments: argparse.Namespace) -> None:
+    """Refuse to write over a file that is read."""
+    from .io.scene_file import files_of_scene
+
+    inputs = [*files_of_scene(arguments.scene), *([Path(arguments.sensor)] if arguments.sensor else [])]
+    for key, path in _outputs(arguments).items():
+        if path.exists() and any(one.exists() and one.samefile(path) for one in inputs):
+            raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
+
+
 def _print_summary(arguments: argparse.Namespace, summary: Summary) -> None:
     from . import report
 
-    written = {"output": str(arguments.output)}
-    for key in ("picture", "keep_missed"):
-        if getattr(arguments, key) is not None:
-            written[key] = str(getattr(arguments, key))
-    if arguments.json:
-        sys.stdout.write(json.dumps(report.as_dict(summary) | written) + "\n")
-    else:
-        sys.stdout.write(report.as_text(summary, written) + "\n")
+    written = {key: str(path) for key, path in _outputs(arguments).items()}
+    as_json = json.dumps(report.as_dict(summary) | written) if arguments.json else ""
+    _say(as_json or report.as_text(summary, written))
 
 
 @contextmanager
@@ -149,10 +216,9 @@ def _catalog(arguments: argparse.Namespace) -> int:
     from . import catalog, report
 
     if arguments.name:
-        sys.stdout.write(catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8"))
+        _say(catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8"))
         return 0
-    for kind in (arguments.kind,) if arguments.kind else catalog.KINDS:
-        sys.stdout.write(report.catalog_text(kind) + "\n")
+    _say("\n".join(report.catalog_text(k) for k in ([arguments.kind] if arguments.kind else catalog.KINDS)))
     return 0
 
 
@@ -160,18 +226,42 @@ def _doctor(_: argparse.Namespace) -> int:
     from .doctor import run_doctor
 
     text, healthy = run_doctor()
-    sys.stdout.write(text.rstrip("\n") + "\n")
+    _say(text)
     return 0 if healthy else 1
 
 
 def _schema(arguments: argparse.Namespace) -> int:
     from .io.material_file import MaterialFile
-    from .io.scene_file import SceneFile
+    from .io.scene_model import SceneFile
     from .io.sensor_file import SensorFile
 
-    model: Any = {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile}[arguments.kind]
-    sys.stdout.write(json.dumps(model.model_json_schema(by_alias=True), indent=2) + "\n")
+    models: dict[str, Any] = {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile}
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    _say(json.dumps(dialect | models[arguments.kind].model_json_schema(by_alias=True), indent=2))
     return 0
+
+
+def _say(text: str) -> None:
+    """Print a text, whatever the terminal's encoding. A reader that has gone (`| head`) is no mistake."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    shown = text.rstrip("\n").encode(encoding, "backslashreplace").decode(encoding)
+    try:
+        sys.stdout.write(shown + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        # Python writes what is left once more when it ends: to nowhere, then.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
+
+
+def _complain(text: str) -> None:
+    sys.stderr.write(f"lidarscene: error: {text}\n")
+
+
+def _printable(text: str) -> str:
+    """In one line, whatever a file's name or a value holds."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:
@@ -189,19 +279,28 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
     return parsed
 
 
-def _pose(text: str) -> Pose:
-    """An argparse type: three or six numbers, metres and degrees."""
-    import math
+def _with_joined_pose(argv: Sequence[str]) -> list[str]:
+    """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
+    words = list(argv)
+    for position in range(len(words) - 1, 0, -1):
+        value = words[position]
+        if words[position - 1] == "--pose" and value.startswith("-") and "," in value:
+            words[position - 1 : position + 1] = [f"--pose={value}"]
+    return words
 
+
+def _pose(text: str) -> Pose:
+    """An argparse type: three to six numbers, metres and degrees."""
     from .geometry import Pose
+    from .io.sensor_file import LARGEST_COORDINATE_M
 
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if not 3 <= len(numbers) <= 6 or not all(math.isfinite(number) for number in numbers):
+    if not 3 <= len(numbers) <= 6 or not all(abs(number) <= LARGEST_COORDINATE_M for number in numbers):
         raise argparse.ArgumentTypeError(
-            f"X,Y,Z[,YAW,PITCH,ROLL] in metres and degrees was expected, {text} came"
+            f"X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees was expected, {text} came"
         )
     x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -15,6 +15,8 @@ import numpy as np
 from lidarscene.arrays import frozen
 from lidarscene.errors import InputError
 
+from .returns import Status
+
 Array = np.ndarray[Any, Any]
 
 STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)

@@ -57,7 +57,7 @@ class Material:
     description: str = ""
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
-        """Numbers at one laser wavelength: bsdf, reflectivity and the parameters.
+        """Name, kind and numbers at one laser wavelength: reflectivity and the parameters.
 
         Raises InputError where the table does not reach the wavelength.
         """
@@ -67,7 +67,8 @@ class Material:
                 f"material '{self.name}': no reflectivity at {wavelength_m * 1e9:.0f} nm; "
                 f"its table reaches from {low * 1e9:.0f} to {high * 1e9:.0f} nm"
             )
-        values: dict[str, Any] = {"bsdf": self.bsdf, "reflectivity": self.reflectivity.at(wavelength_m)}
+        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf}
+        values["reflectivity"] = self.reflectivity.at(wavelength_m)
         for key, value in self.parameters.items():
             values[key] = value.at(wavelength_m) if isinstance(value, Spectrum) else value
         return values

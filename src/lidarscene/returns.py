@@ -132,11 +132,9 @@ def _edge(
     sigma = tdc.noise_at_level(level=signal, **own_noise)
     probability = point.detection_probability(threshold, signal, sigma)
     level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
-    if point.exact:
-        # Same deviate, exact probability: its upper tail is uniform in (0, 1).
-        found = echoes.found & (normal_tail(deviate) < probability)
-    else:
-        found = echoes.found & (signal >= level)
+    # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
+    tripped = normal_tail(deviate) < probability if point.exact else signal >= level
+    found = echoes.found & tripped
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.

@@ -32,6 +32,8 @@ def path_of(kind: str, name: str) -> Path:
     path = folder(kind) / f"{name}.toml"
     if Path(name).name == name and path.is_file():
         return path
+    if Path(name).is_file():
+        raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
     near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
     raise InputError(f"no {kind.removesuffix('s')} '{name}' in the catalogue; {hint}")

@@ -43,13 +43,16 @@ class SubMesh:
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
     if not path.is_file():
-        raise InputError(f"{path}: {'is a folder, a mesh file was expected' if path.is_dir() else 'no such file'}")
+        raise InputError(
+            f"{path}: {'is a folder, a mesh file was expected' if path.is_dir() else 'no such file'}"
+        )
     pieces = [piece for piece in _pieces(path) if len(piece.faces)]
     if not pieces:
         raise InputError(f"{path}: the mesh is empty, at least one triangle was expected")
     for piece in pieces:
         count = len(piece.vertices_m)
-        bad = count - int(np.count_nonzero(np.isfinite(piece.vertices_m).all(axis=1)))
+        # Not NaN, not infinite, and not so large that a scale would make it so.
+        bad = count - int(np.count_nonzero((np.abs(piece.vertices_m) < 1e30).all(axis=1)))
         if bad:
             raise InputError(f"{path}: {bad} of {count} vertices are not finite numbers")
         low, high = int(piece.faces.min()), int(piece.faces.max())
@@ -61,8 +64,10 @@ def read_mesh(path: Path) -> list[SubMesh]:
 def _pieces(path: Path) -> list[SubMesh]:
     """What trimesh finds in the file, empty pieces included."""
     try:
-        loaded = _loaded(path)
-        return [_placed(loaded, node) for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded = _loaded(path)
+            return [_placed(loaded, node) for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
     except Exception as error:
         # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -74,19 +79,13 @@ def _loaded(path: Path) -> Any:
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if path.suffix.lower() != ".obj":
-            return trimesh.load_scene(str(path), process=False)
-        data = path.read_bytes()
-        if b"mtllib" not in data:
-            data = b"mtllib " + _NO_MTL.encode() + b"\n" + data
-        return trimesh.load_scene(
-            io.BytesIO(data), file_type="obj", process=False, resolver=_mtl_resolver(path, data)
-        )
-
-
-_NO_MTL = "lidarscene-none.mtl"
+    if path.suffix.lower() != ".obj":
+        return trimesh.load_scene(str(path), process=False)
+    data = path.read_bytes()
+    if b"mtllib" not in data:
+        data = b"mtllib none.mtl\n" + data
+    resolver = _mtl_resolver(path, data)
+    return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=resolver)
 
 
 def _mtl_resolver(path: Path, data: bytes) -> Any:

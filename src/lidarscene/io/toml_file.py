@@ -107,9 +107,9 @@ def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> lis
     parts = list(location)
     for number, part in enumerate(parts):
         is_last = number == len(parts) - 1
-        if isinstance(tables, Mapping) and part in tables:
-            tables = tables[part]
-        elif isinstance(tables, (list, tuple)) and isinstance(part, int) and part < len(tables):
+        if (isinstance(tables, Mapping) and part in tables) or (
+            isinstance(tables, (list, tuple)) and isinstance(part, int) and part < len(tables)
+        ):
             tables = tables[part]
         elif not (missing and is_last):
             continue

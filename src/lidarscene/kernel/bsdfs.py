@@ -9,14 +9,18 @@ import functools
 import math
 from typing import Any
 
+import numpy as np
+
 from ..arrays import xp
+from ..errors import InputError
 from .backend import mitsuba
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
 
-_ENTRANCE_EXPONENT = 3.55
-"""R_A falls as cos(entrance angle)^3.55: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that ASTM D4956
+_ENTRANCE_EXPONENT = 3.61
+"""R_A falls as cos(entrance angle)^3.61: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that ASTM D4956
 asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
+_STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 
 def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
@@ -37,20 +41,42 @@ def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
-    """A diffuse base under a rough dielectric coat. The reflectivity is the diffuse part seen from outside.
+    """A diffuse base under a rough dielectric coat. The reflectivity is the diffuse part seen from outside."""
+    ior, roughness = float(values["coat_ior"]), float(values["coat_roughness"])
+    limit = diffuse_throughput(ior, roughness)
+    if values["reflectivity"] > limit:
+        raise InputError(
+            f"material '{values.get('name', '')}': reflectivity {values['reflectivity']:.3g} came, but a coat of "
+            f"coat_ior {ior:.3g} and coat_roughness {roughness:.3g} lets out {limit:.3g} at most"
+        )
+    base = values["reflectivity"] / limit
+    return _two_sided(_roughplastic(ior, roughness) | {"diffuse_reflectance": _spectrum(base)})
 
-    Mitsuba's linear roughplastic reflects T(theta_i) T(theta_o) rho / (1 - F_diffuse) / pi diffusely: at
-    normal incidence, where reflectivities are measured, (1 - F_0) rho in all, so the base gets rho / (1 - F_0).
+
+def _roughplastic(ior: float, roughness: float) -> dict[str, Any]:
+    return {
+        "type": "roughplastic", "distribution": "ggx", "int_ior": ior, "alpha": roughness, "nonlinear": False,
+    }  # fmt: skip
+
+
+@functools.cache
+def diffuse_throughput(ior: float, roughness: float) -> float:
+    """Share of light that goes through the coat, off a white base and out again, for normal incidence.
+
+    Reflectivities are measured near normal incidence over the hemisphere, so a base of reflectivity over this
+    share shows the reflectivity. Mitsuba tabulates the rough coat's transmittance; here its own BSDF, without
+    the mirror lobe, is integrated over the hemisphere (64-point Gauss-Legendre in the cosine).
     """
-    ior = values["coat_ior"]
-    normal_fresnel = ((ior - 1.0) / (ior + 1.0)) ** 2
-    base = min(values["reflectivity"] / (1.0 - normal_fresnel), 1.0)
-    return _two_sided(
-        {
-            "type": "roughplastic", "distribution": "ggx", "int_ior": ior, "alpha": values["coat_roughness"],
-            "nonlinear": False, "diffuse_reflectance": _spectrum(base),
-        }
-    )  # fmt: skip
+    mi = mitsuba()
+    white = {"diffuse_reflectance": _spectrum(1.0), "specular_reflectance": _spectrum(0.0)}
+    bsdf = mi.load_dict(_roughplastic(ior, roughness) | white)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosines = 0.5 * (nodes + 1.0)
+    surface = mi.SurfaceInteraction3f()
+    surface.wi = mi.Vector3f(0.0, 0.0, 1.0)
+    outgoing = mi.Vector3f(mi.Float(np.sqrt(1.0 - cosines**2)), 0.0, mi.Float(cosines))
+    value = bsdf.eval(mi.BSDFContext(), surface, outgoing, True)[0].numpy()
+    return float(2.0 * math.pi * 0.5 * np.dot(weights, value))
 
 
 def _conductor(values: dict[str, Any]) -> dict[str, Any]:
@@ -85,11 +111,15 @@ _BUILDERS = {
 
 
 def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float) -> float:
-    """R_A straight back along the ray from the catalogue's R_A at 0.2 degrees of observation.
+    """R_A straight back at normal incidence, from the stated R_A at 0.2 degrees of observation, 4 of entrance.
 
     The lobe is Gaussian in the observation angle and half as high at ``half_angle_deg``. cd/lx/m2 is 1/sr.
     """
-    return coefficient_cd_per_lx_m2 * 2.0 ** ((0.2 / half_angle_deg) ** 2)
+    return (
+        coefficient_cd_per_lx_m2
+        * 2.0 ** ((0.2 / half_angle_deg) ** 2)
+        / _STATED_ENTRANCE_COS**_ENTRANCE_EXPONENT
+    )
 
 
 @functools.cache
@@ -134,7 +164,7 @@ def _retroreflector_class() -> Any:
             # For small angles |wi - wo| is the observation angle; acos would lose it in rounding.
             observation = dr.norm(si.wi - wo)
             lobe = dr.exp(-math.log(2.0) * dr.square(observation / self.half_angle))
-            entrance = dr.power(xp(cos_i).minimum(cos_i, cos_o), _ENTRANCE_EXPONENT)
+            entrance = dr.power(cos_i * cos_o, 0.5 * _ENTRANCE_EXPONENT)
             retro = self.peak * lobe * entrance / xp(cos_i).maximum(cos_i, 1e-3)
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))

@@ -84,6 +84,8 @@ def _own_shapes(scene: Scene, centre: Matrix, resolved: dict[str, Any]) -> list[
     for index, body in enumerate(scene.bodies):
         for part in body.parts:
             if isinstance(part, Part):
+                if not len(part.faces):
+                    continue
                 placed = body.pose.apply(part.vertices_m) - centre
                 grouped.setdefault(part.material, []).append((index, placed, part.faces))
             else:

@@ -1,0 +1,272 @@
+"""From beams to kept numpy points: against Open3D, against Mitsuba's bare trace, and stage by stage."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import clock
+import numpy as np
+from table import Row
+
+from lidarscene import api, beams, echoes, returns
+from lidarscene.errors import LidarSceneError
+from lidarscene.io.open3d_door import open3d
+from lidarscene.kernel import device
+from lidarscene.kernel.backend import mitsuba
+from lidarscene.kernel.trace import SHADOW_OFFSET_M, trace
+from lidarscene.scene import Part
+from lidarscene.simulate import Simulator, Summary, ambient_of
+
+SENSORS = ("table1-apd", "table1-sipm")
+GOAL = 1.3
+OPEN3D = {
+    "Open3D, both ray tensors ready": "queries and numpy() only",
+    "Open3D, sun rays from its hits": "beam rays ready; hit points, normals and sun rays by numpy",
+    "Open3D, all rays built": "angles, directions and tensors too",
+}
+BARE = "Mitsuba, bare"
+
+
+def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Row]:
+    """All rows of this file."""
+    steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
+    scene = api.load_scene(scene_file)
+    first = Simulator(scene, api.load_sensor(SENSORS[0], overrides=steps))
+    simulators = {
+        name: Simulator(scene, api.load_sensor(name, overrides=steps), world=first.world) for name in SENSORS
+    }
+    tasks: dict[str, Callable[[], Any]] = {name: one.render for name, one in simulators.items()}
+    tasks[BARE] = _bare(first)
+    try:
+        tasks |= _open3d_tasks(first)
+        missing = ""
+    except LidarSceneError as error:
+        missing = str(error)
+    seconds = clock.in_turns(tasks, rounds=rounds)
+    beams_each = first.sensor.scanner.pulses
+    rows = [
+        Row(f"beams, triangles in {scene_file.name}", f"{beams_each:,}, {len(first.world.face_body):,}"),
+        *(_seconds_row(name, values, beams_each) for name, values in seconds.items()),
+    ]
+    for name in SENSORS:
+        for other, meaning in OPEN3D.items():
+            what = f"{other} / whole chain {name}"
+            rows.append(
+                Row(what, missing) if missing else _ratio_row(what, seconds, other, name, meaning, GOAL)
+            )
+    for name in SENSORS:
+        rows.append(_ratio_row(f"whole chain {name} / {BARE}", seconds, name, BARE, "1 would be the limit"))
+    for other, meaning in OPEN3D.items():
+        what = f"{other} / {BARE}"
+        rows.append(Row(what, missing) if missing else _ratio_row(what, seconds, other, BARE, meaning))
+    for name, simulator in simulators.items():
+        rows += _stage_rows(name, simulator, rounds)
+    return rows
+
+
+def _seconds_row(name: str, values: np.ndarray, beams_each: int) -> Row:
+    median = float(np.median(values))
+    rate = f"{beams_each / median / 1e6:.2f} million beams a second"
+    return Row(f"seconds: {name}", f"{median:.3f}", f"{values.min():.3f} to {values.max():.3f}", rate)
+
+
+def _ratio_row(
+    what: str, seconds: clock.Seconds, slow: str, fast: str, note: str, goal: float | None = None
+) -> Row:
+    median, low, high = clock.ratio(seconds, slow, fast)
+    verdict = "" if goal is None else f"at least {goal}: {'met' if median >= goal else 'NOT met'}"
+    return Row(what, f"{median:.2f}", f"{low:.2f} to {high:.2f}", note, verdict)
+
+
+# --- the same work by others ------------------------------------------------------------------------
+
+
+def _rays(simulator: Simulator) -> tuple[Any, Any]:
+    """Origin (one) and directions (n) on the device, as the chain fires them."""
+    import drjit as dr
+
+    rays = beams.fire(
+        device.opaque(simulator.sensor),
+        pulse=device.counter(0, simulator.sensor.scanner.pulses),
+        origin_m=device.opaque(_origin(simulator)),
+        rotation=device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel())),
+    )
+    mi = mitsuba()
+    origin, direction = mi.Point3f(*rays.origin_m), mi.Vector3f(*rays.direction)
+    dr.eval(origin, direction)
+    return origin, direction
+
+
+def _origin(simulator: Simulator) -> tuple[float, float, float]:
+    x, y, z = (float(x) for x in simulator.pose.position_m - simulator.world.centre_m)
+    return x, y, z
+
+
+def _bare(simulator: Simulator) -> Callable[[], Any]:
+    """Closest hit, BSDF back and towards the sun, sun test; evaluated on the device and left there."""
+    import drjit as dr
+
+    mi = mitsuba()
+    scene = simulator.world.scene
+    origin, direction = _rays(simulator)
+    sun = mi.Vector3f(*device.opaque(tuple(float(x) for x in simulator.scene.sun.direction)))
+    context = mi.BSDFContext()
+
+    def task() -> Any:
+        ray = mi.Ray3f(origin, direction)
+        surface = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
+        found = surface.is_valid()
+        normal = surface.n * dr.select(dr.dot(surface.n, direction) > 0.0, -1.0, 1.0)
+        sunny = found & (dr.dot(normal, sun) > 0.0)
+        shadow = mi.Ray3f(surface.p + normal * SHADOW_OFFSET_M, sun)
+        lit = sunny & ~scene.ray_test(shadow, coherent=True, active=sunny)
+        bsdf = surface.bsdf()
+        back = bsdf.eval(context, surface, surface.wi, found)
+        towards_sun = bsdf.eval(context, surface, surface.to_local(sun), lit)
+        dr.eval(surface.t, back, towards_sun, lit)
+        dr.sync_thread()
+        return surface.t, back, towards_sun, lit
+
+    return task
+
+
+def _open3d_tasks(simulator: Simulator) -> dict[str, Callable[[], Any]]:
+    """Open3D on the same triangles, rays and sun; only rays that hit a side facing the sun ask for it."""
+    module = open3d()
+    tensor = module.core.Tensor
+    scene = module.t.geometry.RaycastingScene()
+    scene.add_triangles(*(tensor(array) for array in _triangles(simulator)))
+    sun = simulator.scene.sun.direction.astype(np.float32)
+    origin = np.array(_origin(simulator), dtype=np.float32)
+    scanner = simulator.sensor.scanner
+    rotation = simulator.pose.rotation.astype(np.float32)
+    pulse = np.arange(scanner.pulses, dtype=np.uint32)
+
+    def beam_rays() -> np.ndarray:
+        azimuth, elevation = (np.float32(angle) for angle in scanner.angles(pulse))
+        rays = np.zeros((len(pulse), 6), dtype=np.float32)
+        rays[:, :3] = origin
+        level = np.cos(elevation)
+        local = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        np.matmul(local, rotation.T, out=rays[:, 3:])
+        return rays
+
+    def sun_rays(rays: np.ndarray, answer: dict[str, np.ndarray]) -> np.ndarray:
+        direction, normal, t = rays[:, 3:], answer["primitive_normals"], answer["t_hit"]
+        facing = -np.sign(np.einsum("ij,ij->i", normal, direction))
+        chosen = np.flatnonzero(np.isfinite(t) & ((normal @ sun) * facing > 0.0))
+        made = np.zeros((len(chosen), 6), dtype=np.float32)
+        np.multiply(direction[chosen], t[chosen, None], out=made[:, :3])
+        made[:, :3] += rays[chosen, :3] + normal[chosen] * (
+            facing[chosen, None] * np.float32(SHADOW_OFFSET_M)
+        )
+        made[:, 3:] = sun
+        return made
+
+    def cast(rays: Any) -> dict[str, np.ndarray]:
+        return {name: values.numpy() for name, values in scene.cast_rays(rays).items()}
+
+    kept = beam_rays()
+    ready = tensor(kept)
+    towards_sun = tensor(sun_rays(kept, cast(ready)))
+
+    def sun_from_hits() -> Any:
+        answer = cast(ready)
+        return answer, scene.test_occlusions(tensor(sun_rays(kept, answer))).numpy()
+
+    def all_built() -> Any:
+        rays = beam_rays()
+        answer = cast(tensor(rays))
+        return answer, scene.test_occlusions(tensor(sun_rays(rays, answer))).numpy()
+
+    bodies: tuple[Callable[[], Any], ...] = (
+        lambda: (cast(ready), scene.test_occlusions(towards_sun).numpy()),
+        sun_from_hits,
+        all_built,
+    )
+    return dict(zip(OPEN3D, bodies, strict=True))
+
+
+def _triangles(simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
+    """All triangles of the scene where they are traced: vertices (v, 3) float32, faces (f, 3) uint32."""
+    vertices, faces, start = [], [], 0
+    for body in simulator.scene.bodies:
+        for part in body.parts:
+            if isinstance(part, Part):
+                vertices.append(body.pose.apply(part.vertices_m) - simulator.world.centre_m)
+                faces.append(part.faces + np.uint32(start))
+                start += len(part.vertices_m)
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(faces).astype(np.uint32)
+
+
+# --- where the time goes ----------------------------------------------------------------------------
+
+STAGES = {
+    "record": "Python: the stages written down for the device",
+    "trace": "device: beams, hits, echoes, returns in one kernel",
+    "collect": "numpy: kept points as columns",
+    "assemble": "numpy: columns checked and joined",
+}
+DEVICE = {
+    "hits": "beams, closest hit, BSDF, sun test",
+    "echoes": "optical powers",
+    "returns": "signal, noise, comparator, time",
+}
+
+
+def _stage_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
+    spent: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    for _ in range(rounds):
+        summary = Summary()
+        simulator.render(summary=summary)
+        for stage, values in spent.items():
+            values.append(summary.seconds.get(stage, 0.0))
+    medians = {stage: float(np.median(values)) for stage, values in spent.items()}
+    total = sum(medians.values())
+    rows = [
+        Row(f"share: {name}, {stage}", f"{medians[stage] / total:.0%}", f"{medians[stage]:.3f} s", meaning)
+        for stage, meaning in STAGES.items()
+    ]
+    return rows + _device_rows(name, simulator, rounds)
+
+
+def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
+    """Shares of the device's time: what the kernel takes longer with each further stage."""
+    import drjit as dr
+
+    sensor = device.opaque(simulator.sensor)
+    ambient = device.opaque(ambient_of(simulator.scene, simulator.sensor))
+    sun = device.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
+    origin = device.opaque(_origin(simulator))
+    rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
+    seed = device.opaque_uint32(0)
+
+    def up_to(last: str) -> Callable[[], None]:
+        def task() -> None:
+            pulse = device.counter(0, simulator.sensor.scanner.pulses)
+            rays = beams.fire(sensor, pulse=pulse, origin_m=origin, rotation=rotation)
+            hits = trace(simulator.world, rays, sun=sun)
+            kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+            if last == "hits":
+                kept += [hits.backscatter_per_sr, hits.sun_scatter_per_sr]
+            else:
+                light = echoes.receive(rays, hits, sensor, ambient)
+                if last == "echoes":
+                    kept += [light.peak_power_w, light.background_power_w]
+                else:
+                    found = returns.detect(light, sensor, seed=seed, pulse=pulse)
+                    kept += [found.snr, found.detection_probability, found.outcome]
+                    for stop in found.stops:
+                        kept += [stop.reported, stop.status, stop.range_m, stop.amplitude]
+            dr.eval(*kept)
+            dr.sync_thread()
+
+        return task
+
+    seconds = clock.in_turns({last: up_to(last) for last in DEVICE}, rounds=rounds)
+    medians = [float(np.median(values)) for values in seconds.values()]
+    added = np.diff([0.0, *medians])
+    return [
+        Row(f"device share: {name}, {stage}", f"{own / medians[-1]:.0%}", f"{own:.3f} s", meaning)
+        for (stage, meaning), own in zip(DEVICE.items(), added, strict=True)
+    ]

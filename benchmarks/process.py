@@ -1,0 +1,126 @@
+"""Whole processes: from their start to a file, and the memory that they take."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from table import Row
+
+ROOT = Path(__file__).parents[1]
+GOAL_SECONDS = 3.0
+GOAL_GIB = 4.0
+
+STAGES = """
+import sys, time
+marks = [("interpreter", time.time())]
+def mark(name): marks.append((name, time.time()))
+import numpy
+mark("import numpy")
+import pydantic
+mark("import pydantic")
+import trimesh
+mark("import trimesh")
+from lidarscene.kernel.backend import mitsuba
+mi = mitsuba()
+mark("import mitsuba, load LLVM")
+from lidarscene import api, cli
+from lidarscene.io import ply
+from lidarscene.simulate import Simulator
+mark("import lidarscene")
+scene = api.load_scene(sys.argv[1])
+sensor = api.load_sensor(scene.sensor_name)
+mark("read files")
+simulator = Simulator(scene, sensor)
+mark("build the world")
+cloud = simulator.render()
+mark("beams to points, warm kernel cache")
+cloud.save(sys.argv[2])
+mark("write")
+import json
+print(json.dumps(marks))
+"""
+
+
+def start_rows(scene: Path, *, rounds: int) -> list[Row]:
+    """From process start to a .ply, by the command line, and what it is made of."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "car.ply"
+        command = ["-m", "lidarscene", "render", str(scene), "-o", str(target)]
+        _run(command)  # warms the kernel cache
+        plain, stages, no_scipy = [], [], []
+        for _ in range(rounds):
+            plain.append(_run(command)[0])
+            stages.append(_stages(scene, target))
+            no_scipy.append(_run(["-c", NO_SCIPY, *command[2:]])[0])
+    rows = [
+        _row(f"process start to end: render {scene.name}", plain, "", GOAL_SECONDS),
+        _row("the same where scipy is not installed", no_scipy, "trimesh imports scipy if it is there"),
+    ]
+    for name in stages[0]:
+        rows.append(_row(f"of which: {name}", [one[name] for one in stages]))
+    return rows
+
+
+NO_SCIPY = """
+import sys
+sys.modules["scipy"] = None
+from lidarscene.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def memory_rows(scene: Path, *, step_deg: float) -> list[Row]:
+    """Peak memory and time of one large frame by the command line."""
+    steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "big.ply"
+        command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json"]
+        for step in steps:
+            command += ["--set", step]
+        seconds, peak, answer = _run(command)
+        size = target.stat().st_size
+    summary = json.loads(answer)
+    parts = ", ".join(f"{name} {value:.1f}" for name, value in summary["seconds"].items())
+    frame = f"{summary['beams']:,} beams, {summary['points']:,} points"
+    verdict = f"under {GOAL_GIB:g} GiB: {'met' if peak < GOAL_GIB else 'NOT met'}"
+    return [
+        Row(f"peak memory of one frame, {scene.name}", f"{peak:.2f} GiB", "one run", frame, verdict),
+        Row("its time from start to end", f"{seconds:.1f} s", "one run", parts),
+        Row("its file", f"{size / 2**30:.2f} GiB", "", "what the columns take in memory, but for the range"),
+    ]
+
+
+def _stages(scene: Path, target: Path) -> dict[str, float]:
+    since = time.time()
+    wall, _, answer = _run(["-c", STAGES, str(scene), str(target)])
+    marks = json.loads(answer)
+    times = np.array([since, *(moment for _, moment in marks), since + wall])
+    return dict(zip([*(name for name, _ in marks), "leave"], np.diff(times), strict=True))
+
+
+def _row(what: str, seconds: Sequence[float], note: str = "", goal: float | None = None) -> Row:
+    median = float(np.median(seconds))
+    verdict = "" if goal is None else f"under {goal:g} s: {'met' if median < goal else 'NOT met'}"
+    return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, verdict)
+
+
+def _run(arguments: list[str]) -> tuple[float, float, str]:
+    """Wall seconds, peak memory [GiB] and output of a Python of its own."""
+    environment: dict[str, Any] = dict(os.environ, PYTHONPATH=str(ROOT / "src"))
+    since = time.perf_counter()
+    with subprocess.Popen([sys.executable, *arguments], env=environment, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        answer = child.stdout.read().decode()
+        _, status, usage = os.wait4(child.pid, 0)  # this child's own peak, which RUSAGE_CHILDREN is not
+        child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise SystemExit(f"benchmarks: {' '.join(arguments)[:200]} ended with {child.returncode}")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return time.perf_counter() - since, usage.ru_maxrss * unit / 2**30, answer
