@@ -71,6 +71,9 @@ def frame_picture(
     path: str | os.PathLike[str],
     *,
     colour_by: str = "intensity",
+    eye_m: Vector | None = None,
+    target_m: Vector | None = None,
+    fov_deg: float = 60.0,
     strips: tuple[str, ...] = ("range", "intensity"),
     size_px: tuple[int, int] = (1920, 1600),
 ) -> None:
@@ -78,7 +81,8 @@ def frame_picture(
     figure = _figure(size_px)
     strip, foot = 0.165, 0.055 if strips else 0.0
     rest = foot + strip * len(strips)
-    shades, camera = _Shades(cloud, colour_by), camera_for(cloud)
+    shades = _Shades(cloud, colour_by)
+    camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
     _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), cloud, shades, camera, alarms=True)
     cells = cells_of(cloud)
     for i, name in enumerate(reversed(strips)):

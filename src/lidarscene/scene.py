@@ -99,6 +99,15 @@ class Air:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """Where pictures of the scene are taken from: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
+
+    eye_m: tuple[float, float, float]
+    target_m: tuple[float, float, float]
+    fov_deg: float = 60.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
     """All that light can meet.
@@ -107,6 +116,7 @@ class Scene:
     materials       by name, every one that a part names
     sensor_name     catalogue name or file of the sensor to use unless another is given
     sensor_pose     where the sensor stands, in the world
+    view            where pictures are taken from; chosen by what is near the sensor if None
     base            a Mitsuba XML scene whose shapes are added, or None
     base_materials  BSDF id in that file to material name; BSDFs not listed are used as they are
     """
@@ -119,5 +129,6 @@ class Scene:
     air: Air = field(default_factory=Air)
     sensor_name: str = "table1-apd"
     sensor_pose: Pose = field(default_factory=Pose)
+    view: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
