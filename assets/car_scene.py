@@ -23,6 +23,7 @@ def text():
             "yaw_deg": round(math.degrees(towards), 2),
             "pitch_deg": -2.0,
         },
+        picture={"eye_m": [-15.5, -7.5, 3.2], "target_m": [2.0, 3.2, 1.3], "fov_deg": 44.0},
     )
     return "\n".join([head, *_ground(), *_markings(), *_things()])
 

@@ -22,6 +22,7 @@ def text():
         sky={"diffuse_share": 1.0},
         air={"visibility_km": 20.0, "model": "kruse"},
         sensor={"name": "table1-apd", "position_m": [-14.0, -1.4, 1.7]},
+        picture={"eye_m": [-15.0, -1.4, 2.0], "target_m": [-4.0, -1.4, 1.7], "fov_deg": 75.0},
     )
     return "\n".join([head, *_hall(), *_structure(), *_markings(), *_contents()])
 

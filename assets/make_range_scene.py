@@ -56,6 +56,7 @@ def text():
         sky={"diffuse_share": 0.0},
         air={"transmittance": 0.98},
         sensor={"name": "table1-apd", "position_m": [0.0, 0.0, 0.0]},
+        picture={"eye_m": [-260.0, 0.0, 160.0], "target_m": [200.0, 0.0, 20.0], "fov_deg": 70.0},
     )
     boards = [
         table(f"[materials.board_{percent}]", bsdf="diffuse", reflectivity=percent / 100)

@@ -23,6 +23,7 @@ def text():
         sky={"diffuse_share": 0.15},
         air={"visibility_km": 15.0, "model": "kruse"},
         sensor={"name": "table1-apd", "position_m": [0.0, -1.6, 1.9]},
+        picture={"eye_m": [-6.0, -1.6, 4.5], "target_m": [12.0, -1.6, 1.8], "fov_deg": 75.0},
     )
     return "\n".join([head, *_ground(), *_markings(), *_houses(), *_cars(), *_furniture()])
 

@@ -15,11 +15,24 @@ class Row:
     goal: str = ""
 
 
+@dataclass(frozen=True)
+class Section:
+    """Rows that belong together, under a title, with what to know before reading them."""
+
+    title: str
+    text: str
+    rows: list[Row]
+
+
 HEAD = Row("what", "median", "lowest to highest", "note", "goal")
 
 
-def markdown(rows: Iterable[Row]) -> str:
-    """The table."""
+def markdown(sections: Iterable[Section]) -> str:
+    """A heading, the text and the table of each section."""
+    return "\n".join(f"## {one.title}\n\n{one.text}\n\n{_table(one.rows)}" for one in sections)
+
+
+def _table(rows: Iterable[Row]) -> str:
     lines = [astuple(HEAD), ("---", "---:", "---:", "---", "---")]
     lines += [astuple(row) for row in rows]
     return "".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |\n" for line in lines)

@@ -185,7 +185,7 @@ def _keep_inputs(arguments: argparse.Namespace) -> None:
 
     inputs = [*files_of_scene(arguments.scene), *([Path(arguments.sensor)] if arguments.sensor else [])]
     for key, path in _outputs(arguments).items():
-        if path.exists() and any(one.exists() and one.samefile(path) for one in inputs):
+        if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
             raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
 
 

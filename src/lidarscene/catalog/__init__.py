@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
@@ -30,9 +31,9 @@ def names(kind: str) -> list[str]:
 def path_of(kind: str, name: str) -> Path:
     """File of an entry. Raises InputError with the nearest names."""
     path = folder(kind) / f"{name}.toml"
-    if Path(name).name == name and path.is_file():
+    if Path(name).name == name and os.path.isfile(path):
         return path
-    if Path(name).is_file():
+    if os.path.isfile(name):
         raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
     near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import os
 import re
 import warnings
 from dataclasses import dataclass
@@ -42,9 +43,9 @@ class SubMesh:
 
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(
-            f"{path}: {'is a folder, a mesh file was expected' if path.is_dir() else 'no such file'}"
+            f"{path}: {'is a folder, a mesh file was expected' if os.path.isdir(path) else 'no such file'}"
         )
     pieces = [piece for piece in _pieces(path) if len(piece.faces)]
     if not pieces:

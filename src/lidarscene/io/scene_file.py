@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -43,9 +44,10 @@ def files_of_scene(path: Path) -> Iterator[Path]:
     """
     yield path
     if _is_xml(path):
-        with suppress(OSError, ValueError, ElementTree.ParseError):
+        with suppress(OSError, LookupError, ValueError, ElementTree.ParseError):
             for element in ElementTree.parse(path).getroot().iter():
-                yield path.parent / (element.get("filename") or element.get("value") or "")
+                if element.tag in ("string", "include"):
+                    yield path.parent / (element.get("filename") or element.get("value") or "")
         return
     file = validated(SceneFile, read_toml(path), str(path))
     yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
@@ -91,8 +93,8 @@ def _is_xml(path: Path) -> bool:
 
 def _xml(path: Path, where: str = "") -> Path:
     """The path, if there is an XML file."""
-    if not path.is_file():
-        what = "is a folder, a Mitsuba XML scene was expected" if path.is_dir() else "no such file"
+    if not os.path.isfile(path):
+        what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
         raise InputError(f"{where}{path}: {what}")
     if not _is_xml(path):
         raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")

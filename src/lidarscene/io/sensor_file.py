@@ -247,4 +247,4 @@ def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
 def sensor_from_tables(tables: dict[str, Any], *, where: str, overrides: Sequence[str] = ()) -> Sensor:
     """A sensor from the tables of a sensor file that ``where`` names."""
     changed = with_overrides(tables, overrides)
-    return validated(SensorFile, changed, " --set ".join([where, *overrides])).build()
+    return validated(SensorFile, changed, where, overrides=overrides).build()

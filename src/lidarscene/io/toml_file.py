@@ -63,13 +63,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
-def validated(model: type[Model], tables: Mapping[str, Any], where: str) -> Model:
-    """``tables`` as a model. Raises InputError with the first mistake and how many more there are."""
+def validated(
+    model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = ()
+) -> Model:
+    """``tables`` as a model. Raises InputError with the first mistake and how many more there are.
+
+    overrides  the assignments already made with `with_overrides`, to be named where one is to blame
+    """
     try:
         return model.model_validate(_with_tuples(tables))
     except ValidationError as error:
         first = error.errors()[0]
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        place = [
+            str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")
+        ]
+        for assignment in overrides:
+            path = _key_path(assignment)
+            shared = min(len(path), len(place))
+            where += f" --set {assignment}" if path[:shared] == place[:shared] else ""
         raise InputError(f"{where}: {_told(first, model, tables)}{more}") from None
 
 
@@ -175,8 +187,8 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str]) -> dic
     """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain text."""
     result: dict[str, Any] = _copied(tables)
     for assignment in assignments:
-        key, equals, text = assignment.partition("=")
-        path = [part.strip() for part in key.split(".")]
+        _, equals, text = assignment.partition("=")
+        path = _key_path(assignment)
         if not equals or not all(path):
             raise InputError(f"--set {assignment}: KEY=VALUE was expected, such as detector.gain=60")
         table = result
@@ -186,6 +198,10 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str]) -> dic
                 raise InputError(f"--set {assignment}: {'.'.join(path[:depth])} is a value, not a table")
         table[path[-1]] = _toml_value(text)
     return result
+
+
+def _key_path(assignment: str) -> list[str]:
+    return [part.strip() for part in assignment.partition("=")[0].split(".")]
 
 
 def _toml_value(text: str) -> Any:

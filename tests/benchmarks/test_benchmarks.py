@@ -1,0 +1,74 @@
+"""`make bench` works end to end: small sizes, every row there; how fast anything is stays its own business."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SENSORS = ("table1-apd", "table1-sipm")
+SECTIONS = {
+    "Seconds": [*SENSORS, "Mitsuba, bare"],
+    "Times as fast": [
+        *(
+            f"{other} / {task}"
+            for other in ("Open3D, bare", "Open3D", "Open3D with rays")
+            for task in SENSORS
+        ),
+        *(f"{task} / Mitsuba, bare" for task in ("Open3D", *SENSORS)),
+    ],
+    "Where the time goes": [
+        f"{sensor}: {stage}"
+        for sensor in SENSORS
+        for stage in (
+            "record",
+            "trace",
+            "collect",
+            "assemble",
+            "device, hits",
+            "device, echoes",
+            "device, returns",
+        )
+    ],
+    "From process start to a file": [
+        "process start to end: render car.toml",
+        *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),
+    ],
+    "A large frame": ["peak memory of one frame, car.toml", "its time from start to end"],
+}
+
+
+@pytest.fixture(scope="module")
+def page(mi: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What --quick writes, which it also prints."""
+    target = tmp_path_factory.mktemp("bench") / "out" / "benchmarks.md"
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "run.py"), "--quick", "-o", str(target)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    text = target.read_text(encoding="utf-8")
+    assert done.stdout == text
+    return text
+
+
+@pytest.mark.parametrize("title", SECTIONS)
+def test_every_row_is_there_with_a_figure(page: str, title: str) -> None:
+    section = page.split(f"## {title}\n")[1].split("\n## ")[0]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if line[:1] == "|"
+    ]
+    assert rows[0] == ["what", "median", "lowest to highest", "note", "goal"]
+    assert all(len(row) == 5 for row in rows)
+    figures = {row[0]: row[1] for row in rows[2:]}
+    assert set(SECTIONS[title]) <= set(figures)
+    assert all(figures.values())
+
+
+def test_the_machine_is_described_and_quick_runs_judge_nothing(page: str) -> None:
+    head = page.split("\n## ")[0]
+    assert all(word in head for word in ("say nothing about speed", "CPU:", "GiB", "Python", "mitsuba 3."))
+    assert "met |" not in page

@@ -1,0 +1,438 @@
+"""Mistakes: each gives one clear line, exit code 2, and leaves nothing behind."""
+
+import errno
+import os
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import COARSE, WALL, Ran, Run
+
+from lidarscene.simulate import Simulator
+
+NOISE = np.random.default_rng(7).bytes(2000)
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+MESH = '[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh = "{}"\n'
+XML = "<scene version='3.0.0'><bsdf type='diffuse' id='grey'/><shape type='sphere' id='ball'/></scene>"
+
+
+def files_in(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def refused(run: Run, folder: Path, *argv: str) -> str:
+    """The one line that this command line gets, without the program's name."""
+    before = files_in(folder)
+    ran: Ran = run(*argv)
+    assert ran.code == 2, ran
+    assert ran.out == ""
+    assert ran.err.startswith("lidarscene: error: ")
+    assert ran.err.count("\n") == 1
+    assert ran.err.endswith("\n")
+    assert files_in(folder) == before
+    return ran.err.removeprefix("lidarscene: error: ").rstrip("\n")
+
+
+def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
+    (folder / "scene.toml").write_text(text)
+    return refused(run, folder, "render", "scene.toml", "-o", "new/out.ply", *COARSE, *more)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.obj", TRIANGLE.replace("v 1", "v nan"), "a.obj: 1 of 3 vertices are not finite numbers"),
+        ("a.obj", TRIANGLE.replace("v 1", "v 1e308"), "a.obj: 1 of 3 vertices are not finite numbers"),
+        ("a.obj", TRIANGLE.replace("2 3", "2 9"), "a.obj: cannot be read as a mesh: "),
+        ("a.obj", "", "a.obj: the mesh is empty, at least one triangle was expected"),
+        ("a.stl", "", "a.stl: the mesh is empty, at least one triangle was expected"),
+        ("a.obj", "v 0 0 0\n", "a.obj: the mesh is empty"),
+        ("a.ply", NOISE, "a.ply: cannot be read as a mesh: "),
+        ("a.glb", NOISE, "a.glb: cannot be read as a mesh: "),
+        ("a.obj", NOISE, "a.obj: "),
+        ("a.stl", NOISE, "a.stl: "),
+        ("a.xyzw", b"1", "a.xyzw: cannot be read as a mesh: file_type 'xyzw' not supported"),
+        ("a.obj", "v 2 2 2\nv 2 2 2\nv 2 2 2\nf 1 2 3\n", "is 0 m across"),
+    ],
+)
+def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, told: str) -> None:
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    line = refused_scene(run, tmp_path, MESH.format(name))
+    assert line.startswith('scene.toml: bodies[0 "thing"]')
+    assert told in line
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("none.glb", "none.glb: no such file"),
+        ("folder", "folder: is a folder, a mesh file was expected"),
+        ("long" * 99, f"{'long' * 99}: no such file"),
+    ],
+)
+def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) -> None:
+    (tmp_path / "folder").mkdir()
+    line = refused_scene(run, tmp_path, MESH.format(name))
+    assert line == f'scene.toml: bodies[0 "thing"].mesh: {told}'
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "the scene is empty: [[bodies]] or base = ... was expected"),
+        (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
+        ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, base, base_materials, sun, sky,"),
+        (WALL + "colour = 1\n", "unknown key 'bodies[0 \"wall\"].colour'; known here: position_m, yaw_deg,"),
+        (WALL + "[sun]\nazimut_deg = 1\n", "unknown key 'sun.azimut_deg'; known here: azimuth_deg, "),
+        (WALL + "instances = [{ yaw = 1 }]\n", "unknown key 'bodies[0 \"wall\"].instances[0].yaw'; known here: "),
+        (WALL + "instances = []\n", 'bodies[0 "wall"].instances: a list of at least 1 was expected, [] came'),
+        (WALL + "scale = '2'\n", 'bodies[0 "wall"].scale: a number was expected, "2" came'),
+        (WALL + "scale = true\n", 'bodies[0 "wall"].scale: a number was expected, true came'),
+        (WALL + "scale = 0\n", 'bodies[0 "wall"].scale: more than 0 was expected, 0 came'),
+        (WALL + "scale = -1.5\n", 'bodies[0 "wall"].scale: more than 0 was expected, -1.5 came'),
+        (WALL + "scale = nan\n", 'bodies[0 "wall"].scale: a finite number was expected, NaN came'),
+        (WALL + "scale = 1e-9\n", 'bodies[0 "wall"]: is 4e-09 m across'),
+        (WALL + "scale = 1e300\n", 'bodies[0 "wall"].scale: 1e+06 or less was expected, 1e+300 came'),
+        (WALL.replace("[4, 4]", "4"), 'bodies[0 "wall"].size_m: a list was expected, 4 came'),
+        (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane has 2 numbers, 1 came'),
+        (WALL.replace("[4, 4]", "[4, 0]"), 'bodies[0 "wall"].size_m[1]: more than 0 was expected, 0 came'),
+        (WALL.replace("[10, 0, 0]", "[1, 0]"), 'bodies[0 "wall"].position_m: a longer list was expected, [1, 0]'),
+        (WALL.replace("[10, 0, 0]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: 1e+08 or less was expected'),
+        (WALL.replace('"concrete"', "3"), 'bodies[0 "wall"].material: text was expected, 3 came'),
+        (WALL.replace("concrete", "concrate"), ('bodies[0 "wall"].material: no material \'concrate\' in the '
+         "catalogue; did you mean concrete or")),
+        (WALL.replace('material = "concrete"', ""), "bodies[0 \"wall\"]: key 'material' is missing"),
+        (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
+        (WALL.replace('"wall"', '""'), 'bodies[0 ""].name: text that is not empty was expected, "" came'),
+        (WALL + WALL, "two bodies are named 'wall', every name once was expected"),
+        (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive was expected, not both or none'),
+        (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane takes size_m, size_m and radius_m came'),
+        (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
+        (WALL.replace('"plane"', '"cone"'), ("bodies[0 \"wall\"].primitive: 'plane', 'box', 'sphere' or 'cylinder' "
+         'was expected, "cone" came')),
+        (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: more than 0 was expected, 0 came"),
+        (WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n", ("air: one way to say it was expected, "
+         "transmittance and visibility_km came")),
+        (WALL + "[sun]\nilluminance_klux = -1\n", "sun.illuminance_klux: 0 or more was expected, -1 came"),
+        (WALL + "[sensor]\nname = 'none.toml'\n", "none.toml: no such file"),
+        (WALL + "[sensor]\nname = 'table2'\n", "no sensor 'table2' in the catalogue; did you mean table1-"),
+        (WALL + "[materials.x]\nreflectivity = 2\n", "materials.x.reflectivity: 1 or less was expected, 2 came"),
+        (WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
+         "materials.x.reflectivity[0].value: 1 or less was expected, 2 came"),
+        (WALL + "[materials.x]\nreflectivity = 0.1\nroughness = 0.1\n", ("materials.x: a diffuse material has no "
+         "roughness")),
+        (WALL + "[materials.x]\nreflectivity = 0.1\nbsdf = 'coated'\n", ("materials.x: a coated material needs "
+         "coat_ior and coat_roughness")),
+        (MESH.format("ok.obj") + 'materials = { roof = "brick" }\n', ('bodies[0 "thing"].materials: no sub-mesh '
+         "'roof' in ok.obj; it has ok.obj")),
+        (MESH.format("ok.obj").replace("material =", "class ="), ('bodies[0 "thing"]: no material for sub-mesh '
+         "'ok.obj' of ok.obj, which has no colour of its own")),
+        ('base = "none.xml"\n', "base: none.xml: no such file"),
+        (f'base = "{"long" * 99}.xml"\n', f"base: {'long' * 99}.xml: no such file"),
+        ('base = "ok.obj"\n', "base: ok.obj: a Mitsuba scene with a name in .xml was expected"),
+        (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials came without base"),
+    ],
+)  # fmt: skip
+def test_bad_scene(run: Run, tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "ok.obj").write_text(TRIANGLE)
+    line = refused_scene(run, tmp_path, text)
+    assert line.removeprefix("scene.toml: ").startswith(told)
+
+
+def test_several_mistakes_are_counted(run: Run, tmp_path: Path) -> None:
+    line = refused_scene(run, tmp_path, WALL + "scale = 0\n[sky]\ndiffuse_share = -1\n")
+    assert line.endswith("0 came (and 1 more)") or line.endswith("-1 came (and 1 more)")
+
+
+def test_text_that_is_not_utf_8(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b'\nname = "caf\xe9"\n')
+    assert (
+        refused(run, tmp_path, "render", "latin.toml", "-o", "o.ply")
+        == "latin.toml: not UTF-8 text (at line 2)"
+    )
+
+
+def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "folder.xml").mkdir()
+    for name, told in (
+        ("none.toml", "none.toml: no such file"),
+        ("none.xml", "none.xml: no such file"),
+        ("folder.toml", "folder.toml: is a folder, a TOML file was expected"),
+        ("folder.xml", "folder.xml: is a folder, a Mitsuba XML scene was expected"),
+    ):
+        assert refused(run, tmp_path, "render", name, "-o", "o.ply") == told
+
+
+def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
+    assert (
+        refused(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
+    )
+
+
+@pytest.mark.parametrize(
+    ("assignment", "told"),
+    [
+        ("laser.peak_power_w=-3", "laser.peak_power_w: more than 0 was expected, -3 came"),
+        ("laser.peak_power_w=big", 'laser.peak_power_w: a number was expected, "big" came'),
+        ("laser.peak_power_w=nan", "laser.peak_power_w: a finite number was expected, NaN came"),
+        ("laser.pek_power_w=3", "unknown key 'laser.pek_power_w'; known here: wavelength_nm, peak_power_w, "),
+        ("lasr.peak_power_w=3", "unknown key 'lasr'; known here: name, description, laser, optics, "),
+        ("laser=3", "laser: a table was expected, 3 came"),
+        ("scanner.azimuth_fov_deg=0", "scanner.azimuth_fov_deg: more than 0 was expected, 0 came"),
+        ("scanner.elevation_fov_deg=0.0", "scanner.elevation_fov_deg: more than 0 was expected, 0.0 came"),
+        (
+            "scanner.azimuth_step_deg=41",
+            "scanner: azimuth_step_deg = 41.0 is wider than azimuth_fov_deg = 40.0",
+        ),
+        ("scanner.azimuth_step_deg=1e-9", "pulses in a frame came, fewer than 2^31 were expected"),
+        ("scanner.type=spinning", "scanner.type: 'raster' was expected, \"spinning\" came"),
+        ("detector.type=ccd", "detector.type: one of 'apd', 'sipm' was expected, \"ccd\" came"),
+        ("detector.cells=3", "unknown key 'detector.cells'; known here: type, gain, "),
+        ("detector.gain=0.5", "detector.gain: 1 or more was expected, 0.5 came"),
+        (
+            "detector.ionisation_ratio=0.1",
+            "one of excess_noise_index and ionisation_ratio was expected, not both",
+        ),
+        (
+            "tdc.threshold_level=1",
+            "one of threshold_to_noise and threshold_level was expected, not both or none",
+        ),
+        ("tdc.threshold_to_noise=1e-30", "tdc.threshold_to_noise: 0.01 or more was expected, 1e-30 came"),
+        ("tdc.stops=1.5", "tdc.stops: a whole number was expected, 1.5 came"),
+        ("tdc.stops=0", "tdc.stops: 1 or more was expected, 0 came"),
+        ("mounting.position_m=[1, 2]", "mounting.position_m: a longer list was expected, [1, 2] came"),
+        ("mounting.position_m=[1, 2, 3, 4]", "mounting.position_m: a list of at most 3 was expected, "),
+    ],
+)
+def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, told: str) -> None:
+    line = refused(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
+    assert "table1-apd.toml --set " in line
+    assert f"--set {assignment}: " in line
+    assert told in line
+
+
+@pytest.mark.parametrize(
+    ("assignment", "told"),
+    [
+        ("detector.gain", "KEY=VALUE was expected, such as detector.gain=60"),
+        ("=60", "KEY=VALUE was expected, such as detector.gain=60"),
+        ("detector..gain=60", "KEY=VALUE was expected, such as detector.gain=60"),
+        ("laser.peak_power_w.x=1", "laser.peak_power_w is a value, not a table"),
+    ],
+)
+def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, told: str) -> None:
+    line = refused(run, tmp_path, "render", wall, "-o", "o.ply", "--set", assignment)
+    assert line == f"--set {assignment}: {told}"
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["--seed", "-1"], "argument --seed: a whole number from 0 to 4294967295 was expected, -1 came"),
+        (["--seed", "4294967296"], "a whole number from 0 to 4294967295 was expected, 4294967296 came"),
+        (["--seed", "1.5"], "a whole number from 0 to 4294967295 was expected, 1.5 came"),
+        (["--chunk", "0"], "argument --chunk: a whole number from 1 to 2147483647 was expected, 0 came"),
+        (["--chunk", "many"], "a whole number from 1 to 2147483647 was expected, many came"),
+        (["--pose", "1,2"], ("argument --pose: X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and degrees was "
+         "expected, 1,2 came")),
+        (["--pose", "1,2,3,4,5,6,7"], "and degrees was expected, 1,2,3,4,5,6,7 came"),
+        (["--pose", "nan,0,0"], "and degrees was expected, nan,0,0 came"),
+        (["--pose", "-inf,0,0"], "and degrees was expected, -inf,0,0 came"),
+        (["--pose", "1e300,0,0"], "and degrees was expected, 1e300,0,0 came"),
+        (["--pose", "a,b,c"], "and degrees was expected, a,b,c came"),
+        (["--pose", "1,,2"], "and degrees was expected, 1,,2 came"),
+        (["--pose", "--json"], "argument --pose: expected one argument"),
+        (["--frame", "car"], "argument --frame: invalid choice: 'car'"),
+        (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd or"),
+        (["--sensor", "none.toml"], "none.toml: no such file"),
+        (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has table1-apd"),
+        (["--sensor", "wall.toml"], "wall.toml: "),
+        (["--sensor", "./sensor"], "sensor: the name of a sensor file ends in .toml"),
+        (["--picture", "o.gif"], "--picture o.gif: a name that ends in .png or .svg was expected"),
+        (["--keep-missed", "o.csv"], "--keep-missed o.csv: a name that ends in .npz was expected"),
+        (["--sed", "1"], "unrecognized arguments: --sed 1"),
+    ],
+)  # fmt: skip
+def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], told: str) -> None:
+    (tmp_path / "sensor").write_text("")
+    assert told in refused(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["rendr"], "argument COMMAND: invalid choice: 'rendr'"),
+        (["render"], "the following arguments are required: SCENE, -o/--output; see lidarscene render -h"),
+        (["catalog", "lasers"], "argument kind: invalid choice: 'lasers'"),
+        (["catalog", "sensors", "table1"], "no sensor 'table1' in the catalogue; did you mean table1-"),
+        (["catalog", "materials", "xyzzy"], "no material 'xyzzy' in the catalogue; it has asphalt, "),
+        (
+            ["catalog", "materials", "../sensors/table1-apd"],
+            "no material '../sensors/table1-apd' in the catalogue",
+        ),
+        (["schema", "cloud"], "argument kind: invalid choice: 'cloud'"),
+    ],
+)
+def test_bad_command(run: Run, tmp_path: Path, argv: list[str], told: str) -> None:
+    assert refused(run, tmp_path, *argv).startswith(told)
+
+
+def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
+    argv = ("render", wall, "-o", "o.ply", *COARSE, "--set")
+    line = refused(run, tmp_path, *argv, "laser.wavelength_nm=2000")
+    assert line == "material 'concrete': no reflectivity at 2000 nm; its table reaches from 850 to 1550 nm"
+    assert run(*argv, "laser.wavelength_nm=1400").code == 0
+
+
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        ("wall.toml/o.ply", "is a file, not a folder"),
+        ("/proc/none/o.ply", "cannot be written: "),
+        (".", "a name that ends in .ply was expected"),
+        ("", "a name that ends in .ply was expected"),
+        ("folder.ply", "it is a folder, the name of a file was expected"),
+        ("o.pcd", "--output o.pcd: a name that ends in .ply was expected"),
+        ("wall.toml", "--output wall.toml: a name that ends in .ply was expected"),
+    ],
+)
+def test_output_that_cannot_be(
+    run: Run, tmp_path: Path, wall: str, monkeypatch: pytest.MonkeyPatch, output: str, told: str
+) -> None:
+    """It is told before anything is computed."""
+    (tmp_path / "folder.ply").mkdir()
+    monkeypatch.setattr("lidarscene.api.load_scene", lambda scene: pytest.fail("the scene was read"))
+    assert told in refused(run, tmp_path, "render", wall, "-o", output)
+
+
+def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "mesh.ply").write_bytes(
+        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    (tmp_path / "link.ply").symlink_to("mesh.ply")
+    content = (tmp_path / "mesh.ply").read_bytes()
+    (tmp_path / "base.xml").write_text(
+        "<scene version='3.0.0'><shape type='ply'><string name='filename' value='mesh.ply'/></shape></scene>"
+    )
+    (tmp_path / "scene.toml").write_text(MESH.format("mesh.ply"))
+    (tmp_path / "based.toml").write_text('base = "base.xml"\n')
+    for scene in ("scene.toml", "based.toml", "base.xml"):
+        for output in ("mesh.ply", "./mesh.ply", "link.ply"):
+            line = refused(run, tmp_path, "render", scene, "-o", output, *COARSE)
+            assert line == f"--output {Path(output)}: is an input of this run, another name was expected"
+    assert (tmp_path / "mesh.ply").read_bytes() == content
+
+
+def _full_disk(*_: Any, **__: Any) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(
+    ("target", "argv", "told", "kept"),
+    [
+        ("lidarscene.io.files._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
+        ("numpy.savez", ["--keep-missed", "new/m.npz"], "new/m.npz: cannot be written: No space left on device",
+         {"new", "new/o.ply"}),
+    ],
+)  # fmt: skip
+def test_full_disk(
+    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch,
+    target: str, argv: list[str], told: str, kept: set[str],
+) -> None:  # fmt: skip
+    """Nothing half written stays, not even a new folder; what was complete before does."""
+    before = files_in(tmp_path)
+    monkeypatch.setattr(target, _full_disk)
+    ran = run("render", wall, "-o", "new/o.ply", *COARSE, *argv)
+    assert (ran.code, ran.out, ran.err) == (2, "", f"lidarscene: error: {told}\n")
+    assert files_in(tmp_path) - before == kept
+
+
+def test_full_disk_behind_standard_output(run_python: Any) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full on this system")
+    code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"
+    code += "from lidarscene.cli import main; sys.exit(main(['catalog']))"
+    done = run_python(code)
+    assert done.returncode == 2
+    assert done.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
+
+
+def test_reader_that_has_gone_is_no_mistake(run_python: Any) -> None:
+    code = "import sys, os; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
+    code += "from lidarscene.cli import main; sys.exit(main(['catalog']))"
+    done = run_python(code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_interrupt_leaves_nothing(
+    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = files_in(tmp_path)
+    for target in ("lidarscene.simulate.Simulator.render", "lidarscene.io.files._sync"):
+        with monkeypatch.context() as patch:
+            patch.setattr(target, interrupted)
+            ran = run("render", wall, "-o", "new/o.ply", *COARSE)
+        assert (ran.code, ran.out, ran.err) == (130, "", "lidarscene: error: interrupted\n")
+        assert files_in(tmp_path) == before
+
+
+def test_memory_that_is_not_there(
+    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def too_much(*_: Any, **__: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(Simulator, "render", too_much)
+    ran = run("render", wall, "-o", "new/o.ply", *COARSE)
+    assert (ran.code, ran.err) == (1, "lidarscene: error: out of memory; a smaller --chunk needs less\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("hello", "a.xml: not valid XML: syntax error: line 1, column 0"),
+        (NOISE, "a.xml: not valid XML: "),
+        ("<?xml version='1.0' encoding='klingon'?><scene/>", "a.xml: not valid XML: "),
+        ("<page/>", "a.xml: not a Mitsuba scene: "),
+        ("<scene version='3.0.0'/>", "a.xml: the scene has no shapes"),
+        (XML.replace("sphere", "spher"), "a.xml: not a Mitsuba scene: failed to instantiate shape plugin"),
+        (XML.replace("'ball'>", "'ball'><float name='size' value='2'/>").replace("'ball'/>",
+         "'ball'><float name='size' value='2'/></shape>"), "a.xml: not a Mitsuba scene: Found 1 unreferenced"),
+        ("<scene version='3.0.0'><shape type='obj'><string name='filename' value='none.obj'/></shape></scene>",
+         'a.xml: not a Mitsuba scene: failed to instantiate shape plugin of type "obj"'),
+        ("<scene version='3.0.0'><include filename='none.xml'/></scene>", "none.xml: no such file"),
+        ("<scene version='3.0.0'><include filename='a.xml'/></scene>", "a.xml: files include each other"),
+        ("<scene version='3.0.0'><include filename='$part.xml'/></scene>", "a.xml: not a Mitsuba scene: "),
+        (("<scene version='3.0.0'><shape type='shapegroup' id='g'><shape type='sphere'/></shape>"
+         "<shape type='instance' id='one'><ref id='g'/></shape></scene>"),
+         "a.xml: shape 'one' is an instance; plain shapes were expected"),
+        ("<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
+         "a.xml: BSDF 'h' of shape 'one': cannot be used: "),
+    ],
+)  # fmt: skip
+def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, told: str) -> None:
+    (tmp_path / "a.xml").write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert refused(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("mapped", "told"),
+    [
+        ('gray = "brick"', "a.xml: base_materials: no BSDF with id 'gray'; it has grey"),
+        (
+            'grey = "brik"',
+            "scene.toml: base_materials.grey: no material 'brik' in the catalogue; did you mean brick",
+        ),
+    ],
+)
+def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, told: str) -> None:
+    (tmp_path / "a.xml").write_text(XML)
+    line = refused_scene(run, tmp_path, f'base = "a.xml"\n[base_materials]\n{mapped}\n')
+    assert line.startswith(told)

@@ -1,0 +1,360 @@
+"""The documentation tells the truth: links, names, keys, tables, commands and examples against the code.
+
+`PYTHONPATH=src python tests/docs/test_docs.py` writes the columns' table and the examples' outputs anew.
+"""
+
+import ast
+import contextlib
+import importlib
+import io
+import pkgutil
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any
+
+import pytest
+from pydantic_core import PydanticUndefined
+
+import lidarscene
+from lidarscene import cli, load_scene, load_sensor
+from lidarscene.cloud import COLUMNS
+from lidarscene.io.material_file import MaterialFile
+from lidarscene.io.scene_file import SceneFile
+from lidarscene.io.sensor_file import SensorFile
+from lidarscene.io.toml_file import FileModel
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = (README, *sorted((ROOT / "docs").glob("*.md")))
+CONVENTIONS, THEORY, ARCHITECTURE, VALIDATION = (
+    ROOT / "docs" / f"{name}.md" for name in ("conventions", "theory", "architecture", "validation")
+)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, and the text block that follows it as its output, if any."""
+
+    page: Path
+    number: int
+    code: str
+    output: str | None
+
+    def __str__(self) -> str:
+        return f"{self.page.name}-{self.number}"
+
+
+def blocks(page: Path, language: str) -> list[Block]:
+    pattern = rf"^```{language}\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?"
+    found = re.finditer(pattern, text_of(page), re.MULTILINE | re.DOTALL)
+    return [Block(page, i, match[1], match[2]) for i, match in enumerate(found)]
+
+
+def prose(page: Path) -> str:
+    """The page without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+
+
+def code_spans(page: Path) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", prose(page))
+
+
+# --- links ------------------------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", link):
+            continue
+        file, _, anchor = link.partition("#")
+        target = page.parent / file if file else page
+        assert target.exists(), link
+        if anchor:
+            assert anchor in anchors(target), link
+
+
+def test_readme_is_short_and_its_picture_small() -> None:
+    assert len(text_of(README).splitlines()) <= 200
+    assert (ROOT / "docs" / "images" / "car.png").stat().st_size < 400_000
+
+
+# --- examples ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to write in that looks like the repository's root."""
+    for name in ("scenes", "assets"):
+        (tmp_path / name).symlink_to(ROOT / name, target_is_directory=True)
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def printed(code: str) -> str:
+    """What a piece of code prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(compile(code, "<documentation>", "exec"), {"__name__": "documentation"})
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("block", [b for page in PAGES for b in blocks(page, "python")], ids=str)
+def test_python_blocks_run(block: Block, workplace: Path, request: pytest.FixtureRequest) -> None:
+    """And print what the page says they print."""
+    if re.search("render|Simulator", block.code):
+        request.getfixturevalue("mi")
+    output = printed(block.code)
+    if block.output is not None:
+        assert output == block.output
+
+
+def test_readme_files_can_be_read(workplace: Path) -> None:
+    """The scene and the sensor of the README, with a mesh that has the parts it names."""
+    import trimesh
+
+    van, panes = trimesh.creation.box((4000, 2000, 2000)), trimesh.creation.box((100, 1800, 800))
+    mesh = trimesh.Scene()
+    mesh.add_geometry(van, geom_name="body", node_name="body")
+    mesh.add_geometry(panes, geom_name="windows", node_name="windows")
+    mesh.export(workplace / "van.glb")
+    for block in blocks(README, "toml"):
+        name = re.match(r"# (\S+)\n", block.code)
+        assert name
+        (workplace / name[1]).write_text(block.code, encoding="utf-8")
+    scene = load_scene("van.toml")
+    assert [part.material for part in scene.bodies[0].parts] == ["car_paint_white", "clear_glass"]
+    assert load_sensor(scene.sensor_name).name == "my-sensor"
+
+
+def test_readme_names_the_columns() -> None:
+    told = [span for span in code_spans(README) if span.startswith(("x y z", "true_range"))]
+    assert " ".join(told).split() == [column.name for column in COLUMNS]
+
+
+def test_readme_summary(mi: Any, workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The lines of the excerpt, to a part in a hundred: back ends differ in last bits, scenes get better."""
+
+    def lines(text: str) -> list[tuple[str, list[int]]]:
+        rows = [line for line in text.splitlines() if not line.startswith(("seconds", "beams/", "wrote"))]
+        numbers = [[int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*", row)] for row in rows]
+        return [(re.sub(r"[\d,\s]+", " ", row), n) for row, n in zip(rows, numbers, strict=True)]
+
+    assert cli.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
+    excerpt = next(re.finditer(r"```text\n(beams .*?)```", text_of(README), re.DOTALL))[1]
+    came, told = lines(capsys.readouterr().out), lines(excerpt)
+    assert [words for words, _ in came] == [words for words, _ in told]
+    for (words, here), (_, there) in zip(came, told, strict=True):
+        assert here == pytest.approx(there, rel=0.01, abs=8), words
+
+
+# --- commands ---------------------------------------------------------------------------------------
+
+
+def commands() -> list[str]:
+    """Every `lidarscene ...` line of a shell block, and every code span with arguments."""
+    lines = [line for page in PAGES for block in blocks(page, "sh") for line in block.code.splitlines()]
+    lines += [span for page in PAGES for span in code_spans(page)]
+    kept = [re.split(" [#>] ", line.removeprefix(".venv/bin/"))[0].strip() for line in lines]
+    return sorted({line for line in kept if line.startswith("lidarscene ")})
+
+
+@pytest.mark.parametrize("command", commands())
+def test_commands_parse(command: str, workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And the cheap ones run."""
+    arguments = shlex.split(command)[1:]
+    if arguments[0] in ("catalog", "schema"):
+        assert cli.main(arguments) == 0
+        assert len(capsys.readouterr().out) > 100
+    elif "-o" in arguments or arguments[0] != "render":
+        assert cli._parser().parse_args(arguments).run
+
+
+def test_the_readme_renders_shipped_scenes() -> None:
+    named = {word for command in commands() for word in command.split() if word.startswith("scenes/")}
+    assert {"scenes/car.toml", "scenes/range.toml"} <= named
+    assert all((ROOT / name).is_file() for name in named)
+
+
+# --- names ------------------------------------------------------------------------------------------
+
+MODULES = {module.name for module in pkgutil.iter_modules(lidarscene.__path__)}
+DOTTED = re.compile(r"[a-z_]\w*(\.\w+)+")
+
+
+def dotted_names(page: Path) -> list[str]:
+    """Code spans that are names below lidarscene: `physics.tdc.crossing_level`, not `scene.toml`."""
+    spans = [span for span in code_spans(page) if DOTTED.fullmatch(span)]
+    files = (".py", ".toml", ".xml", ".ply")
+    return [span for span in spans if span.split(".")[0] in MODULES and not span.endswith(files)]
+
+
+def resolved(name: str) -> object:
+    """The module, class, function or attribute of this name below lidarscene."""
+    parts = name.split(".")
+    found: Any = lidarscene
+    for depth, part in enumerate(parts):
+        try:
+            found = importlib.import_module(".".join(["lidarscene", *parts[: depth + 1]]))
+        except ModuleNotFoundError:
+            found = getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_names_exist(page: Path) -> None:
+    for name in dotted_names(page):
+        resolved(name)
+
+
+def test_theory_names_the_formulas() -> None:
+    """Every public formula of the chain and the detectors has its place on the page."""
+    told = set(dotted_names(THEORY))
+    assert len(told) > 40
+    for module in ("radiometry", "sunlight", "tdc", "sipm"):
+        source = ast.parse(text_of(ROOT / "src" / "lidarscene" / "physics" / f"{module}.py"))
+        names = {f"physics.{module}.{node.name}" for node in source.body if isinstance(node, ast.FunctionDef)}
+        untold = {
+            # What needs no equation, or is only an inverse or an aside.
+            "physics.radiometry.time_of_flight_s", "physics.radiometry.time_of_flight_from_beat_s",
+            "physics.radiometry.photon_energy_j", "physics.radiometry.incidence_angle_rad",
+            "physics.radiometry.lambertian_intensity_w_sr", "physics.radiometry.aperture_solid_angle_sr",
+            "physics.radiometry.field_of_view_solid_angle_sr", "physics.tdc.noise_at_level",
+            "physics.sipm.photon_detection_efficiency", "physics.sipm.photons_for_share",
+            "physics.sipm.photons_for_share_published", "physics.sipm.dark_counts",
+            "physics.sipm.snr_approximate",
+        }  # fmt: skip
+        assert names - told <= untold
+
+
+def test_equations_are_numbered_in_order() -> None:
+    numbers = [int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(THEORY))]
+    assert numbers == list(range(1, len(numbers) + 1))
+    cited = {int(n) for page in PAGES for n in re.findall(r"\(T(\d+)\)", text_of(page))}
+    assert cited <= set(numbers)
+
+
+def test_named_tests_exist() -> None:
+    for page in PAGES:
+        for file, function in re.findall(r"`(tests/\w+/\w+\.py)(?:::(\w+))?`", text_of(page)):
+            assert (ROOT / file).is_file(), file
+            assert not function or f"def {function}(" in text_of(ROOT / file), f"{file}::{function}"
+
+
+def test_tiers_are_those_of_the_test() -> None:
+    source = ast.parse(text_of(ROOT / "tests" / "unit" / "test_imports.py"))
+    (tiers,) = [
+        ast.literal_eval(node.value)
+        for node in source.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "TIERS"
+    ]
+    shown = re.search(r"<!-- tiers -->\n```text\n(.*?)```", text_of(ARCHITECTURE), re.DOTALL)
+    assert shown
+    assert [tuple(line.split()) for line in shown[1].splitlines()] == list(tiers)
+
+
+def test_the_tree_names_every_module() -> None:
+    tree = next(b for b in re.findall(r"```text\n(.*?)```", text_of(ARCHITECTURE), re.DOTALL) if "src/" in b)
+    files = {path.name for path in (ROOT / "src" / "lidarscene").glob("*.py")} - {"__main__.py"}
+    folders = {f"{path.parent.name}/" for path in (ROOT / "src" / "lidarscene").glob("*/__init__.py")}
+    assert files | folders <= set(tree.split())
+
+
+# --- tables -----------------------------------------------------------------------------------------
+
+
+def columns_table() -> str:
+    rows = ["| name | dtype | unit | meaning | |", "|---|---|---|---|---|"]
+    for c in COLUMNS:
+        dtype = "float32 or float64" if c.attribute == "xyz_m" else c.dtype
+        rows.append(f"| `{c.name}` | {dtype} | {c.unit} | {c.meaning} | {'truth' if c.truth else ''} |")
+    return "\n".join(rows)
+
+
+def test_columns_are_up_to_date() -> None:
+    table = re.search(r"<!-- columns -->\n(.*?)\n\n", text_of(CONVENTIONS), re.DOTALL)
+    assert table
+    assert table[1] == columns_table(), "run: PYTHONPATH=src python tests/docs/test_docs.py"
+
+
+def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
+    """These file models and all models inside them, by name."""
+    found = {}
+    todo: list[Any] = list(roots)
+    while todo:
+        one = todo.pop()
+        if isinstance(one, type) and not isinstance(one, UnionType) and issubclass(one, FileModel):
+            if one.__name__ not in found:
+                found[one.__name__] = one
+                todo += [info.annotation for info in one.model_fields.values()]
+        else:
+            todo += getattr(one, "__args__", ())
+    return found
+
+
+MODELS = models(SceneFile, SensorFile, MaterialFile)
+
+
+def default_of(info: Any) -> str:
+    """A field's default as the page writes it."""
+    if info.is_required():
+        return "required"
+    value = info.default if info.default is not PydanticUndefined else info.default_factory()
+    if value is None:
+        return "-"
+    if isinstance(value, FileModel):
+        return "table"
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return f"`{list(value)}`" if isinstance(value, tuple) else f"`{value}`"
+
+
+def test_models_are_all_found() -> None:
+    assert {"BodyFile", "PoseFile", "ApdFile", "SipmFile", "ReflectivityRow", "AirFile"} <= set(MODELS)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_key_has_its_row(name: str) -> None:
+    """Key, default and some words for each field, in the model's order or another."""
+    pattern = rf"<!-- keys {name} -->\n\| key .*?\n\|---.*?\n(.*?)(?:\n\n|\Z)"
+    table = re.search(pattern, text_of(CONVENTIONS), re.DOTALL)
+    assert table, f"no table of {name} in {CONVENTIONS.name}"
+    rows = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in table[1].splitlines()]
+    told = {row[0].strip("`"): row[1] for row in rows}
+    expected = {info.alias or key: default_of(info) for key, info in MODELS[name].model_fields.items()}
+    assert told == expected
+
+
+# --- writing them anew ------------------------------------------------------------------------------
+
+
+def refresh() -> None:
+    """Write what is generated: the columns' table, and what the examples of the theory print."""
+    text = text_of(CONVENTIONS)
+    table = f"<!-- columns -->\n{columns_table()}\n\n"
+    pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
+    CONVENTIONS.write_text(re.sub(pattern, lambda _: table, text, flags=re.DOTALL), encoding="utf-8")
+    text = text_of(THEORY)
+    for block in blocks(THEORY, "python"):
+        if block.output is not None:
+            before = f"```python\n{block.code}```\n\n```text\n"
+            after = before + printed(block.code)
+            text = text.replace(f"{before}{block.output}```", f"{after}```")
+    THEORY.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    refresh()

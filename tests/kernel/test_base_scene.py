@@ -1,0 +1,182 @@
+"""Mitsuba XML scenes: names, materials, paths, and nothing left in Mitsuba afterwards."""
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import lidarscene
+from lidarscene import PointCloud, Pose, catalog
+from lidarscene.errors import InputError
+from lidarscene.kernel.base_scene import load_shapes
+
+COARSE = (
+    "scanner.azimuth_fov_deg=40", "scanner.azimuth_step_deg=1",
+    "scanner.elevation_fov_deg=20", "scanner.elevation_step_deg=1",
+)  # fmt: skip
+
+TRIANGLE = "v 0 0 -1\nv 0 0 1\nv 0 2 0\nv 0 -2 0\nf 1 3 2\nf 1 2 4\n"
+
+# A sphere on the left, a kite of two triangles in a folder in the middle, a rectangle on the right, all 10 m off.
+XML = """<?xml version="1.0" encoding="utf-8"?>
+<scene version="3.0.0">
+    <default name="folder" value="parts"/>
+    <integrator type="path"/>
+    <sensor type="perspective"/>
+    <emitter type="constant"/>
+    <bsdf type="twosided" id="grey"><bsdf type="diffuse"><rgb name="reflectance" value="0.25"/></bsdf></bsdf>
+    <bsdf type="twosided" id="paint"><bsdf type="plastic"/></bsdf>
+    <shape type="sphere" id="ball">
+        <point name="center" x="10" y="3" z="0"/>
+        <ref id="paint"/>
+    </shape>
+    <shape type="obj" id="kite">
+        <string name="filename" value="$folder/kite.obj"/>
+        <transform name="to_world"><translate x="10"/></transform>
+        <ref id="grey"/>
+    </shape>
+    <shape type="rectangle">
+        <transform name="to_world"><rotate y="1" angle="-90"/><translate x="10" y="-3"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>
+    </shape>
+</scene>
+"""
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Path:
+    (tmp_path / "xml" / "parts").mkdir(parents=True)
+    (tmp_path / "xml" / "parts" / "kite.obj").write_text(TRIANGLE)
+    (tmp_path / "xml" / "base.xml").write_text(XML)
+    return tmp_path / "xml" / "base.xml"
+
+
+def seen(cloud: PointCloud, name: str) -> np.ndarray:
+    """Which points are of this body."""
+    assert cloud.body is not None
+    return np.array(cloud.body_names)[cloud.body] == name
+
+
+def material_of(cloud: PointCloud, name: str) -> str:
+    assert cloud.material is not None
+    (index,) = set(cloud.material[seen(cloud, name)])
+    return cloud.material_names[index]
+
+
+def reflectivity_of(cloud: PointCloud, name: str) -> float:
+    assert cloud.reflectivity is not None
+    return float(np.unique(cloud.reflectivity[seen(cloud, name)])[0])
+
+
+def test_shapes_keep_their_names_and_bsdfs(mi: ModuleType, base: Path) -> None:
+    """Reference: the reflectances in the file."""
+    cloud = lidarscene.render(base, overrides=COARSE)
+    assert cloud.metadata["scene"] == "base"
+    assert set(cloud.body_names) == {"ball", "kite", "shape_2"}
+    for name, side in (("ball", 3), ("kite", 0), ("shape_2", -3)):
+        assert np.abs(cloud.xyz_m[seen(cloud, name), 1] - side).max() < 2.1
+    assert [material_of(cloud, name) for name in ("ball", "kite", "shape_2")] == ["paint", "grey", "bsdf"]
+    assert reflectivity_of(cloud, "kite") == pytest.approx(0.25)
+    assert reflectivity_of(cloud, "shape_2") == pytest.approx(0.75)
+
+
+def test_the_same_seen_from_elsewhere(mi: ModuleType, base: Path) -> None:
+    """The origin of a Mitsuba file stays where it is."""
+    cloud = lidarscene.render(base, pose=Pose.from_degrees(position_m=(4, 0, 0.5)), overrides=COARSE)
+    assert np.count_nonzero(seen(cloud, "kite")) > 50
+    assert np.abs(cloud.xyz_m[seen(cloud, "kite"), 0] - 10).max() < 0.5  # range noise
+
+
+def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(
+        'base = "xml/base.xml"\n[base_materials]\ngrey = "concrete"\npaint = "retroreflective_sheeting"\n'
+        '[[bodies]]\nname = "floor"\nclass = "road"\nprimitive = "plane"\nsize_m = [20, 20]\nmaterial = "asphalt"\n'
+        "position_m = [10, 0, -1.5]\n"
+    )
+    cloud = lidarscene.render(tmp_path / "scene.toml", overrides=COARSE)
+    assert set(cloud.body_names) == {"floor", "ball", "kite", "shape_2"}
+    assert set(cloud.class_names) == {"road", "unlabelled"}
+    for name, material in (("kite", "concrete"), ("ball", "retroreflective_sheeting"), ("floor", "asphalt")):
+        assert material_of(cloud, name) == material
+        expected = catalog.material(material).at(905e-9)["reflectivity"]
+        assert reflectivity_of(cloud, name) == pytest.approx(expected, rel=1e-6)
+    assert reflectivity_of(cloud, "shape_2") == pytest.approx(0.75)
+
+
+def test_a_mapped_bsdf_scatters_as_on_an_own_body(mi: ModuleType, base: Path, tmp_path: Path) -> None:
+    """Rationale: two roads to one wall. The rectangle of the file with a coated material against a plane of
+    ours at the same place. Tolerance: single precision.
+    """
+    clouds = []
+    base.write_text(
+        XML.replace('<bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>', '<ref id="grey"/>')
+    )
+    head = 'base = "xml/base.xml"\nbase_materials = { grey = "car_paint_red" }\n'
+    plane = (
+        'base = "xml/base.xml"\n[[bodies]]\nname = "shape_2"\nprimitive = "plane"\nsize_m = [2, 2]\n'
+        'material = "car_paint_red"\nposition_m = [9.999, -3, 0]\npitch_deg = 90\n'
+    )
+    for text in (head, plane):
+        (tmp_path / "scene.toml").write_text(text)
+        clouds.append(
+            lidarscene.render(tmp_path / "scene.toml", overrides=(*COARSE, "tdc.threshold_to_noise=3"))
+        )
+    theirs, ours = (cloud.snr[seen(cloud, "shape_2")] for cloud in clouds)
+    assert len(theirs) > 50
+    np.testing.assert_allclose(theirs, ours, rtol=1e-3)
+
+
+def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
+    """An included file's BSDF can be replaced, also where a parameter names the file."""
+    (base.parent / "parts" / "more.xml").write_text(
+        '<scene version="3.0.0"><bsdf type="diffuse" id="inner"/>'
+        '<shape type="sphere" id="extra"><ref id="inner"/></shape></scene>'
+    )
+    for name in ("parts/more.xml", "$folder/more.xml"):
+        base.write_text(XML.replace("</scene>", f'<include filename="{name}"/></scene>'))
+        materials = {"brick": catalog.material("brick").at(905e-9)}
+        shapes = {shape.name: shape for shape in load_shapes(base, {"inner": "brick"}, materials)}
+        assert set(shapes) == {"ball", "kite", "shape_2", "extra"}
+        assert shapes["extra"].material == "brick"
+        assert shapes["extra"].reflectivity == pytest.approx(materials["brick"]["reflectivity"])
+        assert shapes["kite"].faces == 2
+
+
+def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> None:
+    (kite,) = (
+        shape
+        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": catalog.material("chrome").at(905e-9)})
+        if shape.name == "kite"
+    )
+    assert kite.reflectivity == 0
+
+
+def test_a_bsdf_called_as_a_material_is_told_apart(mi: ModuleType, base: Path) -> None:
+    base.write_text(XML.replace('"paint"', '"brick"'))
+    materials = {"brick": catalog.material("brick").at(905e-9)}
+    shapes = {shape.name: shape for shape in load_shapes(base, {"grey": "brick"}, materials)}
+    assert (shapes["kite"].material, shapes["ball"].material) == ("brick", "brick of base.xml")
+
+
+def test_mitsuba_looks_in_no_folder_more_than_before(mi: ModuleType, base: Path) -> None:
+    before = str(mi.file_resolver())
+    for _ in range(2):
+        load_shapes(base, {}, {})
+    assert str(mi.file_resolver()) == before
+    (base.parent / "parts" / "kite.obj").unlink()
+    with pytest.raises(InputError):
+        load_shapes(base, {}, {})
+    assert str(mi.file_resolver()) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["dielectric", "thindielectric", "roughconductor", "roughplastic", "principled", "null"]
+)
+def test_any_bsdf_of_mitsuba_is_used_as_it_is(mi: ModuleType, base: Path, name: str) -> None:
+    base.write_text(XML.replace('<bsdf type="plastic"/>', '<bsdf type="diffuse"/>').replace(
+        '<bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>', f'<bsdf type="{name}" id="own"/>'
+    ))  # fmt: skip
+    cloud = lidarscene.render(base, overrides=(*COARSE, "tdc.threshold_to_noise=1"))
+    assert "own" in cloud.material_names
+    assert np.isfinite(cloud.intensity).all()

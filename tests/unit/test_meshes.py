@@ -1,0 +1,176 @@
+"""Meshes: every format, its pieces and transforms; primitives closed, outward and of exact size."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from lidarscene.errors import InputError
+from lidarscene.io import meshes
+from lidarscene.io.meshes import read_mesh
+
+PENTAGON = """ply
+format ascii 1.0
+element vertex 6
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0
+2 0 0
+2 1 0
+1 2 0
+0 1 0
+2 0 3
+5 0 1 2 3 4
+3 1 2 5
+"""
+HOUSE = """{mtl}
+v 0 0 0
+v 2 0 0
+v 2 2 0
+v 0 2 0
+v 0 0 1
+o walls
+usemtl dark brick
+f 1 2 3 4
+usemtl tile
+f 1 2 5
+o back
+usemtl dark brick
+f 2 3 5
+"""
+
+
+def area_m2(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def coloured_box(name: str, colour: list[float]) -> trimesh.Trimesh:
+    box = trimesh.creation.box(extents=(1, 2, 3))
+    material = trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=colour)
+    box.visual = trimesh.visual.TextureVisuals(material=material)
+    return box
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "glb", "off"])
+def test_a_box_in_every_format(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"box.{suffix}"
+    trimesh.creation.box(extents=(1, 2, 3)).export(path)
+    (piece,) = read_mesh(path)
+    assert piece.vertices_m.dtype == np.float64
+    np.testing.assert_allclose(piece.vertices_m.max(axis=0), [0.5, 1, 1.5])
+    assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(22)
+
+
+def test_polygons_become_triangles(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_text(PENTAGON)
+    (piece,) = read_mesh(tmp_path / "a.ply")
+    assert piece.faces.shape == (4, 3)
+    assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(3 + 1.5)
+    (tmp_path / "a.obj").write_text(
+        "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\nf -5 -4 -3 -1\n"
+    )
+    (piece,) = read_mesh(tmp_path / "a.obj")
+    assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(3 + 2)
+
+
+@pytest.mark.parametrize("mtl", ["", "mtllib none.mtl", "mtllib half.mtl"])
+def test_obj_groups_keep_their_material_names(tmp_path: Path, mtl: str) -> None:
+    """With no .mtl at all, with one that is not there, and with one that lacks a material."""
+    (tmp_path / "half.mtl").write_text("newmtl tile\nKd 0.6 0.3 0.0\n")
+    (tmp_path / "a.obj").write_text(HOUSE.format(mtl=mtl))
+    pieces = {piece.keys[0]: piece for piece in read_mesh(tmp_path / "a.obj")}
+    assert set(pieces) == {"dark brick", "tile"}
+    assert area_m2(pieces["dark brick"].vertices_m, pieces["dark brick"].faces) == pytest.approx(4 + 5**0.5)
+    assert area_m2(pieces["tile"].vertices_m, pieces["tile"].faces) == pytest.approx(1)
+    assert pieces["dark brick"].grey is None
+    assert pieces["tile"].grey == (pytest.approx(0.3, abs=0.002) if "half" in mtl else None)
+
+
+def two_boxes() -> trimesh.Scene:
+    """One geometry in two nodes, the second in the frame of the first."""
+    scene = trimesh.Scene()
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
+    turn[:3, 3] = [10, 0, 0]
+    scene.add_geometry(
+        coloured_box("paint", [0.2, 0.4, 0.6, 1.0]), node_name="a", geom_name="box", transform=turn
+    )
+    shift = trimesh.transformations.translation_matrix([5, 0, 0])
+    scene.graph.update(frame_to="b", frame_from="a", matrix=shift, geometry="box")
+    return scene
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_nodes_of_gltf_are_placed(tmp_path: Path, suffix: str) -> None:
+    two_boxes().export(tmp_path / f"a.{suffix}")
+    pieces = {piece.keys[-1]: piece for piece in read_mesh(tmp_path / f"a.{suffix}")}
+    assert set(pieces) == {"a", "b"}
+    for name, centre in (("a", [10, 0, 0]), ("b", [10, 5, 0])):
+        vertices = pieces[name].vertices_m
+        np.testing.assert_allclose((vertices.max(axis=0) + vertices.min(axis=0)) / 2, centre, atol=1e-6)
+        np.testing.assert_allclose(np.ptp(vertices, axis=0), [2, 1, 3], atol=1e-6)
+        assert pieces[name].keys == ("paint", "box", name)
+        assert pieces[name].grey == pytest.approx(0.4, abs=0.002)
+
+
+def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
+    """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
+    (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
+    (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
+    done = run_python(f"from lidarscene.io.meshes import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:
+    two_boxes().export(tmp_path / "a.gltf")
+    for buffer in tmp_path.glob("*.bin"):
+        buffer.unlink()
+    assert json.loads((tmp_path / "a.gltf").read_text())["buffers"]
+    with pytest.raises(InputError, match=r"a\.gltf: cannot be read as a mesh: "):
+        read_mesh(tmp_path / "a.gltf")
+
+
+SOLIDS = {
+    "box": (meshes.box_mesh(size_m=(1.0, 2.0, 3.0)), (1, 2, 3), 6.0),
+    "long box": (meshes.box_mesh(size_m=(50.0, 0.3, 33.3)), (50, 0.3, 33.3), 50 * 0.3 * 33.3),
+    "cylinder": (meshes.cylinder_mesh(radius_m=0.5, height_m=2.0), (1, 1, 2), np.pi / 2),
+    "tall cylinder": (meshes.cylinder_mesh(radius_m=2.0, height_m=40.0), (4, 4, 40), np.pi * 160),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_solids_are_closed_outward_and_of_exact_size(name: str) -> None:
+    """Volume: exact for boxes; a cylinder's 64 flats enclose sin(2 pi / 64) / (2 pi / 64) of the circle."""
+    (vertices, faces), size_m, volume_m3 = SOLIDS[name]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    step = 2 * np.pi / 64
+    expected = volume_m3 * (np.sin(step) / step if "cylinder" in name else 1.0)
+    assert mesh.volume == pytest.approx(expected, rel=1e-12)
+    np.testing.assert_allclose(mesh.bounds, np.array([[-0.5], [0.5]]) * size_m, rtol=1e-15)
+    assert mesh.area_faces.min() > 0
+
+
+@pytest.mark.parametrize("size_m", [(1.0, 2.0), (100.0, 7.0)])
+def test_plane_faces_up(size_m: tuple[float, float]) -> None:
+    vertices, faces = meshes.plane_mesh(size_m=size_m)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    np.testing.assert_allclose(mesh.face_normals, np.tile([0.0, 0.0, 1.0], (len(faces), 1)), atol=1e-15)
+    np.testing.assert_allclose(
+        mesh.bounds, [[-size_m[0] / 2, -size_m[1] / 2, 0], [size_m[0] / 2, size_m[1] / 2, 0]]
+    )
+    assert mesh.area == pytest.approx(size_m[0] * size_m[1])
+
+
+def test_large_primitives_are_cut_but_not_without_end() -> None:
+    vertices, faces = meshes.plane_mesh(size_m=(100.0, 7.0))
+    assert np.ptp(vertices[faces], axis=1).max() <= meshes.LARGEST_EDGE_M
+    assert len(meshes.plane_mesh(size_m=(1e6, 1.0))[1]) == 2 * meshes.MOST_CUTS
