@@ -39,7 +39,7 @@ def facing(*, range_m, theta_deg=0.0, size_m=None, at=(0.0, 0.0, 0.0), material=
     vertices, faces = plane_mesh(size_m=(size, size))
     # The plane's normal is +z; pitching by -90 degrees turns it to -x, towards the sensor.
     turn = Pose.from_degrees(yaw_deg=theta_deg) @ Pose.from_degrees(pitch_deg=90.0)
-    place = Pose(position_m=np.array(at) + [range_m, 0.0, 0.0], rotation=turn.rotation)
+    place = Pose(position_m=np.add(at, (range_m, 0.0, 0.0)), rotation=turn.rotation)
     return Body(
         name="plane", class_name="plane", pose=place,
         parts=(Part(vertices_m=vertices, faces=faces, material=material),),

@@ -1,5 +1,6 @@
 """Make the pictures of the documentation again: `python docs/images/make.py`, from the repository's root."""
 
+import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -14,10 +15,12 @@ WIDTH, COLOURS = 1200, 256
 
 def main() -> None:
     """Render the car scene and store its picture small enough for a repository."""
-    cloud = lidarscene.render(HERE.parents[1] / "scenes" / "car.toml")
+    scene = lidarscene.load_scene(HERE.parents[1] / "scenes" / "car.toml")
+    cloud = lidarscene.render(scene)
+    view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "car.png"
-        frame_picture(cloud, path)
+        frame_picture(cloud, path, **view)
         picture = Image.open(path).convert("RGB")
     size = (WIDTH, round(WIDTH * picture.height / picture.width))
     small = picture.resize(size, Image.Resampling.LANCZOS).quantize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import sys
@@ -153,7 +154,10 @@ def _render(arguments: argparse.Namespace) -> int:
     if arguments.picture is not None:
         from .plots import frame_picture
 
-        frame_picture(cloud, arguments.picture)
+        # The scene's view belongs to the scene's own sensor, in the world.
+        own = scene.view if arguments.pose is None and arguments.frame == "world" else None
+        view = dataclasses.asdict(own) if own else {}
+        frame_picture(cloud, arguments.picture, **view)
         summary.spent("picture", since)
     _print_summary(arguments, summary)
     return 0

@@ -61,14 +61,16 @@ class Material:
 
         Raises InputError where the table does not reach the wavelength.
         """
-        if not self.reflectivity.covers(wavelength_m):
-            low, high = self.reflectivity.wavelength_m[0], self.reflectivity.wavelength_m[-1]
+        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf}
+        for key, value in {"reflectivity": self.reflectivity, **self.parameters}.items():
+            values[key] = self._at(key, value, wavelength_m) if isinstance(value, Spectrum) else value
+        return values
+
+    def _at(self, key: str, spectrum: Spectrum, wavelength_m: float) -> float:
+        if not spectrum.covers(wavelength_m):
+            low, high = spectrum.wavelength_m[0], spectrum.wavelength_m[-1]
             raise InputError(
-                f"material '{self.name}': no reflectivity at {wavelength_m * 1e9:.0f} nm; "
+                f"material '{self.name}': no {key} at {wavelength_m * 1e9:.0f} nm; "
                 f"its table reaches from {low * 1e9:.0f} to {high * 1e9:.0f} nm"
             )
-        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf}
-        values["reflectivity"] = self.reflectivity.at(wavelength_m)
-        for key, value in self.parameters.items():
-            values[key] = value.at(wavelength_m) if isinstance(value, Spectrum) else value
-        return values
+        return spectrum.at(wavelength_m)

@@ -72,7 +72,9 @@ def test_a_coat_that_cannot_let_so_much_out_is_an_error(mi):
     from lidarscene.errors import InputError
 
     values = {"name": "m", "bsdf": "coated", "coat_ior": 1.5, "coat_roughness": 0.5, "reflectivity": 0.85}
-    with pytest.raises(InputError, match="'m': reflectivity 0.85 came, but a coat .* lets out 0.512 at most"):
+    with pytest.raises(
+        InputError, match=r"'m': reflectivity 0.85 came, but a coat .* lets out 0.512 at most"
+    ):
         bsdfs.bsdf_dict(values)
 
 
@@ -97,7 +99,8 @@ RETRO = {
 
 def coefficient(mi, *, observation_deg, entrance_deg, across=False):
     """R_A [cd/lx/m2] by its definition: the radiance over the illuminance of a plane across the beam, times
-    the cosine that turns radiance into intensity per area of sheet."""
+    the cosine that turns radiance into intensity per area of sheet.
+    """
     incoming = tilted(entrance_deg)
     turn = math.radians(observation_deg)
     side = np.array([0.0, 1.0, 0.0]) if across else np.cross([0.0, 1.0, 0.0], incoming)

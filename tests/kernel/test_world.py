@@ -144,3 +144,23 @@ def test_mounting_and_pose_compose():
     # The car's left is -x: the sensor stands at x = -2, and the wall's plane at x = -30.
     np.testing.assert_allclose(cloud.true_range_m, 28.0, rtol=1e-5)
     assert cloud.metadata["sensor_position_m"].split()[0].startswith("-2.0")
+
+
+@pytest.mark.parametrize("step_deg", [2.0, 0.1])
+def test_no_ray_passes_between_two_triangles(step_deg):
+    """Rays that meet the shared edges of a closed mesh exactly (here all those at azimuth 0) stop there."""
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    part = Part(vertices_m=mesh.vertices, faces=mesh.faces, material="grey")
+    body = Body(
+        name="ball", class_name="ball", parts=(part,), pose=Pose.from_degrees(position_m=(12.0, 0.0, 0.0))
+    )
+    steps = [
+        f"scanner.{axis}_{what}"
+        for axis in ("azimuth", "elevation")
+        for what in (f"step_deg={step_deg}", "fov_deg=20")
+    ]
+    hits = chain.run(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
+    assert hits.found.sum() > 50
+    assert (hits.range_m[hits.found] < 12.0).all()

@@ -65,7 +65,8 @@ def test_slope_formula(range_m, tnr):
 def test_moments_at_the_papers_threshold(range_m):
     """At TNR 5 the level itself moves by 20 % and more, so the edge's curvature counts: the straight-line
     formula is 7 % short. The model's own integral over z is the reference, 2 % the tolerance of check 4
-    (sampling leaves 0.15 % of the deviation)."""
+    (sampling leaves 0.15 % of the deviation).
+    """
     sensor, error = range_errors(range_m, "tdc.walk='raw'")
     point, level, peak = working_point(sensor, range_m)
 

@@ -51,7 +51,7 @@ def test_tilted_plane(range_m, place):
 def test_sphere(range_m, place):
     radius, distance = 0.05 * range_m, 1.05 * range_m
     measured, direction, found = traced(
-        chain.ball(at=np.array(place) + [distance, 0, 0], radius_m=radius), place
+        chain.ball(at=np.add(place, (distance, 0.0, 0.0)), radius_m=radius), place
     )
     along = direction[:, 0] * distance
     inside = along**2 - distance**2 + radius**2

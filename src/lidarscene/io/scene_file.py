@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..materials import Material, Spectrum
-from ..scene import Ball, Body, Part, Scene, Sky, Sun
+from ..scene import Ball, Body, Part, Scene, Sky, Sun, View
 from . import meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
@@ -82,6 +82,7 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         air=file.air.build(),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
+        view=View(**file.picture.model_dump()) if file.picture else None,
         base=_xml(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )

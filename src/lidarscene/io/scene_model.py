@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ..scene import Air
 from .material_file import MaterialFile
-from .sensor_file import PoseFile
+from .sensor_file import PoseFile, Vector
 from .toml_file import FileModel
 
 Positive = Annotated[float, Field(gt=0)]
@@ -63,6 +63,20 @@ class SceneSensorFile(PoseFile):
     """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
 
     name: Name = "table1-apd"
+
+
+class PictureFile(FileModel):
+    """[picture]: where pictures of the scene are taken from; chosen by what is near the sensor without."""
+
+    eye_m: Vector
+    target_m: Vector
+    fov_deg: Annotated[float, Field(gt=0, lt=180, description="across")] = 60.0
+
+    @model_validator(mode="after")
+    def _not_from_above(self) -> PictureFile:
+        if self.eye_m[:2] == self.target_m[:2]:
+            raise ValueError("eye_m and target_m one above the other: which way is up cannot be told")
+        return self
 
 
 # What gives the size of each shape; a mesh has its own.
@@ -125,6 +139,7 @@ class SceneFile(FileModel):
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
     sensor: SceneSensorFile = SceneSensorFile()
+    picture: PictureFile | None = None
     materials: dict[str, MaterialFile] = Field(default_factory=dict)
     bodies: tuple[BodyFile, ...] = ()
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError
 from .backend import mitsuba
-from .bsdfs import bsdf_dict
+from .bsdfs import bsdf_dict, diffuse_share
 
 Element = ElementTree.Element
 
@@ -65,7 +65,7 @@ def _found(
         name=name,
         faces=shape.primitive_count(),
         material=material,
-        reflectivity=_diffuse_share(materials[material]) if is_ours else None,
+        reflectivity=diffuse_share(materials[material]) if is_ours else None,
     )
 
 
@@ -80,11 +80,6 @@ def _require_answer(bsdf: Any, where: str) -> None:
         bsdf.eval_diffuse_reflectance(surface)
     except Exception as error:
         raise InputError(f"{where}: cannot be used: {' '.join(str(error).split())}") from None
-
-
-def _diffuse_share(values: Mapping[str, Any]) -> float:
-    """What of the sky's light a surface returns evenly, as for the scene file's own bodies."""
-    return 0.0 if values["bsdf"] in ("conductor", "glass") else float(values["reflectivity"])
 
 
 def _plain(identity: str, fallback: str) -> str:

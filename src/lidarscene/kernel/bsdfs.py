@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,11 @@ _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
     """A Mitsuba dictionary from `Material.at`: reflectivity and parameters at the laser's wavelength."""
     return _BUILDERS[values["bsdf"]](values)
+
+
+def diffuse_share(values: Mapping[str, Any]) -> float:
+    """What of the sky's light a surface returns evenly: metal and glass mirror it instead."""
+    return 0.0 if values["bsdf"] in ("conductor", "glass") else float(values["reflectivity"])
 
 
 def _two_sided(inner: dict[str, Any]) -> dict[str, Any]:
