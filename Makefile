@@ -11,7 +11,8 @@ SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact -
 
 car: $(READY)
 	@mkdir -p out
-	$(BIN)/lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png
+	$(BIN)/lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png \
+	    --set scanner.azimuth_step_deg=0.1 --set scanner.elevation_step_deg=0.1
 
 test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)

@@ -16,7 +16,8 @@ WIDTH, COLOURS = 1200, 256
 def main() -> None:
     """Render the car scene and store its picture small enough for a repository."""
     scene = lidarscene.load_scene(HERE.parents[1] / "scenes" / "car.toml")
-    cloud = lidarscene.render(scene)
+    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]  # as `make car`
+    cloud = lidarscene.render(scene, overrides=finer)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "car.png"

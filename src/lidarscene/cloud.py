@@ -53,7 +53,7 @@ COLUMNS = (
     Column("status", "status", "uint8", "1", "0 echo, 1 false alarm"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
-    Column("reflectivity", "reflectivity", "float32", "1", "reflectivity of the surface", True),
+    Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
     Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
     Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
     Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
@@ -223,32 +223,42 @@ class PointCloud:
 
 
 class CloudBuilder:
-    """Gathers a cloud chunk by chunk, and never holds more than its points and one column twice."""
+    """Gathers a cloud chunk by chunk, each column in one array from the start.
 
-    def __init__(self) -> None:
-        self._chunks: dict[str, list[Array]] = {}
+    capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
+              without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
+              double the peak: the allocator keeps the holes they leave.
+    """
+
+    def __init__(self, *, capacity: int = 0) -> None:
+        self._columns: dict[str, Array] = {}
+        self._capacity, self._points = capacity, 0
 
     def append(self, columns: Mapping[str, Any]) -> None:
         """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH."""
-        expected = self._chunks or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
+        expected = self._columns or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
         if set(columns) != set(expected):
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
         n = len(columns["xyz_m"])
-        for a, chunk in [(a, _checked(a, columns[a], n)) for a in expected]:
-            self._chunks.setdefault(a, []).append(chunk)
+        end = self._points + n
+        for a, values in [(a, _checked(a, columns[a], n)) for a in expected]:
+            if a not in self._columns:
+                self._columns[a] = np.zeros((max(self._capacity, n), *values.shape[1:]), values.dtype)
+            elif len(self._columns[a]) < end:
+                self._columns[a].resize((max(end, end * 5 // 4), *values.shape[1:]), refcheck=False)
+            self._columns[a][self._points : end] = values
+        self._points = end
 
     def build(self, **description: Any) -> PointCloud:
         """The cloud of everything appended, with body_names, class_names, material_names and metadata.
 
         The builder is empty afterwards. Nothing appended: a cloud of no points, with truth.
         """
-        columns: dict[str, Any] = {}
-        if not self._chunks:
+        columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
+        if not columns:
             columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
-        for attribute in list(self._chunks):
-            chunks = self._chunks.pop(attribute)
-            columns[attribute] = chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
+        self._columns, self._points = {}, 0
         return PointCloud(**columns, **description)
 
 

@@ -123,10 +123,11 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
 def _edge(
     echoes: Echoes, sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
 ) -> _Edge:
-    """Noise on the edge: one deviate decides detection, time and amplitude alike."""
+    """Noise on the edge: one deviate decides detection and time; the peak's own joins it for the amplitude."""
     ops = xp(echoes.range_m)
     fwhm = sensor.laser.pulse_fwhm_s
-    deviate, _ = noise.normal_pair(noise.words(seed=seed, stage=noise.STAGE_EDGE_NOISE, pulse=pulse))
+    words = noise.words(seed=seed, stage=noise.STAGE_EDGE_NOISE, pulse=pulse)
+    deviate, of_peak = noise.normal_pair(words)
     signal = point.signal(echoes.peak_power_w)
     own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **own_noise)
@@ -139,8 +140,12 @@ def _edge(
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
     share = ops.where(found & (level < signal), point.power_w(level) / power, 1.0)
-    crossing = arrival + pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
-    amplitude = ops.maximum(signal + deviate * sigma, threshold)
+    early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
+    crossing = arrival + early
+    # What shifted the edge is still in the peak if that comes within the noise's memory.
+    kept = tdc.noise_correlation(lag_s=early, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    peak_noise = kept * deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * of_peak
+    amplitude = ops.maximum(signal + peak_noise * sigma, threshold)
     walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)
     return _Edge(
         found=found,

@@ -12,10 +12,10 @@ import numpy as np
 from . import beams, echoes, returns
 from .cloud import CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient, Echoes
+from .echoes import Ambient
 from .geometry import Pose
 from .hits import Hits
-from .kernel import device
+from .kernel import collect, device
 from .kernel.trace import trace
 from .kernel.world import World, build_world
 from .physics import sunlight
@@ -28,7 +28,8 @@ Matrix = np.ndarray[Any, Any]
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
-FRAMES = ("world", "sensor")
+LARGEST_FLOAT32_M = 1000.0
+"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 
 @dataclass(slots=True)
@@ -55,22 +56,21 @@ class Summary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Chunk:
-    """What leaves the device for some pulses."""
+    """Some pulses after all stages, on the device."""
 
     first: int
-    offset_m: tuple[Any, Any, Any]
+    pulse: Any
     hits: Hits
-    light: Echoes
     detection: Detection
 
     def arrays(self) -> list[Any]:
-        """Everything that numpy will read."""
+        """Everything that is still needed once the stages are done."""
         hits, detection = self.hits, self.detection
-        kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-        kept += [detection.snr, detection.detection_probability, detection.outcome, *self.offset_m]
+        needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+        needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
         for stop in detection.stops:
-            kept += [stop.reported, stop.status, stop.range_m, stop.amplitude]
-        return kept
+            needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
+        return needed
 
 
 class Simulator:
@@ -119,19 +119,22 @@ class Simulator:
         """
         place = self.pose if pose is None else pose @ self.sensor.mounting
         summary = Summary() if summary is None else summary
-        builder = CloudBuilder()
-        for part in self._chunks(place, seed=seed, chunk=chunk, summary=summary):
+        pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
+        builder = CloudBuilder(capacity=pulses * stops)
+        for first, columns, outcome in self._chunks(
+            place, seed=seed, chunk=chunk, frame=frame, summary=summary
+        ):
             since = time.perf_counter()
-            builder.append(self._columns(part, place, frame, summary))
-            outcome = part.detection.outcome.numpy()
+            if columns is not None:
+                builder.append(columns)
             summary.beams += len(outcome)
             summary.outcomes += np.bincount(outcome, minlength=len(Outcome))
             if missed is not None:
                 lost = np.flatnonzero(outcome)
-                missed((lost + part.first).astype(np.uint32), outcome[lost].astype(np.uint8))
+                missed((lost + first).astype(np.uint32), outcome[lost].astype(np.uint8))
             if progress is not None:
                 progress(summary.beams)
-            summary.spent("collect", since)
+            summary.spent("assemble", since)
         since = time.perf_counter()
         cloud = builder.build(
             body_names=self.world.body_names,
@@ -144,30 +147,37 @@ class Simulator:
         summary.spent("assemble", since)
         return cloud
 
-    def _chunks(self, place: Pose, *, seed: int, chunk: int, summary: Summary) -> Iterator[_Chunk]:
-        """Chunks in order. The next one is written down (Python) while the device works on this one."""
+    def _chunks(
+        self, place: Pose, *, seed: int, chunk: int, frame: str, summary: Summary
+    ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
+        """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
+
+        The device is given the next chunk before this one is handed out: it works while numpy copies.
+        """
         total = self.sensor.scanner.pulses
         seed_word = device.opaque_uint32(seed)
-        origin = device.opaque(tuple(float(x) for x in place.position_m - self.world.centre_m))
-        rotation = device.opaque(tuple(float(x) for x in place.rotation.ravel()))
-        pending: _Chunk | None = None
-        for first in range(0, total, chunk):
+        origin = device.opaque(_numbers(place.position_m - self.world.centre_m))
+        rotation = device.opaque(_numbers(place.rotation))
+
+        def started(first: int) -> _Chunk:
             since = time.perf_counter()
-            count = min(chunk, total - first)
-            pulse = device.counter(first, count)
+            pulse = device.counter(first, min(chunk, total - first))
             part = self._chain(first, pulse, seed_word, origin, rotation)
-            since = summary.spent("record", since)
-            device.wait()
-            summary.spent("trace", since)
             device.start(part.arrays())
-            if pending is not None:
-                yield pending
-            pending = part
-        since = time.perf_counter()
-        device.wait()
-        summary.spent("trace", since)
-        if pending is not None:
-            yield pending
+            summary.spent("record", since)
+            return part
+
+        part = started(0)
+        for following in [*range(chunk, total, chunk), None]:
+            since = time.perf_counter()
+            device.wait()
+            since = summary.spent("trace", since)
+            columns, outcome = self._columns(part, place, frame), part.detection.outcome.numpy()
+            summary.spent("collect", since)
+            done = part.first
+            if following is not None:
+                part = started(following)
+            yield done, columns, outcome
 
     def _chain(self, first: int, pulse: Any, seed: Any, origin: Any, rotation: Any) -> _Chunk:
         """Beams, hits, echoes, returns of these pulses, on the device."""
@@ -175,58 +185,36 @@ class Simulator:
         hits = trace(self.world, rays, sun=self._device_sun)
         light = echoes.receive(rays, hits, self._device_sensor, self._device_ambient)
         detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)
-        x, y, z = rays.direction
-        return _Chunk(first, (x, y, z), hits, light, detection)
+        return _Chunk(first, pulse, hits, detection)
 
-    def _columns(self, part: _Chunk, place: Pose, frame: str, summary: Summary) -> dict[str, Any]:
-        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return."""
-        stops = part.detection.stops
-        reported = np.stack([stop.reported.numpy() for stop in stops], axis=1)
-        lane, stop = np.nonzero(reported)
-        lane = lane.astype(np.int64)
+    def _columns(self, part: _Chunk, place: Pose, frame: str) -> dict[str, Any] | None:
+        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none.
 
-        def of_stop(name: str) -> Matrix:
-            values = [getattr(one, name).numpy() for one in stops]
-            return values[0][lane] if len(values) == 1 else np.stack(values, axis=1)[lane, stop]
-
-        hits, world = part.hits, self.world
-        range_m = of_stop("range_m")
-        face = hits.face.numpy()[lane]
-        known = face >= 0
-        safe = np.maximum(face, 0)
-        body = np.where(known, world.face_body[safe], -1)
-        pulse = lane + part.first
-        azimuth, elevation = self.sensor.scanner.angles(pulse.astype(np.uint32))
-        return {
-            "xyz_m": self._points(part, lane, range_m, place, frame),
-            "range_m": range_m,
-            "intensity": of_stop("amplitude"),
-            "snr": part.detection.snr.numpy()[lane],
-            "detection_probability": part.detection.detection_probability.numpy()[lane],
-            "time_s": beams.firing_time_s(self.sensor, pulse),
-            "channel": self.sensor.scanner.channel(pulse.astype(np.uint32)),
-            "azimuth_rad": azimuth,
-            "elevation_rad": elevation,
-            "return_number": (stop + 1).astype(np.uint8),
-            "status": of_stop("status").astype(np.uint8),
-            "true_range_m": np.where(known, hits.range_m.numpy()[lane], np.float32(np.inf)),
-            "incidence_angle_rad": np.arccos(hits.cos_incidence.numpy()[lane]),
-            "reflectivity": hits.reflectivity.numpy()[lane],
-            "sun_angle_rad": np.arccos(np.clip(hits.cos_sun.numpy()[lane], -1.0, 1.0)),
-            "in_shadow": (known & ~hits.lit.numpy()[lane]).astype(np.uint8),
-            "body": body,
-            "class_id": np.where(known, world.body_class[np.maximum(body, 0)], -1),
-            "material": np.where(known, world.face_material[safe], -1),
-        }
-
-    def _points(self, part: _Chunk, lane: Matrix, range_m: Matrix, place: Pose, frame: str) -> Matrix:
-        """(n, 3) positions; float32 as long as that is good to 0.1 mm, else float64."""
-        offset = np.stack([axis.numpy()[lane] * range_m for axis in part.offset_m], axis=1)
-        if frame == "sensor":
-            return np.asarray(offset @ place.rotation.astype(np.float32))
-        if np.abs(place.position_m).max() < 1000.0:
-            return np.asarray(offset + place.position_m.astype(np.float32))
-        return np.asarray(offset + place.position_m)
+        Positions are float32 as long as that is good to 0.1 mm; farther out the place is added in float64.
+        """
+        lanes = collect.kept_lanes(part.detection)
+        if lanes is None:
+            return None
+        near = np.abs(place.position_m).max() < LARGEST_FLOAT32_M
+        in_world = frame == "world"
+        on_device = collect.columns(
+            world=self.world,
+            sensor=self._device_sensor,
+            pulse=part.pulse,
+            hits=part.hits,
+            detection=part.detection,
+            lanes=lanes,
+            turn=device.opaque(_numbers(place.rotation if in_world else np.eye(3))),
+            shift=device.opaque(_numbers(place.position_m if in_world and near else np.zeros(3))),
+        )
+        device.start(list(on_device.values()))
+        device.wait()
+        columns = {name: array.numpy() for name, array in on_device.items()}
+        columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
+        if in_world and not near:
+            columns["xyz_m"] = columns["xyz_m"] + place.position_m
+        columns["time_s"] = beams.firing_time_s(self.sensor, columns["time_s"])
+        return columns
 
     def _metadata(self, place: Pose, seed: int, frame: str) -> dict[str, str]:
         from . import __version__
@@ -243,6 +231,10 @@ class Simulator:
         if frame == "world":
             metadata["sensor_position_m"] = " ".join(repr(float(x)) for x in place.position_m)
         return metadata
+
+
+def _numbers(values: Matrix) -> tuple[float, ...]:
+    return tuple(float(x) for x in values.ravel())
 
 
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:

@@ -63,9 +63,10 @@ def test_slope_formula(range_m, tnr):
 
 @pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0, 100.0, 140.0])
 def test_moments_at_the_papers_threshold(range_m):
-    """At TNR 5 the level itself moves by 20 % and more, so the edge's curvature counts: the straight-line
-    formula is 7 % short. The model's own integral over z is the reference, 2 % the tolerance of check 4
-    (sampling leaves 0.15 % of the deviation).
+    """At TNR 5 the level itself moves by 25 %, so the edge's curvature counts.
+
+    The straight-line formula is 3 to 4 % short in the deviation. The model's own integral over z is the
+    reference, 2 % the tolerance of check 4 (sampling leaves 0.15 % of the deviation).
     """
     sensor, error = range_errors(range_m, "tdc.walk='raw'")
     point, level, peak = working_point(sensor, range_m)
@@ -83,8 +84,8 @@ def test_moments_at_the_papers_threshold(range_m):
     straight = slope_formula(sensor, range_m)
     assert error.mean() == pytest.approx(mean, rel=CHECK_4)
     assert error.std() == pytest.approx(np.sqrt(square), rel=CHECK_4)
-    assert error.mean() == pytest.approx(straight[0], rel=0.05)
-    assert error.std() == pytest.approx(straight[1], rel=0.15)
+    assert error.mean() == pytest.approx(straight[0], rel=CHECK_4)
+    assert error.std() == pytest.approx(straight[1], rel=0.06)
 
 
 def test_crossing_by_brute_force():

@@ -53,7 +53,7 @@ def counter(first: int, count: int) -> Any:
 
 
 def start(arrays: list[Any]) -> None:
-    """Have these arrays computed, in one kernel, without waiting."""
+    """Have these arrays computed, in one kernel where they have one size, without waiting."""
     import drjit as dr
 
     dr.eval(*arrays)

@@ -23,10 +23,11 @@ class World:
 
     scene           Mitsuba scene; vertices are relative to ``centre_m``
     centre_m        (3,) float64: what was taken off every coordinate before it became single precision
-    shape_table     per Mitsuba registry number: first face, and reflectivity (-1: ask the BSDF)
-    face_body       (f,) int32, index into ``body_names``
-    face_material   (f,) int32, index into ``material_names``
-    body_class      (b,) int32, index into ``class_names``
+    first_face, shape_reflectivity
+                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF
+    face_body       (f,) Int32 on the device, index into ``body_names``
+    face_material   (f,) Int32 on the device, index into ``material_names``
+    body_class      (b,) Int32 on the device, index into ``class_names``
     has_foreign     whether some BSDF comes from a Mitsuba file as it is
     """
 
@@ -34,9 +35,9 @@ class World:
     centre_m: Matrix
     first_face: Any
     shape_reflectivity: Any
-    face_body: Matrix
-    face_material: Matrix
-    body_class: Matrix
+    face_body: Any
+    face_material: Any
+    body_class: Any
     body_names: tuple[str, ...]
     class_names: tuple[str, ...]
     material_names: tuple[str, ...]
@@ -149,14 +150,11 @@ def _compiled(shapes: list[_Shape], centre: Matrix, body_names: list[str], class
         centre_m=centre,
         first_face=mi.UInt32(first_face),
         shape_reflectivity=mi.Float(reflectivity),
-        face_body=np.concatenate([shape.face_body for shape in shapes]),
-        face_material=np.concatenate(
-            [
-                np.full(count, material_names.index(shape.material), dtype=np.int32)
-                for shape, count in zip(shapes, counts, strict=True)
-            ]
+        face_body=mi.Int32(np.concatenate([shape.face_body for shape in shapes])),
+        face_material=mi.Int32(
+            np.repeat(np.array([material_names.index(shape.material) for shape in shapes], np.int32), counts)
         ),
-        body_class=np.array([class_names.index(name) for name in class_of], dtype=np.int32),
+        body_class=mi.Int32(np.array([class_names.index(name) for name in class_of], dtype=np.int32)),
         body_names=tuple(body_names),
         class_names=class_names,
         material_names=tuple(material_names),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ..arrays import Array, xp
+from ..arrays import Array
 from ..constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 
 
@@ -130,10 +130,3 @@ def lambertian_sun_power_w(
         transmittance=transmittance,
         efficiency=efficiency,
     )
-
-
-def incidence_angle_rad(cos_incidence: Array) -> Array:
-    """Angle from its cosine, clipped against rounding (numpy only: it is asked of kept points)."""
-    import numpy as np
-
-    return np.arccos(np.minimum(xp(cos_incidence).abs(cos_incidence), 1.0))

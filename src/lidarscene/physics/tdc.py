@@ -8,6 +8,8 @@ reaches that level, so that P_d = Q((U - peak) / sigma(peak)) exactly. PHYSICS.m
 
 from __future__ import annotations
 
+import math
+
 from ..arrays import Array, xp
 from .special import log1p, normal_tail
 
@@ -52,6 +54,15 @@ def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Arr
     step = ops.where(signal >= threshold, 1.0, 0.0)
     smooth = normal_tail((threshold - signal) / ops.where(quiet, 1.0, noise_at_peak))
     return ops.where(quiet, step, smooth)
+
+
+def noise_correlation(*, lag_s: Array, bandwidth_hz: Array) -> Array:
+    """Correlation of the noise with itself ``lag_s`` later: exp(-2 pi B |lag|), a single pole of bandwidth B.
+
+    It tells how far the noise that shifts an edge is also in the peak that follows.
+    """
+    ops = xp(lag_s, bandwidth_hz)
+    return ops.exp((-2.0 * math.pi) * bandwidth_hz * ops.abs(lag_s))
 
 
 def crossing_level(
