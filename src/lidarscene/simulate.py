@@ -13,6 +13,7 @@ from . import beams, echoes, returns
 from .cloud import CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient
+from .errors import InputError
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
@@ -27,6 +28,8 @@ Matrix = np.ndarray[Any, Any]
 
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
+
+FRAMES = ("world", "sensor")
 
 LARGEST_FLOAT32_M = 1000.0
 """Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
@@ -76,8 +79,8 @@ class _Chunk:
 class Simulator:
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
-    sensor   in SI units; its scanner gives the pulses of a frame
-    ambient  light and air of the scene in the sensor's band
+    Coordinates are single precision around the place where the sensor stood when the world was built; a
+    later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
     def __init__(
@@ -116,7 +119,9 @@ class Simulator:
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
         summary   filled if given
+        Raises InputError for a seed, chunk or frame that is none.
         """
+        _check_call(seed=seed, chunk=chunk, frame=frame)
         place = self.pose if pose is None else pose @ self.sensor.mounting
         summary = Summary() if summary is None else summary
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
@@ -231,6 +236,15 @@ class Simulator:
         if frame == "world":
             metadata["sensor_position_m"] = " ".join(repr(float(x)) for x in place.position_m)
         return metadata
+
+
+def _check_call(*, seed: int, chunk: int, frame: str) -> None:
+    if not 0 <= seed < 2**32:
+        raise InputError(f"seed: a whole number from 0 to {2**32 - 1} was expected, {seed} came")
+    if chunk < 1:
+        raise InputError(f"chunk: at least 1 was expected, {chunk} came")
+    if frame not in FRAMES:
+        raise InputError(f"frame: 'world' or 'sensor' was expected, {frame!r} came")
 
 
 def _numbers(values: Matrix) -> tuple[float, ...]:
