@@ -7,7 +7,9 @@ Python floats go with either.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +25,8 @@ class NumpyOps:
     sqrt = staticmethod(np.sqrt)
     sin = staticmethod(np.sin)
     cos = staticmethod(np.cos)
+    asin = staticmethod(np.arcsin)
+    atan2 = staticmethod(np.arctan2)
     abs = staticmethod(np.abs)
     floor = staticmethod(np.floor)
     rint = staticmethod(np.rint)
@@ -45,6 +49,11 @@ class NumpyOps:
         """32-bit signed integers."""
         return np.asarray(x).astype(np.int32)
 
+    @staticmethod
+    def take(table: Table, index: Array) -> Array:
+        """Entries of a table's flat values."""
+        return table.values.ravel()[index]
+
 
 class DrjitOps:
     """The same functions, on Dr.Jit arrays of the active variant."""
@@ -52,11 +61,12 @@ class DrjitOps:
     def __init__(self) -> None:
         import drjit as dr
 
-        for name in ("exp", "log", "sqrt", "sin", "cos", "abs", "floor"):
+        for name in ("exp", "log", "sqrt", "sin", "cos", "asin", "atan2", "abs", "floor"):
             setattr(self, name, getattr(dr, name))
         self.rint: Any = dr.round
         self.where: Any = dr.select
         self._dr = dr
+        self._uploaded: WeakKeyDictionary[Table, dict[Any, Any]] = WeakKeyDictionary()
 
     # dr.minimum and dr.maximum become LLVM's fminimum and fmaximum, which some releases cannot lower for
     # scalars and then abort the process ("Cannot select"); a comparison and a select are always there.
@@ -79,6 +89,36 @@ class DrjitOps:
     def int32(self, x: Array) -> Array:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
+
+    def take(self, table: Table, index: Array) -> Array:
+        """Entries of a table's flat values, which go to the device once and stay as long as the table."""
+        kind = self._dr.float32_array_t(type(index))
+        uploaded = self._uploaded.setdefault(table, {})
+        if kind not in uploaded:
+            uploaded[kind] = kind(table.values.ravel().astype(np.float32))
+        return self._dr.gather(kind, uploaded[kind], self.uint32(index))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values on an even grid, each axis from 0 to 1: looked up by numpy and Dr.Jit arrays alike."""
+
+    values: np.ndarray[Any, Any]
+
+    def at(self, *coordinates: Array) -> Array:
+        """Linear between the grid's points along every axis; what lies outside counts as the edge."""
+        ops = xp(*coordinates)
+        corners: list[tuple[Array, Array]] = [(0, 1.0)]  # flat index and weight
+        for x, size in zip(coordinates, self.values.shape, strict=True):
+            scaled = ops.minimum(ops.maximum(x, 0.0), 1.0) * (size - 1.0)
+            lower = ops.minimum(ops.floor(scaled), size - 2.0)
+            first, share = ops.int32(lower), scaled - lower
+            corners = [
+                (index * size + first + step, weight * (share if step else 1.0 - share))
+                for index, weight in corners
+                for step in (0, 1)
+            ]
+        return sum(weight * ops.take(self, index) for index, weight in corners)
 
 
 NUMPY = NumpyOps()

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from . import noise
 from .arrays import Array
 from .geometry import direction_from_angles
+from .scan.vectors import Vector, across, mixed, unit
 from .sensor import Sensor
 
 
@@ -19,7 +21,7 @@ class Beams:
     pulse        (n,) uint32, pulse number in the frame
     origin_m     (x, y, z), each a scalar or (n,)
     direction    (x, y, z), each (n,), unit length
-    aperture_m2  effective receiving aperture A(theta_r) of (4); one for all pulses of a raster
+    aperture_m2  effective receiving aperture A(theta_r) of (4), a scalar or (n,)
     """
 
     pulse: Array
@@ -29,26 +31,70 @@ class Beams:
 
 
 def fire(
-    sensor: Sensor, *, pulse: Array, origin_m: tuple[Array, Array, Array], rotation: tuple[Array, ...]
+    sensor: Sensor,
+    *,
+    pulse: Array,
+    origin_m: tuple[Array, Array, Array],
+    rotation: tuple[Array, ...],
+    seed: Array = 0,
 ) -> Beams:
-    """The rays of these pulses.
+    """The rays of these pulses, where they really go: with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
     origin_m  position of the sensor in the tracing frame
     rotation  nine numbers, row by row: sensor frame to tracing frame
+    seed      of the jitter, 32 bits
     """
+    direction = sensor.scanner.direction(pulse)
+    if sensor.scanner.jitter_rad is not None:
+        direction = _jittered(direction, sensor.scanner.jitter_rad, seed=seed, pulse=pulse)
+    return _placed(sensor, pulse, direction, origin_m, rotation)
+
+
+def reported(
+    sensor: Sensor, *, pulse: Array, origin_m: tuple[Array, Array, Array], rotation: tuple[Array, ...]
+) -> Beams:
+    """The rays of these pulses as the sensor believes them to be: by the angles that it reports."""
     azimuth, elevation = sensor.scanner.angles(pulse)
-    x, y, z = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
-    r = rotation
-    direction = tuple(r[3 * i] * x + r[3 * i + 1] * y + r[3 * i + 2] * z for i in range(3))
+    direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
+    return _placed(sensor, pulse, direction, origin_m, rotation)
+
+
+def _placed(
+    sensor: Sensor,
+    pulse: Array,
+    direction: Vector,
+    origin_m: tuple[Array, Array, Array],
+    rotation: tuple[Array, ...],
+) -> Beams:
+    """Rays in the tracing frame, from directions in the sensor's."""
+    start = sensor.scanner.offset_m(pulse)
+    if start is not None:
+        x, y, z = (o + moved for o, moved in zip(origin_m, _turned(rotation, start), strict=True))
+        origin_m = x, y, z
     return Beams(
         pulse=pulse,
         origin_m=origin_m,
-        direction=(direction[0], direction[1], direction[2]),
-        aperture_m2=sensor.optics.aperture_m2,
+        direction=_turned(rotation, direction),
+        aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.aperture_share(pulse),
     )
+
+
+def _turned(r: tuple[Array, ...], v: Vector) -> Vector:
+    """A vector by a rotation of nine numbers."""
+    x, y, z = (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2] for i in range(3))
+    return x, y, z
+
+
+def _jittered(direction: Vector, jitter_rad: Array, *, seed: Array, pulse: Array) -> Vector:
+    """Gaussian pointing noise on both axes across the beam."""
+    words = noise.words(seed=seed, stage=noise.STAGE_POINTING, pulse=pulse)
+    u, v = across(direction)
+    first, second = noise.normal_pair(words)
+    aside = mixed(jitter_rad * first, u, jitter_rad * second, v)
+    return unit(mixed(1.0, direction, 1.0, aside))
 
 
 def firing_time_s(sensor: Sensor, pulse: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """(n,) float64 emission time of each pulse since the frame's first; float32 would lose nanoseconds."""
-    return np.asarray(pulse, dtype=np.float64) / float(sensor.laser.repetition_rate_hz)
+    return sensor.scanner.time_s(pulse)

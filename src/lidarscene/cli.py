@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
+from .cli_analysis import add_commands
+from .cli_types import pose, whole, with_joined_pose
 from .errors import BackendError, InputError, LidarSceneError, OutputError
 
 if TYPE_CHECKING:
-    from .geometry import Pose
     from .simulate import Summary
 
 RENDER_HELP = """\
@@ -33,7 +34,7 @@ SUFFIXES = {"output": (".ply",), "keep_missed": (".npz",), "picture": (".png", "
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is 0, 2 for usage, input and output mistakes, 3 without a back end."""
     try:
-        arguments = _parser().parse_args(_with_joined_pose(sys.argv[1:] if argv is None else argv))
+        arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         return int(arguments.run(arguments))
     except LidarSceneError as error:
         # How to get a back end takes several lines; everything else is told in one.
@@ -65,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     _add_render(commands)
+    add_commands(commands, lambda text_of: lambda arguments: _told(text_of(arguments)))
 
     catalog = commands.add_parser(
         "catalog", help="what sensors and materials there are",
@@ -102,12 +104,10 @@ def _add_render(commands: Any) -> None:
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
         help="change a value of the sensor file, such as detector.gain=60; may be repeated")  # fmt: skip
-    add("--pose", type=_pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensor stands, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
-    add("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
-    add(
-        "--chunk", metavar="N", type=_whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more"
-    )
+    add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
+    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply", type=Path, required=True, help="the point cloud")
     add("--frame", choices=("world", "sensor"), default="world", help="frame of the points (default world)")
@@ -245,6 +245,11 @@ def _schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _told(text: str) -> int:
+    _say(text)
+    return 0
+
+
 def _say(text: str) -> None:
     """Print a text, whatever the terminal's encoding. A reader that has gone (`| head`) is no mistake."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
@@ -266,45 +271,3 @@ def _complain(text: str) -> None:
 def _printable(text: str) -> str:
     """In one line, whatever a file's name or a value holds."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    """An argparse type: a whole number in this range."""
-
-    def parsed(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} was expected, {text} came")
-        return value
-
-    return parsed
-
-
-def _with_joined_pose(argv: Sequence[str]) -> list[str]:
-    """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
-    words = list(argv)
-    for position in range(len(words) - 1, 0, -1):
-        value = words[position]
-        if words[position - 1] == "--pose" and value.startswith("-") and "," in value:
-            words[position - 1 : position + 1] = [f"--pose={value}"]
-    return words
-
-
-def _pose(text: str) -> Pose:
-    """An argparse type: three to six numbers, metres and degrees."""
-    from .geometry import Pose
-    from .io.sensor_file import LARGEST_COORDINATE_M
-
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if not 3 <= len(numbers) <= 6 or not all(abs(number) <= LARGEST_COORDINATE_M for number in numbers):
-        raise argparse.ArgumentTypeError(
-            f"X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees was expected, {text} came"
-        )
-    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
-    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

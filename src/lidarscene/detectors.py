@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .arrays import Array, xp
-from .physics import apd, sipm, tdc
+from .physics import apd, mcintyre, sipm, sipm_response, tdc
 from .physics.special import binomial_tail
 
 
@@ -25,6 +25,7 @@ class WorkingPoint:
     signal            optical peak power [W] to peak signal
     power_w           signal to the optical power that makes it
     cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     """
 
     noise: Array
@@ -35,6 +36,7 @@ class WorkingPoint:
     power_w: Callable[[Array], Array]
     cells: Array | None = None
     busy: Array | None = None
+    noise_tail: Callable[[Array], Array] | None = None
 
     @property
     def exact(self) -> bool:
@@ -42,7 +44,9 @@ class WorkingPoint:
         return self.cells is not None
 
     def false_alarm_probability(self, threshold: Array) -> Array:
-        """P_f of one comparison: (9), or the exact binomial tail."""
+        """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
+        if self.noise_tail is not None:
+            return self.noise_tail(threshold)
         if self.cells is None:
             return tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
         return self._tail(threshold, self.busy / self.cells)
@@ -63,7 +67,11 @@ class WorkingPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Apd:
-    """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain."""
+    """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
+
+    tail   of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same and
+           whose upper tail is higher; detection is Gaussian with either
+    """
 
     gain: Array
     radius_m: Array
@@ -75,6 +83,7 @@ class Apd:
     load_resistance_ohm: Array
     temperature_k: Array
     circuit_noise_a: Array
+    tail: str = "gaussian"
 
     @property
     def excess_noise(self) -> Array:
@@ -82,6 +91,18 @@ class Apd:
         if self.ionisation_ratio is not None:
             return apd.excess_noise_mcintyre(gain=self.gain, ionisation_ratio=self.ionisation_ratio)
         return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
+
+    def unmultiplied_variance_a2(self, bandwidth_hz: Array) -> Array:
+        """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
+        surface = apd.dark_shot_variance_a2(
+            surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=0.0, gain=1.0,
+            excess_noise=1.0, bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        thermal = apd.thermal_variance_a2(
+            temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
+            bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
     def working_point(
         self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
@@ -91,31 +112,27 @@ class Apd:
         responsivity = apd.responsivity_a_w(
             quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
         )
-        variance = (
-            apd.light_shot_variance_a2(
-                responsivity_a_w=responsivity, gain=self.gain, excess_noise=excess,
-                bandwidth_hz=bandwidth_hz, power_w=background_power_w,
-            )
-            + apd.dark_shot_variance_a2(
-                surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=self.bulk_dark_current_a,
-                gain=self.gain, excess_noise=excess, bandwidth_hz=bandwidth_hz,
-            )
-            + apd.thermal_variance_a2(
-                temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
-                bandwidth_hz=bandwidth_hz,
-            )
-            + self.circuit_noise_a * self.circuit_noise_a
-        )  # fmt: skip
+        avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
+        primary = responsivity * background_power_w + self.bulk_dark_current_a
+        multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)
+        rest = self.unmultiplied_variance_a2(bandwidth_hz)
+        variance = multiplied + rest
+
+        def mcintyre_tail(threshold: Array) -> Array:
+            return mcintyre.false_alarm_probability(
+                threshold_a=threshold, unmultiplied_variance_a2=rest, **avalanche,
+                primary_current_a=primary,
+            )  # fmt: skip
+
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(
             noise=xp(variance).sqrt(variance),
-            kappa_1=apd.shot_variance_per_ampere_a(
-                gain=self.gain, excess_noise=excess, bandwidth_hz=bandwidth_hz
-            ),
+            kappa_1=apd.shot_variance_per_ampere_a(**avalanche),
             kappa_2=0.0,
             least_threshold=0.0,
             signal=lambda power_w: ampere_per_watt * power_w,
             power_w=lambda signal: signal / ampere_per_watt,
+            noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
         )
 
 
@@ -123,7 +140,9 @@ class Apd:
 class Sipm:
     """Silicon photomultiplier, (21)-(27). SI units; the dark count rate is for each cell.
 
-    statistics   "steady_state" (derived) or "published" ((23)-(27) as printed); see `physics.sipm`
+    statistics   "steady_state" (derived) or "published" ((23)-(27) as printed), see `physics.sipm`;
+                 "time_domain": noise as derived, signal from the cells' course in time through a table,
+                 see `physics.sipm_response`
     counting     "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which
                  matter where the background fires few cells
     cell_floor   least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to
@@ -151,22 +170,40 @@ class Sipm:
         variance, free_cells, kappa_1, kappa_2 = noise_state
         share_of = sipm.fired_share_published if published else sipm.fired_share
         photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
+        at_peak, before_peak = self._in_time(1.0 - free_cells / self.cells, pulse_fwhm_s)
 
         def signal(power_w: Array) -> Array:
             arriving = sipm.signal_photons(
                 peak_power_w=power_w, pulse_fwhm_s=pulse_fwhm_s, photon_energy_j=photon_energy_j
             )
-            return free_cells * share_of(photons=arriving, pde=self.pde, cells=self.cells)
+            return free_cells * share_of(photons=at_peak(arriving), pde=self.pde, cells=self.cells)
 
         def power_w(level: Array) -> Array:
             arriving = photons_of(share=level / free_cells, pde=self.pde, cells=self.cells)
-            return 2.0 * arriving * photon_energy_j / pulse_fwhm_s
+            return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
 
         return WorkingPoint(
             noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2,
             least_threshold=self.cell_floor, signal=signal, power_w=power_w,
             cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
         )  # fmt: skip
+
+    def _in_time(
+        self, busy_share: Array, pulse_fwhm_s: Array
+    ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+        """From photons of (24) to those that count at the peak, and back; the same but for "time_domain"."""
+        if self.statistics != "time_domain":
+            return (lambda photons: photons), (lambda photons: photons)
+        pulse = {"pulse_fwhm_s": pulse_fwhm_s, "dead_time_s": self.dead_time_s}
+        state = {
+            "busy_share": busy_share, "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s,
+            "pde": self.pde, "cells": self.cells,
+        }  # fmt: skip
+        captured = sipm_response.captured_photons(photons=1.0, **pulse)
+        return (
+            lambda photons: sipm_response.peak_photons(photons=photons * captured, **state),
+            lambda photons: sipm_response.captured_for_peak(photons=photons, **state) / captured,
+        )
 
     def _published_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
         """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""

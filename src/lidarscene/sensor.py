@@ -19,13 +19,20 @@ WALK_MODES = ("none", "raw", "corrected")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """Pulsed transmitter. The divergence is the full angle at 1/e^2; one ray stands for the beam so far."""
+    """Pulsed transmitter. The divergence is the full angle at 1/e^2; one ray stands for the beam so far.
+
+    exit_diameter_m  1/e^2 diameter where the beam leaves the sensor, or None: not known
+    source_rad       angle that the apparent source subtends; up to 1.5 mrad it is a point
+    Both matter to eye safety only.
+    """
 
     wavelength_m: float
     peak_power_w: Array
     pulse_fwhm_s: Array
     repetition_rate_hz: float
     divergence_rad: float = 0.0
+    exit_diameter_m: float | None = None
+    source_rad: float = 0.0
 
     @property
     def photon_energy_j(self) -> float:

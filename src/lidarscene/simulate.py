@@ -186,7 +186,7 @@ class Simulator:
 
     def _chain(self, first: int, pulse: Any, seed: Any, origin: Any, rotation: Any) -> _Chunk:
         """Beams, hits, echoes, returns of these pulses, on the device."""
-        rays = beams.fire(self._device_sensor, pulse=pulse, origin_m=origin, rotation=rotation)
+        rays = beams.fire(self._device_sensor, pulse=pulse, origin_m=origin, rotation=rotation, seed=seed)
         hits = trace(self.world, rays, sun=self._device_sun)
         light = echoes.receive(rays, hits, self._device_sensor, self._device_ambient)
         detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)

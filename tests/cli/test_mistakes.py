@@ -188,7 +188,10 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
             "scanner: azimuth_step_deg = 41.0 is wider than azimuth_fov_deg = 40.0",
         ),
         ("scanner.azimuth_step_deg=1e-9", "pulses in a frame came, fewer than 2^31 were expected"),
-        ("scanner.type=spinning", "scanner.type: 'raster' was expected, \"spinning\" came"),
+        (
+            "scanner.type=galvo",
+            "scanner.type: one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', ",
+        ),
         ("detector.type=ccd", "detector.type: one of 'apd', 'sipm' was expected, \"ccd\" came"),
         ("detector.cells=3", "unknown key 'detector.cells'; known here: type, gain, "),
         ("detector.gain=0.5", "detector.gain: 1 or more was expected, 0.5 came"),

@@ -25,10 +25,10 @@ TIERS = (
     ("cloud",),
     ("kernel",),
     ("simulate",),
-    ("catalog", "io", "pixels", "plots"),
+    ("catalog", "io", "pixels", "plots", "charts"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "doctor", "__main__"),
+    ("cli", "cli_analysis", "cli_types", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 
@@ -36,11 +36,13 @@ RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 MAY_IMPORT = {
     "mitsuba": ("kernel",),
     "drjit": ("kernel", "arrays.py"),
-    "matplotlib": ("plots.py",),
+    "matplotlib": ("plots.py", "charts.py"),
     "open3d": ("io",),
+    "pandas": ("io",),
+    "pvlib": ("io",),
 }
 
-HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "trimesh")
+HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh")
 
 
 def imported(code: str, *, file: Path, modules: set[str]) -> Iterator[str]:

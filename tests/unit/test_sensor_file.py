@@ -90,3 +90,10 @@ def test_positive_roll_turns_left_to_up() -> None:
     rolled = PoseFile(roll_deg=90).pose()
     np.testing.assert_allclose(rolled.rotation @ [0, 1, 0], [0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(looks(rolled), [1, 0, 0], atol=1e-15)
+
+
+def test_the_window_ends_before_the_next_pulse() -> None:
+    """An echo of the pulse before would be taken for one of this pulse: the model has no such echoes."""
+    catalog.sensor("table1-apd", overrides=["tdc.window_us=20"])
+    with pytest.raises(InputError, match=r"tdc.window_us: at most the pulse period of 20 us .* 20.1 came"):
+        catalog.sensor("table1-apd", overrides=["tdc.window_us=20.1"])

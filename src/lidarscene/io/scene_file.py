@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..materials import Material, Spectrum
-from ..scene import Ball, Body, Part, Scene, Sky, Sun, View
+from ..scene import Ball, Body, Part, Scene, Sky, View
 from . import meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
@@ -73,11 +72,7 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         name=file.name or path.stem,
         bodies=tuple(bodies),
         materials=surfaces.materials,
-        sun=Sun(
-            azimuth_rad=math.radians(file.sun.azimuth_deg),
-            elevation_rad=math.radians(file.sun.elevation_deg),
-            illuminance_klux=file.sun.illuminance_klux,
-        ),
+        sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
         air=file.air.build(),
         sensor_name=_sensor_name(file.sensor.name, path.parent),

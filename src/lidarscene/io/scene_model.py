@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
+from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from ..scene import Air
+from ..scene import Air, Sun
+from . import pvlib_door
 from .material_file import MaterialFile
 from .sensor_file import PoseFile, Vector
 from .toml_file import FileModel
@@ -18,12 +21,65 @@ Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
 
 
+def _instant(value: object) -> datetime:
+    """A time with its offset from UTC, from a TOML date-time or from text."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = datetime.fromisoformat(value)
+    if not isinstance(value, datetime):
+        raise ValueError(f"a time such as {_TIME} was expected, {value} came")
+    if value.utcoffset() is None:
+        raise ValueError(f"no offset from UTC in {value.isoformat()}; a time such as {_TIME} was expected")
+    if not 1900 <= value.year <= 2100:
+        raise ValueError(f"a year of 1900 to 2100 was expected, {value.year} came")
+    return value
+
+
+_TIME = "2026-06-21T12:00:00+02:00"
+
+
 class SunFile(FileModel):
-    """[sun]: direction towards it and illuminance on a surface that faces it."""
+    """[sun]: direction towards it, or the place and time that it follows from, and illuminance on a surface that
+    faces it.
+    """
 
     azimuth_deg: float = 0.0
     elevation_deg: Annotated[float, Field(ge=-90, le=90)] = 45.0
+    place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = (
+        Field(default=None, description="latitude (north positive) and longitude (east positive) in degrees")
+    )
+    time: Annotated[datetime, BeforeValidator(_instant)] | None = Field(
+        default=None, description="with its offset from UTC"
+    )
+    north_deg: float = Field(
+        default=90.0, description="azimuth of north in the scene; at 90 degrees x points east and y north"
+    )
     illuminance_klux: NotNegative = 100.0
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SunFile:
+        given = self.model_fields_set
+        by_angles, by_place = given & {"azimuth_deg", "elevation_deg"}, given & {"place", "time", "north_deg"}
+        if by_angles and by_place:
+            came = " and ".join(sorted(by_angles | by_place))
+            raise ValueError(f"the sun's angles or its place and time were expected, {came} came")
+        if by_place and (self.place is None or self.time is None):
+            raise ValueError(f"place and time were expected together, {' and '.join(sorted(by_place))} came")
+        return self
+
+    def build(self) -> Sun:
+        """The sun in radians. Raises LidarSceneError where place and time are given and pvlib is missing."""
+        azimuth_deg, elevation_deg = self.azimuth_deg, self.elevation_deg
+        if self.place is not None and self.time is not None:
+            clockwise_deg, elevation_deg = pvlib_door.sun_north_up_deg(
+                latitude_deg=self.place[0], longitude_deg=self.place[1], time=self.time
+            )
+            azimuth_deg = 180.0 - (180.0 - self.north_deg + clockwise_deg) % 360.0
+        return Sun(
+            azimuth_rad=math.radians(azimuth_deg),
+            elevation_rad=math.radians(elevation_deg),
+            illuminance_klux=self.illuminance_klux,
+        )
 
 
 class SkyFile(FileModel):

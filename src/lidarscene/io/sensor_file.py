@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,9 +9,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ..detectors import Apd, Detector, Sipm
+from ..errors import InputError
 from ..geometry import Pose
-from ..scan import Raster
+from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
+from .filter_file import FilterFile
+from .scanner_file import AnyScannerFile
+from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
 
 Positive = Annotated[float, Field(gt=0)]
@@ -36,6 +39,13 @@ class LaserFile(FileModel):
     divergence_mrad: NotNegative = Field(
         default=0.0, description="full angle at 1/e^2; not used with one ray a pulse"
     )
+    exit_diameter_mm: Positive | None = Field(
+        default=None,
+        description="1/e^2 diameter where the beam leaves; for eye safety, not known if left out",
+    )
+    apparent_source_mrad: NotNegative = Field(
+        default=0.0, description="angle of the apparent source, for eye safety; up to 1.5 it is a point"
+    )
 
 
 class OpticsFile(FileModel):
@@ -45,30 +55,27 @@ class OpticsFile(FileModel):
     focal_length_mm: Positive
     efficiency_laser: Share
     efficiency_sun: Share
-    sun_irradiance_w_m2: NotNegative = Field(description="in band, normal incidence, at 100 klux")
-
-
-class RasterFile(FileModel):
-    """[scanner] type = "raster": an even grid of directions, both edges included."""
-
-    type: Literal["raster"]
-    azimuth_fov_deg: Annotated[float, Field(gt=0, le=360)]
-    elevation_fov_deg: Annotated[float, Field(gt=0, le=180)]
-    azimuth_step_deg: Positive
-    elevation_step_deg: Positive
+    sun_irradiance_w_m2: NotNegative | None = Field(
+        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
+    )
+    filter: FilterFile | None = None
 
     @model_validator(mode="after")
-    def _steps_fit(self) -> RasterFile:
-        for axis in ("azimuth", "elevation"):
-            fov, step = getattr(self, f"{axis}_fov_deg"), getattr(self, f"{axis}_step_deg")
-            if step > fov:
-                raise ValueError(f"{axis}_step_deg = {step} is wider than {axis}_fov_deg = {fov}")
-        pulses = (self.azimuth_fov_deg / self.azimuth_step_deg + 1) * (
-            self.elevation_fov_deg / self.elevation_step_deg + 1
-        )
-        if pulses > 2**31 - 1:
-            raise ValueError(f"{pulses:.3g} pulses in a frame came, fewer than 2^31 were expected")
+    def _one_sun(self) -> OpticsFile:
+        if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
+            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
         return self
+
+    def build(self, folder: Path) -> Optics:
+        """In SI units; a filter's transmittance file lies in ``folder``."""
+        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
+        return Optics(
+            aperture_radius_m=self.aperture_radius_mm * 1e-3,
+            focal_length_m=self.focal_length_mm * 1e-3,
+            efficiency_laser=self.efficiency_laser,
+            efficiency_sun=self.efficiency_sun,
+            sun_irradiance_w_m2=sun,
+        )
 
 
 class ApdFile(FileModel):
@@ -85,6 +92,7 @@ class ApdFile(FileModel):
     load_resistance_ohm: Positive
     temperature_k: Positive = 300.0
     circuit_noise_na: NotNegative = 0.0
+    tail: Literal["gaussian", "mcintyre"] = "gaussian"
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -105,6 +113,7 @@ class ApdFile(FileModel):
             load_resistance_ohm=self.load_resistance_ohm,
             temperature_k=self.temperature_k,
             circuit_noise_a=self.circuit_noise_na * 1e-9,
+            tail=self.tail,
         )
 
 
@@ -117,7 +126,7 @@ class SipmFile(FileModel):
     pde: Share
     dead_time_ns: Positive
     dark_count_rate_hz: NotNegative = Field(description="of each cell")
-    statistics: Literal["steady_state", "published"] = "steady_state"
+    statistics: Literal["steady_state", "published", "time_domain"] = "steady_state"
     counting: Literal["gaussian", "binomial"] = "gaussian"
     cell_floor: NotNegative = 1.0
 
@@ -178,32 +187,45 @@ class SensorFile(FileModel):
     description: str = ""
     laser: LaserFile
     optics: OpticsFile
-    scanner: RasterFile
+    scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
     mounting: PoseFile = PoseFile()
     sources: dict[str, str] = Field(default_factory=dict)
 
-    def build(self) -> Sensor:
-        """The sensor in SI units."""
+    @model_validator(mode="after")
+    def _window_within_a_period(self) -> SensorFile:
+        period_us = self.scanner.shot_period_us(1e3 / self.laser.repetition_rate_khz)
+        if self.tdc.window_us > period_us * (1.0 + 1e-9):
+            raise ValueError(
+                f"tdc.window_us: at most the pulse period of {period_us:g} us was expected, {self.tdc.window_us:g} came"
+            )
+        return self
+
+    def build(self, folder: Path) -> Sensor:
+        """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.build()
+        optics = self.optics.build(folder)
         return Sensor(
             name=self.name,
             description=self.description,
             laser=_laser(self.laser),
-            optics=_optics(self.optics),
-            scanner=Raster.from_field_of_view(
-                azimuth_fov=self.scanner.azimuth_fov_deg,
-                elevation_fov=self.scanner.elevation_fov_deg,
-                azimuth_step=self.scanner.azimuth_step_deg,
-                elevation_step=self.scanner.elevation_step_deg,
-                unit_rad=math.pi / 180.0,
-            ),
+            optics=optics,
+            scanner=self._scanner(optics, folder),
             detector=detector,
             tdc=_tdc(self.tdc),
             mounting=self.mounting.pose(),
             sources=dict(self.sources),
         )
+
+    def _scanner(self, optics: Optics, folder: Path) -> Scanner:
+        around = Surroundings(
+            rate_hz=self.laser.repetition_rate_khz * 1e3,
+            lens_radius_m=optics.aperture_radius_m,
+            focal_length_m=optics.focal_length_m,
+            folder=folder,
+        )
+        return self.scanner.build(around)
 
 
 def _laser(laser: LaserFile) -> Laser:
@@ -213,16 +235,8 @@ def _laser(laser: LaserFile) -> Laser:
         pulse_fwhm_s=laser.pulse_fwhm_ns * 1e-9,
         repetition_rate_hz=laser.repetition_rate_khz * 1e3,
         divergence_rad=laser.divergence_mrad * 1e-3,
-    )
-
-
-def _optics(optics: OpticsFile) -> Optics:
-    return Optics(
-        aperture_radius_m=optics.aperture_radius_mm * 1e-3,
-        focal_length_m=optics.focal_length_mm * 1e-3,
-        efficiency_laser=optics.efficiency_laser,
-        efficiency_sun=optics.efficiency_sun,
-        sun_irradiance_w_m2=optics.sun_irradiance_w_m2,
+        exit_diameter_m=None if laser.exit_diameter_mm is None else laser.exit_diameter_mm * 1e-3,
+        source_rad=laser.apparent_source_mrad * 1e-3,
     )
 
 
@@ -241,10 +255,15 @@ def _tdc(tdc: TdcFile) -> Tdc:
 
 def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
     """A sensor from a TOML file, with ``detector.gain=60``-like overrides. Raises InputError."""
-    return sensor_from_tables(read_toml(path), where=str(path), overrides=overrides)
+    return sensor_from_tables(read_toml(path), where=str(path), overrides=overrides, folder=path.parent)
 
 
-def sensor_from_tables(tables: dict[str, Any], *, where: str, overrides: Sequence[str] = ()) -> Sensor:
-    """A sensor from the tables of a sensor file that ``where`` names."""
-    changed = with_overrides(tables, overrides)
-    return validated(SensorFile, changed, where, overrides=overrides).build()
+def sensor_from_tables(
+    tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
+) -> Sensor:
+    """A sensor from the tables of a sensor file that ``where`` names, and whose files lie in ``folder``."""
+    file = validated(SensorFile, with_overrides(tables, overrides), where, overrides=overrides)
+    try:
+        return file.build(folder or Path())
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..beams import fire
+from ..beams import reported
 from ..hits import Hits
 from ..returns import Detection
 from ..sensor import Sensor
@@ -72,10 +72,12 @@ def columns(
     of_pulse = of_lane(pulse)
     range_m, face = of_stop("range_m"), of_lane(hits.face)
     azimuth, elevation = sensor.scanner.angles(of_pulse)
-    rays = fire(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
+    rays = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
     body = where_known(world.face_body, face)
     return {
-        "xyz_m": dr.ravel(mi.Point3f(*(s + d * range_m for s, d in zip(shift, rays.direction, strict=True)))),
+        "xyz_m": dr.ravel(
+            mi.Point3f(*(s + d * range_m for s, d in zip(rays.origin_m, rays.direction, strict=True)))
+        ),
         "range_m": range_m,
         "intensity": of_stop("amplitude"),
         "snr": of_lane(detection.snr),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from ..arrays import Table
 from .backend import mitsuba
 
 _KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
@@ -13,9 +14,10 @@ _KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
 def opaque(value: Any) -> Any:
     """A copy in which every float and int, however deep in frozen dataclasses and tuples, is on the device.
 
-    Strings, None, poses and other arrays stay as they are: they choose code, or never enter a kernel.
+    Strings, None, poses and other arrays stay as they are: they choose code, or never enter a kernel. So do tables,
+    which are uploaded when something is first looked up in them.
     """
-    if isinstance(value, bool):
+    if isinstance(value, bool | Table):
         return value
     if isinstance(value, float | int):
         return _opaque_number(value)

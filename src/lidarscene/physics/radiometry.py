@@ -109,6 +109,35 @@ def background_power_w(
     return radiance_w_m2_sr * aperture_m2 * field_of_view_sr * transmittance * efficiency
 
 
+def field_of_view_area_m2(
+    *, range_m: Array, detector_radius_m: Array, focal_length_m: Array, cos_incidence: Array
+) -> Array:
+    """Area of the target that the receiver sees, A_b = pi (R r_PD / f)^2 / cos(theta), under (6).
+
+    Small angles; the target must be plane and wider than that.
+    """
+    solid_angle = field_of_view_solid_angle_sr(
+        detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
+    )
+    return solid_angle * range_m * range_m / cos_incidence
+
+
+def sun_flux_w(*, sun_irradiance_w_m2: Array, seen_area_m2: Array, cos_sun: Array) -> Array:
+    """Sunlight on the part of the target that the receiver sees, Phi_s of (6).
+
+    sun_irradiance_w_m2 is in band and at normal incidence: the integral under (6), `physics.solar_spectrum`.
+    """
+    return sun_irradiance_w_m2 * seen_area_m2 * cos_sun
+
+
+def sun_intensity_w_sr(*, sun_flux_w: Array, reflectivity: Array, cos_incidence: Array) -> Array:
+    """Radiant intensity of the sunlight off a Lambertian target towards the sensor, I_theta_s of (7).
+
+    The cosine of the incidence cancels against that in `field_of_view_area_m2`.
+    """
+    return reflectivity * sun_flux_w / math.pi * cos_incidence
+
+
 def lambertian_sun_power_w(
     *,
     sun_irradiance_w_m2: Array,
@@ -120,7 +149,11 @@ def lambertian_sun_power_w(
     transmittance: Array,
     efficiency: Array,
 ) -> Array:
-    """Sunlight from a Lambertian target on the detector, (6)-(8). The paper prints cos theta_s, meant here."""
+    """Sunlight from a Lambertian target on the detector, (8), which is (6) and (7) through the aperture (4).
+
+    The middle of (8) prints eta_r; its right side has eta_rs, which is meant. Range does not enter, as long
+    as the transmittance is that of the target's range.
+    """
     return background_power_w(
         radiance_w_m2_sr=sun_irradiance_w_m2 * reflectivity * cos_sun / math.pi,
         aperture_m2=aperture_m2,

@@ -12,7 +12,7 @@ At Table 1 the two give 125.7 and 109.6 busy cells; the scene simulation uses th
 from __future__ import annotations
 
 from ..arrays import Array, xp
-from .special import expm1, log1p
+from .special import expm1, log1p, log_gamma
 
 
 def photon_detection_efficiency(
@@ -41,6 +41,80 @@ def fired_share_published(*, photons: Array, pde: Array, cells: Array) -> Array:
     return -expm1(photons * expm1(-pde / cells))
 
 
+def fired_cells_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+    """Mean number of fired cells: (22) for a flash, (23) for the background's photons, and (S5)."""
+    return cells * fired_share_published(photons=photons, pde=pde, cells=cells)
+
+
+def signal_cells_published(
+    *, background_cells: Array, dark_counts: Array, photons: Array, pde: Array, cells: Array
+) -> Array:
+    """N_s, (24): the share (22) of the cells that background and dark counts have left."""
+    free = cells - background_cells - dark_counts
+    return free * fired_share_published(photons=photons, pde=pde, cells=cells)
+
+
+def snr_published(
+    *,
+    signal_photons: Array,
+    background_photons: Array,
+    pde: Array,
+    cells: Array,
+    dark_count_rate_hz: Array,
+    dead_time_s: Array,
+) -> Array:
+    """SNR_SiPM as printed, (27): (24) over the root of (25) and the square of (26).
+
+    Holds while the background fires few of the cells in a dead time and the pulse is much shorter than it;
+    in weak light the noise falls below one cell, and an SNR then says nothing about a comparator.
+    """
+    dark = dark_counts(cells=cells, dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s)
+    busy = fired_cells_published(photons=background_photons, pde=pde, cells=cells)
+    signal = signal_cells_published(
+        background_cells=busy, dark_counts=dark, photons=signal_photons, pde=pde, cells=cells
+    )
+    variance = fired_variance_published(fired=busy, cells=cells) + dark
+    return signal / xp(variance).sqrt(variance)
+
+
+def snr_steady_state(
+    *,
+    signal_photons: Array,
+    background_photons: Array,
+    pde: Array,
+    cells: Array,
+    dark_count_rate_hz: Array,
+    dead_time_s: Array,
+) -> Array:
+    """SNR_SiPM as derived: what (27) becomes with busy cells in steady state and light thinned over the cells."""
+    busy = busy_share_steady_state(
+        photons=background_photons, pde=pde, cells=cells,
+        dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s,
+    )  # fmt: skip
+    signal = cells * (1.0 - busy) * fired_share(photons=signal_photons, pde=pde, cells=cells)
+    variance = busy_variance_steady_state(busy_share=busy, cells=cells)
+    return signal / xp(variance).sqrt(variance)
+
+
+def photon_count_probability(*, photons: Array, mean_photons: Array) -> Array:
+    """Probability of k photons in one cycle, (S1): Poisson."""
+    ops = xp(photons, mean_photons)
+    return ops.exp(photons * ops.log(mean_photons) - mean_photons - log_gamma(photons + 1.0))
+
+
+def quiet_probability_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+    """Probability that k photons leave one cell quiet, (S2): as if each cell got k / N of them."""
+    return xp(photons, pde).exp(-photons * pde / cells)
+
+
+def fired_joint_probability_published(
+    *, photons: Array, mean_photons: Array, pde: Array, cells: Array
+) -> Array:
+    """Probability that k photons come and the cell fires, (S3); its sum over k is (S4)."""
+    coming = photon_count_probability(photons=photons, mean_photons=mean_photons)
+    return coming * (1.0 - quiet_probability_published(photons=photons, pde=pde, cells=cells))
+
+
 def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
     """Share of cells that fire when Poisson light falls on them independently: 1 - exp(-n pde / N).
 
@@ -65,6 +139,11 @@ def dark_counts(*, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array) 
     return cells * dark_count_rate_hz * dead_time_s
 
 
+def dark_deviation(*, dark_counts: Array) -> Array:
+    """sigma_d = sqrt(N_d), (26): Poisson."""
+    return xp(dark_counts).sqrt(dark_counts)
+
+
 def fired_variance_published(*, fired: Array, cells: Array) -> Array:
     """Variance of the fired cells, N_fired (1 - N_fired / N): (25) and (S6) (which calls it a deviation)."""
     return fired * (1.0 - fired / cells)
@@ -84,5 +163,8 @@ def busy_variance_steady_state(*, busy_share: Array, cells: Array) -> Array:
 
 
 def snr_approximate(*, signal_photons: Array, background_photons: Array, pde: Array) -> Array:
-    """(28): the SNR where both the signal and the background are far from saturating the cells."""
+    """(28): the SNR where both the signal and the background are far from saturating the cells, no dark counts.
+
+    In powers, by (14) of the theory page: P_r B_pulse / 2 sqrt(PDE / (h nu P_rs tau)).
+    """
     return signal_photons * xp(background_photons, pde).sqrt(pde / background_photons)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from ..arrays import Array, xp
-from .special import log1p, normal_tail
+from .special import log1p, normal_tail, normal_tail_inverse
 
 
 def false_alarm_probability(*, threshold: Array, noise: Array) -> Array:
@@ -22,6 +22,21 @@ def false_alarm_probability(*, threshold: Array, noise: Array) -> Array:
     ops = xp(threshold, noise)
     quiet = noise <= 0.0
     return ops.where(quiet, 0.0, normal_tail(threshold / ops.where(quiet, 1.0, noise)))
+
+
+def threshold_to_noise(*, p_false: Array) -> Array:
+    """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma."""
+    return normal_tail_inverse(p_false)
+
+
+def rice_rate_hz(*, threshold: Array, noise: Array, bandwidth_hz: Array) -> Array:
+    """Upward crossings per second of white Gaussian noise behind an ideal low-pass, B / sqrt(3) exp(-TNR^2 / 2).
+
+    S. O. Rice, Bell System Technical Journal 24, 46 (1945). In place of the independent comparisons of (9) and
+    (10): 7.5 times as many at TNR 5. A real filter, without a sharp edge, has more or fewer.
+    """
+    ratio = threshold / noise
+    return bandwidth_hz / math.sqrt(3.0) * xp(ratio).exp(-0.5 * ratio * ratio)
 
 
 def comparisons(*, window_s: Array, bandwidth_hz: Array) -> Array:
@@ -39,6 +54,11 @@ def correct_probability(*, p_false: Array, p_detect: Array, comparisons: Array) 
 def false_alarm_rate_hz(*, p_false: Array, bandwidth_hz: Array) -> Array:
     """Rate of a Poisson process that leaves a window of M comparisons quiet with (1 - P_f)^M, as (10) has it."""
     return -log1p(-p_false) * bandwidth_hz
+
+
+def signal_to_noise(*, signal: Array, noise: Array) -> Array:
+    """Trigger SNR, (11): peak with echo over the standard deviation without; its own shot noise is left out."""
+    return signal / noise
 
 
 def noise_at_level(*, level: Array, noise: Array, kappa_1: Array, kappa_2: Array) -> Array:

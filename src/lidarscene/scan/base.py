@@ -1,21 +1,105 @@
-"""What every scanner can do."""
+"""What every scanner can do, and what those with moving parts share."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
-from ..arrays import Array
+import numpy as np
+
+from ..arrays import Array, xp
+from .vectors import Vector, angles_of
+
+Matrix = np.ndarray[Any, Any]
 
 
 class Scanner(Protocol):
-    """Pulse numbers 0 .. pulses - 1 of one frame, in firing order, to directions in the sensor's frame."""
+    """Pulse numbers in firing order to times and directions in the sensor's frame.
+
+    A frame is pulses 0 .. pulses - 1; the numbers that follow belong to the frames that follow, and the pattern
+    goes on as the mechanism does. Pulse numbers are (n,) 32-bit unsigned below 2^31, numpy or Dr.Jit, and what comes
+    back is like them, float32; only times are always numpy, float64.
+    """
 
     @property
     def pulses(self) -> int:
         """Pulses in one frame."""
 
+    @property
+    def frame_s(self) -> float:
+        """From the first pulse of a frame to the first of the next."""
+
+    @property
+    def jitter_rad(self) -> Array | None:
+        """Standard deviation of the pointing across the beam, on each of two axes, or None: exact."""
+
+    def direction(self, pulse: Array) -> Vector:
+        """Unit vector (x, y, z) in which each pulse leaves, without the jitter."""
+
     def angles(self, pulse: Array) -> tuple[Array, Array]:
-        """Azimuth and elevation [rad] of each pulse; numpy or Dr.Jit, like ``pulse`` (32-bit unsigned)."""
+        """Azimuth and elevation [rad] that the sensor reports: of `direction`, as its encoders read it."""
 
     def channel(self, pulse: Array) -> Array:
-        """Channel (row, laser, ring) of each pulse."""
+        """Channel (row, laser, ring, facet) of each pulse."""
+
+    def aperture_share(self, pulse: Array) -> Array:
+        """A(theta_r) / A(0) of (4): what is left of the receiver's aperture in each pulse's direction."""
+
+    def offset_m(self, pulse: Array) -> Vector | None:
+        """Where each beam starts in the sensor's frame, or None: all of them in its origin."""
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """(n,) float64 emission time from the first pulse of frame 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mechanism:
+    """Base of the scanners: mechanical angles, and optics that make directions of them.
+
+    jitter_rad   as in `Scanner`
+    encoder_rad  step of the encoders on the mechanical angles, or None: they are known exactly
+
+    The beam leaves where the mechanism is; the sensor believes its encoders, which round to the nearest step.
+    """
+
+    jitter_rad: Array | None = None
+    encoder_rad: Array | None = None
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+        """Mechanical angles [rad] that an encoder could read."""
+        raise NotImplementedError
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        """Direction, and share of the aperture, with the mechanism turned by so much."""
+        raise NotImplementedError
+
+    def _read(self, pulse: Array) -> tuple[Array, ...]:
+        """The mechanical angles as the encoders give them."""
+        step = self.encoder_rad
+        turned = self._mechanism(pulse)
+        return turned if step is None else tuple(xp(a).rint(a / step) * step for a in turned)
+
+    def direction(self, pulse: Array) -> Vector:
+        """Unit vector (x, y, z) in which each pulse leaves."""
+        return self._optics(pulse, self._mechanism(pulse))[0]
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth and elevation [rad] that the sensor reports."""
+        return angles_of(self._optics(pulse, self._read(pulse))[0])
+
+    def aperture_share(self, pulse: Array) -> Array:
+        """A(theta_r) / A(0)."""
+        return self._optics(pulse, self._mechanism(pulse))[1]
+
+    def channel(self, pulse: Array) -> Array:
+        """Channel 0: there is one laser."""
+        return xp(pulse).int32(pulse) * 0
+
+    def offset_m(self, pulse: Array) -> Vector | None:
+        """All beams start in the sensor's origin."""
+        return None
+
+
+def in_frame(pulse: Matrix, pulses: int) -> tuple[Matrix, Matrix]:
+    """Number of the frame, and of the pulse in it; 64 bits."""
+    return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

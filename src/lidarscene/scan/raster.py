@@ -1,23 +1,30 @@
 """A raster: rows of constant elevation from the top down, each from the left (positive azimuth) to the right.
 
-Directions are given, not derived from a mirror; what a real mirror does to the raster is another scanner's.
+Directions are given, not derived from a mirror; what a real mirror does to the raster is `mirror.MirrorRaster`'s.
+So there is nothing to derive an aperture from either: A(theta_r) = A(0), as the paper's figures have it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..arrays import Array, xp
+from ..geometry import direction_from_angles
+from .base import Matrix, Mechanism
+from .vectors import Vector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Raster:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Raster(Mechanism):
     """Evenly spaced grid of directions, centred on the sensor's x axis, both edges of the field of view included."""
 
     columns: int
     rows: int
     azimuth_step_rad: Array
     elevation_step_rad: Array
+    rate_hz: float
 
     @classmethod
     def from_field_of_view(
@@ -28,14 +35,18 @@ class Raster:
         azimuth_step: float,
         elevation_step: float,
         unit_rad: float,
+        rate_hz: float,
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
     ) -> Raster:
         """From full angles and steps in one angular unit of ``unit_rad`` radians."""
         # 1e-6 of a step is lost to decimal fractions (120 / 0.2 = 599.99...), not by intent.
         columns = int(azimuth_fov / azimuth_step + 1e-6) + 1
         rows = int(elevation_fov / elevation_step + 1e-6) + 1
         return cls(
-            columns=columns, rows=rows,
+            columns=columns, rows=rows, rate_hz=rate_hz,
             azimuth_step_rad=azimuth_step * unit_rad, elevation_step_rad=elevation_step * unit_rad,
+            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
     @property
@@ -43,16 +54,33 @@ class Raster:
         """Pulses in one frame."""
         return self.columns * self.rows
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
-        """Azimuth and elevation [rad], float32, of each pulse."""
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame: there is no fly-back."""
+        return self.pulses / self.rate_hz
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
         ops = xp(pulse)
-        row = self.channel(pulse)
-        column = ops.int32(pulse) - row * self.columns
+        line = ops.int32(pulse) // self.columns
+        row, column = line % self.rows, ops.int32(pulse) - line * self.columns
         # Twice the offset from the centre is a whole number, so the middle of the grid is exactly zero.
         azimuth = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.azimuth_step_rad)
         elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
         return azimuth, elevation
 
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        azimuth, elevation = turned
+        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth and elevation [rad], float32, of each pulse."""
+        azimuth, elevation = self._read(pulse)
+        return azimuth, elevation
+
     def channel(self, pulse: Array) -> Array:
         """Row of each pulse, 0 at the top."""
-        return xp(pulse).int32(pulse) // self.columns
+        return xp(pulse).int32(pulse) // self.columns % self.rows
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """One pulse after the other, without a pause."""
+        return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

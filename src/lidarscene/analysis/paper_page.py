@@ -1,0 +1,86 @@
+"""A page in two forms: headings, paragraphs, pictures and tables in, Markdown and self-contained HTML out."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+_STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; max-width: 62rem;
+  margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.5rem; }
+figure { margin: 2rem 0; } figure img { width: 100%; max-width: 46rem; height: auto; }
+figcaption { color: #444; max-width: 46rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; }
+th, td { text-align: left; vertical-align: top; padding: .4rem .7rem .4rem 0; border-bottom: 1px solid #ddd; }
+th { border-bottom: 2px solid #1a1a1a; } td:first-child { min-width: 6rem; }
+a { color: #0072b2; }
+"""
+
+
+@dataclass
+class Page:
+    """Blocks in order, each added once in both forms."""
+
+    title: str
+    markdown: list[str] = field(default_factory=list)
+    body: list[str] = field(default_factory=list)
+
+    def heading(self, text: str) -> None:
+        """A heading of the second level."""
+        self.markdown.append(f"## {text}")
+        self.body.append(f"<h2>{html.escape(text)}</h2>")
+
+    def paragraph(self, text: str) -> None:
+        """Plain text."""
+        self.markdown.append(_escaped(text))
+        self.body.append(f"<p>{html.escape(text)}</p>")
+
+    def figure(self, *, name: str, number: str, caption: str) -> None:
+        """A PNG of this name beside the page, with its SVG and CSV."""
+        told = f"Fig. {number}"
+        self.markdown.append(
+            f"![{told}]({name}.png)\n\n**{told}** {_escaped(caption)} [SVG]({name}.svg), [CSV]({name}.csv)"
+        )
+        self.body.append(
+            f'<figure><img src="{name}.png" alt="{told}" width="1200" height="840">'
+            f"<figcaption><b>{told}</b> {html.escape(caption)} "
+            f'<a href="{name}.svg">SVG</a>, <a href="{name}.csv">CSV</a></figcaption></figure>'
+        )
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """A table of plain text."""
+        lines = [header, ["---"] * len(header), *([_escaped(cell) for cell in row] for row in rows)]
+        self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+        )
+        self.body.append(
+            f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+        )
+
+    def as_markdown(self) -> str:
+        """The page in Markdown."""
+        return "\n\n".join([f"# {self.title}", *self.markdown]) + "\n"
+
+    def as_html(self) -> str:
+        """The page in HTML, its style in itself."""
+        title = html.escape(self.title)
+        return (
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
+            + "\n".join(self.body)
+            + "\n</body>\n</html>\n"
+        )
+
+
+def _escaped(text: str) -> str:
+    """Text that Markdown takes as text, in a table too."""
+    for letter in "\\|*_<":
+        text = text.replace(letter, "\\" + letter)
+    return text

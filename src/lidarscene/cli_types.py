@@ -1,0 +1,64 @@
+"""Words of the command line, parsed: whole numbers, numbers, poses."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .geometry import Pose
+
+
+def number(text: str) -> float:
+    """An argparse type: a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"a number was expected, {text} came")
+    return value
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """An argparse type: a whole number in this range."""
+
+    def parsed(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} was expected, {text} came")
+        return value
+
+    return parsed
+
+
+def with_joined_pose(argv: Sequence[str]) -> list[str]:
+    """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
+    words = list(argv)
+    for position in range(len(words) - 1, 0, -1):
+        value = words[position]
+        if words[position - 1] == "--pose" and value.startswith("-") and "," in value:
+            words[position - 1 : position + 1] = [f"--pose={value}"]
+    return words
+
+
+def pose(text: str) -> Pose:
+    """An argparse type: three to six numbers, metres and degrees."""
+    from .geometry import Pose
+    from .io.sensor_file import LARGEST_COORDINATE_M
+
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not 3 <= len(numbers) <= 6 or not all(abs(number) <= LARGEST_COORDINATE_M for number in numbers):
+        raise argparse.ArgumentTypeError(
+            f"X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees was expected, {text} came"
+        )
+    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -1,0 +1,78 @@
+"""Resonant Lissajous scanner: both turns are sines, of one mirror or of two.
+
+a(t) = A sin(2 pi f_a t + phi_a) in azimuth and e(t) = E sin(2 pi f_e t + phi_e) in elevation, both mechanical; what
+the reflection makes of them, and the aperture, is in `mirrors`. The pattern closes after 1 / gcd(f_a, f_e); a frame
+of that length repeats, any other one goes on where the last one ended.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, xp
+from .base import Matrix, Mechanism
+from .mirrors import Mirrors
+from .turns import Turns
+from .vectors import Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lissajous(Mechanism):
+    """Pulses at an even rate; ``pulses`` of them are a frame. Made by `of`.
+
+    azimuth_turn_rad, elevation_turn_rad  mechanical amplitudes, zero to peak
+    """
+
+    pulses: int
+    rate_hz: float
+    mirrors: Mirrors
+    azimuth: Turns
+    elevation: Turns
+    azimuth_turn_rad: Array
+    elevation_turn_rad: Array
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        rate_hz: float,
+        frame_hz: float,
+        mirrors: Mirrors,
+        frequency_hz: tuple[float, float],
+        phase_rad: tuple[float, float],
+        turn_rad: tuple[float, float],
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
+    ) -> Lissajous:
+        """From frequencies, phases and amplitudes, each of azimuth and elevation."""
+        azimuth, elevation = (
+            Turns.per_pulse(frequency_hz=f, rate_hz=rate_hz, start_rad=p)
+            for f, p in zip(frequency_hz, phase_rad, strict=True)
+        )
+        return cls(
+            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, mirrors=mirrors,
+            azimuth=azimuth, elevation=elevation,
+            azimuth_turn_rad=turn_rad[0], elevation_turn_rad=turn_rad[1],
+            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
+        )  # fmt: skip
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame."""
+        return self.pulses / self.rate_hz
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+        ops = xp(pulse)
+        return (
+            self.azimuth_turn_rad * ops.sin(self.azimuth.angle_rad(pulse)),
+            self.elevation_turn_rad * ops.sin(self.elevation.angle_rad(pulse)),
+        )
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        return self.mirrors.beam(turned[0], turned[1])
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """One pulse after the other, without a pause."""
+        return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

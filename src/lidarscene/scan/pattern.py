@@ -1,0 +1,77 @@
+"""A user's own pattern: azimuth, elevation and time of every pulse of a frame, from a table.
+
+Nothing is known of the mechanism, so A(theta_r) = A(0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, Table, xp
+from ..geometry import direction_from_angles
+from .base import Matrix, Mechanism, in_frame
+from .vectors import Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pattern(Mechanism):
+    """The table, in firing order; it starts anew with each frame. Made by `of`."""
+
+    pulses: int
+    frame_s: float
+    emission_s: Matrix
+    azimuth_rad: Table
+    elevation_rad: Table
+    laser: Table | None = None
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        azimuth_rad: Matrix,
+        elevation_rad: Matrix,
+        time_s: Matrix,
+        channel: Matrix | None = None,
+        frame_s: float,
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
+    ) -> Pattern:
+        """From columns of one length, times rising from 0 and below ``frame_s``."""
+        return cls(
+            pulses=len(time_s),
+            frame_s=frame_s,
+            emission_s=np.asarray(time_s, dtype=np.float64),
+            azimuth_rad=Table(np.asarray(azimuth_rad, dtype=np.float32)),
+            elevation_rad=Table(np.asarray(elevation_rad, dtype=np.float32)),
+            laser=None if channel is None else Table(np.asarray(channel, dtype=np.float32)),
+            jitter_rad=jitter_rad,
+            encoder_rad=encoder_rad,
+        )
+
+    def _row(self, pulse: Array) -> Array:
+        return xp(pulse).int32(pulse) % self.pulses
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+        ops, row = xp(pulse), self._row(pulse)
+        return ops.take(self.azimuth_rad, row), ops.take(self.elevation_rad, row)
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        azimuth, elevation = turned
+        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth and elevation [rad] of the table."""
+        azimuth, elevation = self._read(pulse)
+        return azimuth, elevation
+
+    def channel(self, pulse: Array) -> Array:
+        """Channel by the table, or 0."""
+        ops, row = xp(pulse), self._row(pulse)
+        return row * 0 if self.laser is None else ops.int32(ops.take(self.laser, row))
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """By the table."""
+        frame, row = in_frame(pulse, self.pulses)
+        return np.asarray(frame * self.frame_s + self.emission_s[row])

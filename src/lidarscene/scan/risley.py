@@ -1,0 +1,112 @@
+"""Risley prisms: two or three wedges that rotate about the sensor's x axis, one behind the other.
+
+Each wedge has one face square to the axis and one inclined by the wedge angle. The beam is refracted at each face by
+Snell's law in vector form (`vectors.refracted`), no angle is taken to be small: thin wedges deviate by (n - 1) alpha
+towards their thick side, real ones by some per cent more, which depends on the faces that look at each other.
+
+Aperture: the lens behind the prisms is the stop. At each face the beams before and behind cover the same part of the
+face, so their cross-sections are as the cosines to its normal, and A(theta_r) / A(0) is the product over all faces,
+from the lens outwards, of cos(theta_t) / cos(theta_i): by how much a beam of the lens's size is wider in the scene.
+What is lost in area is gained in solid angle, so the background should not have this factor; it gets it all the same,
+as (8) is written, and is too small by it (10 % at the edge of a 39 degree field).
+A(0) is the lens itself, wedges out of the way. The prisms are taken to be wider than every beam that the lens takes;
+what Fresnel reflection costs is part of the receiver's efficiency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, xp
+from .base import Matrix, Mechanism
+from .turns import Turns
+from .vectors import Vector, refracted
+
+_X: Vector = (1.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wedge:
+    """One rotating prism. Its phase is the direction of its thick side, from y towards z; that is where it bends to.
+
+    tilted  which face is inclined: "out" (towards the scene) or "in"
+    """
+
+    angle_rad: Array
+    index: Array
+    turns: Turns
+    tilted: str
+
+    def bend(self, direction: Vector, phase_rad: Array) -> tuple[Vector, Array]:
+        """The beam behind the wedge, and by how much its cross-section has grown."""
+        ops = xp(phase_rad, self.angle_rad)
+        # The inclined face recedes from its thick side: forward on the way out, backward on the way in.
+        sine = ops.sin(self.angle_rad) * (-1.0 if self.tilted == "out" else 1.0)
+        inclined = ops.cos(self.angle_rad), sine * ops.cos(phase_rad), sine * ops.sin(phase_rad)
+        first, second = (_X, inclined) if self.tilted == "out" else (inclined, _X)
+        inside, widened = refracted(direction, first, 1.0 / self.index)
+        outside, again = refracted(inside, second, self.index)
+        return outside, widened * again
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Risley(Mechanism):
+    """Pulses at an even rate; ``pulses`` of them are a frame, and the prisms go on turning. Made by `of`."""
+
+    pulses: int
+    rate_hz: float
+    wedges: tuple[Wedge, ...]
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        rate_hz: float,
+        frame_hz: float,
+        angle_rad: Sequence[float],
+        index: Sequence[float],
+        rotation_hz: Sequence[float],
+        phase_rad: Sequence[float],
+        tilted: Sequence[str],
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
+    ) -> Risley:
+        """From lists by wedge, the first one next to the laser. Positive rotation goes from y (left) to z (up)."""
+        wedges = tuple(
+            Wedge(
+                angle_rad=a, index=n, tilted=t,
+                turns=Turns.per_pulse(frequency_hz=f, rate_hz=rate_hz, start_rad=p),
+            )
+            for a, n, f, p, t in zip(angle_rad, index, rotation_hz, phase_rad, tilted, strict=True)
+        )  # fmt: skip
+        return cls(
+            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=wedges,
+            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
+        )  # fmt: skip
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame."""
+        return self.pulses / self.rate_hz
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+        return tuple(wedge.turns.angle_rad(pulse) for wedge in self.wedges)
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        return self.through(turned)
+
+    def through(self, phases_rad: tuple[Array, ...]) -> tuple[Vector, Array]:
+        """Direction and share of the aperture with the wedges' thick sides in these directions."""
+        direction: Vector = _X
+        share: Array = 1.0
+        for wedge, phase in zip(self.wedges, phases_rad, strict=True):
+            direction, widened = wedge.bend(direction, phase)
+            share = share * widened
+        return direction, share
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """One pulse after the other, without a pause."""
+        return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

@@ -1,0 +1,149 @@
+"""Rotating head: a bank of lasers, each at its own elevation, turned about the vertical axis and fired in turn.
+
+The head carries lasers and receivers together, so the receiver always faces its beam: A(theta_r) = A(0).
+
+The sensor's x axis is azimuth 0. In a cycle every laser fires once, at its time after the cycle's start, while the
+head goes on turning; a beam's azimuth is the head's at that very moment plus the laser's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from ..arrays import Array, Table, xp
+from ..geometry import direction_from_angles
+from .base import Matrix, Mechanism, in_frame
+from .turns import Turns
+from .vectors import Vector
+
+_TWO_PI = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spinning(Mechanism):
+    """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `of`.
+
+    Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (what the head turns
+    from the cycle's start to the firing), channel (number of the laser as it was given), start_m (x, y, z of the
+    laser's exit in the head, or None).
+    """
+
+    cycles: int
+    lasers: int
+    cycle_s: float
+    firing_s: Matrix
+    head: Turns
+    elevation_rad: Table
+    azimuth_rad: Table
+    lead_rad: Table
+    lasers_by_place: Table
+    start_m: tuple[Table, Table, Table] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        rotation_hz: float,
+        cycle_s: float | None,
+        cycles_per_turn: int | None,
+        elevation_rad: Sequence[float],
+        azimuth_rad: Sequence[float],
+        firing_s: Sequence[float],
+        start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
+        start_azimuth_rad: float = 0.0,
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
+    ) -> Spinning:
+        """From the lists of the lasers, in any order; the numbers of `channel` are places in these lists.
+
+        rotation_hz      positive is counter-clockwise seen from above
+        cycle_s          clocked by time, or
+        cycles_per_turn  clocked by the encoder, so that frames close exactly; one of the two is None
+        """
+        period_s = 1.0 / abs(rotation_hz)
+        if cycles_per_turn is not None:
+            cycle_s = period_s / cycles_per_turn
+            step = Fraction(1 if rotation_hz > 0 else -1, cycles_per_turn)
+        else:
+            assert cycle_s is not None
+            cycles_per_turn = max(1, round(period_s / cycle_s))
+            step = Fraction(rotation_hz) * Fraction(cycle_s)
+        order = np.argsort(np.asarray(firing_s), kind="stable")
+
+        def table(values: object) -> Table:
+            return Table(np.asarray(values, dtype=np.float64)[order])
+
+        return cls(
+            cycles=cycles_per_turn,
+            lasers=len(order),
+            cycle_s=cycle_s,
+            firing_s=np.asarray(firing_s, dtype=np.float64)[order],
+            head=Turns.of_fraction(step, start_rad=start_azimuth_rad),
+            elevation_rad=table(elevation_rad),
+            azimuth_rad=table(azimuth_rad),
+            lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
+            lasers_by_place=table(np.arange(len(order))),
+            start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
+            jitter_rad=jitter_rad,
+            encoder_rad=encoder_rad,
+        )
+
+    @property
+    def pulses(self) -> int:
+        """Pulses in one frame."""
+        return self.cycles * self.lasers
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame."""
+        return self.cycles * self.cycle_s
+
+    def _place(self, pulse: Array) -> tuple[Array, Array]:
+        """Cycle of each pulse, and its laser's place in the firing order."""
+        number = xp(pulse).int32(pulse)
+        cycle = number // self.lasers
+        return cycle, number - cycle * self.lasers
+
+    def _mechanism(self, pulse: Array) -> tuple[Array]:
+        cycle, place = self._place(pulse)
+        ops = xp(pulse)
+        return (self.head.angle_rad(ops.uint32(cycle)) + ops.float32(ops.take(self.lead_rad, place)),)
+
+    def _azimuth_elevation(self, pulse: Array, head: Array) -> tuple[Array, Array]:
+        ops, place = xp(pulse), self._place(pulse)[1]
+        azimuth = head + ops.float32(ops.take(self.azimuth_rad, place))
+        azimuth = azimuth - _TWO_PI * ops.rint(azimuth * (1.0 / _TWO_PI))
+        return azimuth, ops.float32(ops.take(self.elevation_rad, place))
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        azimuth, elevation = self._azimuth_elevation(pulse, turned[0])
+        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth, -pi to pi, and elevation [rad] that the sensor reports."""
+        return self._azimuth_elevation(pulse, self._read(pulse)[0])
+
+    def channel(self, pulse: Array) -> Array:
+        """Number of the laser, as given."""
+        ops = xp(pulse)
+        return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
+
+    def offset_m(self, pulse: Array) -> Vector | None:
+        """The laser's exit, turned with the head."""
+        if self.start_m is None:
+            return None
+        ops, place = xp(pulse), self._place(pulse)[1]
+        x, y, z = (ops.float32(ops.take(table, place)) for table in self.start_m)
+        (head,) = self._mechanism(pulse)
+        cos, sin = ops.cos(head), ops.sin(head)
+        return cos * x - sin * y, sin * x + cos * y, z
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """By the firing table."""
+        cycle, place = in_frame(pulse, self.lasers)
+        return np.asarray(cycle * self.cycle_s + self.firing_s[place])

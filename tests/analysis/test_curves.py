@@ -1,0 +1,270 @@
+"""Curves along any axis, where they cross, and what the sensors of a sweep are called."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from lidarscene import catalog, load_sensor
+from lidarscene.analysis import aperture, ranging
+from lidarscene.analysis.aperture import LAWS
+from lidarscene.analysis.axes import condition_axis, numeric_keys, parameter_axis
+from lidarscene.analysis.curves import Question, curves, is_flat
+from lidarscene.analysis.ranging import RangeStatus, Target
+from lidarscene.analysis.subjects import subjects
+from lidarscene.errors import InputError
+
+PRINTED = ("table1-sipm:detector.statistics=published", "table1-sipm:detector.cell_floor=0")
+BOTH = subjects(["table1-apd", "table1-sipm"], PRINTED)
+
+
+def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **question):
+    if key in ("distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence"):
+        axis = condition_axis(key, start=start, stop=stop, count=count, log=log)
+    else:
+        files = [(one.where, one.changed) for one in among]
+        axis = parameter_axis(key, files, start=start, stop=stop, count=count, log=log)
+    quantity = question.pop("quantity", "snr" if key == "distance" else "range")
+    return curves(among, Question(quantity=quantity, axis=axis, **question))
+
+
+# --- crossings --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [2, 7, 200])
+def test_equal_ranges_of_table_1(count):
+    """PHYSICS.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
+    (crossing,) = over("illuminance", count=count).crossings
+    assert crossing.at == pytest.approx(3.22191, rel=1e-5)
+    assert crossing.at == pytest.approx(
+        ranging.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
+    )
+    assert (crossing.first, crossing.second) == ("table1-apd", "table1-sipm")
+    assert not crossing.falls  # the APD rises over the SiPM as the light grows
+    assert crossing.value == pytest.approx(722.14, rel=1e-5)
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
+    """PHYSICS.md: 350.605 m and 280.871 m."""
+    found = over("distance", log=log)
+    assert found.crossings == ()
+    first, second = found.detection_limits
+    assert (first.first, first.at) == ("table1-apd", pytest.approx(350.605, rel=1e-5))
+    assert (second.first, second.at) == ("table1-sipm", pytest.approx(280.871, rel=1e-5))
+    assert [first.value, second.value] == pytest.approx([5.0, 5.0], rel=1e-9)
+    assert first.falls
+
+
+def test_probability_is_half_at_the_limit():
+    found = over("distance", quantity="pd")
+    assert [limit.value for limit in found.detection_limits] == pytest.approx([0.5, 0.5], abs=1e-8)
+    assert found.detection_limits[0].at == pytest.approx(350.605, rel=1e-5)
+
+
+def test_limit_along_a_parameter():
+    """The power at which 350.605 m becomes the limit is Table 1's."""
+    found = over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565)
+    (limit,) = found.detection_limits
+    assert limit.at == pytest.approx(45.0, rel=1e-7)
+    assert not limit.falls
+
+
+def test_whole_numbers_cross_at_a_whole_number():
+    """The first number of cells from which the SiPM outranges a shorter SiPM; bracketed by its neighbour."""
+    pair = subjects(["table1-sipm", "table1-sipm"], ["detector.statistics=published"])
+    stronger = pair[1].__class__(
+        name="other", argument="other", where="other", tables=pair[1].tables, folder=pair[1].folder,
+        overrides=("detector.pde=0.3",),
+    )  # fmt: skip
+    swept = over("detector.cells", [pair[0], stronger], start=100, stop=4000, count=30, log=True)
+    assert (swept.question.axis.values == np.rint(swept.question.axis.values)).all()
+    for crossing in swept.crossings:
+        assert crossing.at == int(crossing.at)
+
+
+def test_no_crossing_of_a_curve_with_itself():
+    twins = subjects(["table1-apd", "table1-apd"])
+    assert over("illuminance", twins).crossings == ()
+    assert over("distance", twins, quantity="pd").crossings == ()
+
+
+def test_a_jump_is_no_crossing():
+    """A saturated SiPM's range jumps to 0 past some light, below a weak APD's: they are never equal."""
+    few = subjects(
+        ["table1-sipm", "table1-apd"],
+        ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"],
+    )
+    swept = over("illuminance", few, start=1.0, stop=1e4, count=80)
+    assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
+    for crossing in swept.crossings:
+        values = [abs(np.interp(crossing.at, swept.question.axis.values, own.values)) for own in swept.curves]
+        assert all(math.isfinite(value) for value in values)
+        assert crossing.value > 0.0
+
+
+# --- values -----------------------------------------------------------------------------------------
+
+
+def test_distance_is_the_snr_of_ranging():
+    swept = over("distance", count=9)
+    expected = ranging.snr(load_sensor("table1-apd"), Target(), swept.question.axis.values)
+    assert swept.curves[0].values == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "start", "stop"),
+    [("detector.gain", 20, 200), ("optics.aperture_radius_mm", 5, 50), ("laser.wavelength_nm", 850, 1064),
+     ("tdc.bandwidth_mhz", 10, 500), ("scanner.azimuth_step_deg", 0.1, 1.0)],
+)  # fmt: skip
+def test_parameters_are_those_of_the_file(key, start, stop):
+    """Reference: a sensor loaded anew for each value."""
+    (own,) = over(key, BOTH[:1], start=start, stop=stop, count=5, visibility_m=5000.0).curves
+    for value, found in zip(np.geomspace(start, stop, 5), own.values, strict=True):
+        sensor = load_sensor(
+            "table1-apd", overrides=[f"{key}={value!r}".replace("np.float64(", "").replace(")", "")]
+        )
+        from lidarscene.physics import air
+
+        alpha = air.extinction_from_visibility_per_m(
+            visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m
+        )
+        expected = ranging.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_does_not_matter_is_flat():
+    assert is_flat(over("scanner.azimuth_step_deg", BOTH[:1]).curves[0])
+    assert is_flat(over("elevation", BOTH[:1]).curves[0])
+    assert not is_flat(over("elevation", BOTH[:1], law="cosine").curves[0])
+
+
+def test_incidence_and_reflectivity():
+    """Far out SNR goes with cos(theta): range at 60 degrees is sqrt(1/2) of the APD's at 0."""
+    (apd,) = over("incidence", BOTH[:1], start=0, stop=90, count=4).curves  # 0, 30, 60, 90
+    assert apd.values[2] / apd.values[0] == pytest.approx(math.sqrt(0.5), rel=1e-9)
+    assert apd.status[3] in (RangeStatus.NEVER_DETECTED, RangeStatus.FOUND)
+    assert apd.values[3] < 0.01 * apd.values[0]
+    (apd,) = over("reflectivity", BOTH[:1], start=0.0, stop=1.0, log=False, count=3).curves
+    assert apd.status[0] == RangeStatus.NEVER_DETECTED
+    assert apd.values[2] > apd.values[1] > apd.values[0] == 0.0
+
+
+@pytest.mark.parametrize("key", ["elevation", "azimuth"])
+def test_aperture_laws(key):
+    """One edge of a mirror's field sees more than the centre; both edges of a fixed window see less."""
+    edges = {law: over(key, BOTH[:1], start=-30, stop=30, count=3, law=law).curves[0].values for law in LAWS}
+    assert len(set(edges["constant"])) == 1
+    low, middle, high = edges["cosine"]
+    assert low == pytest.approx(high, rel=1e-12)
+    assert low < middle
+    low, middle, high = edges["mirror"]
+    assert low > middle > high
+
+
+def test_aperture_laws_by_hand():
+    angle = np.array([-30.0, 0.0, 30.0])
+    assert LAWS["cosine"](angle) == pytest.approx([math.sqrt(0.75), 1.0, math.sqrt(0.75)])
+    root_half = math.sqrt(0.5)
+    assert LAWS["mirror"](angle) == pytest.approx([math.sqrt(0.75) / root_half, 1.0, 0.5 / root_half])
+
+
+@dataclass(frozen=True)
+class Halving:
+    """A scanner whose aperture falls from 1 in the middle to 1/2 at 10 degrees of elevation, both ways."""
+
+    pulses: int = 201 * 41
+
+    def angles(self, pulse):
+        row, column = np.divmod(np.asarray(pulse), 201)
+        return np.radians(column / 10.0 - 10.0), np.radians(row / 2.0 - 10.0)
+
+    def aperture_share(self, pulse):
+        return 1.0 - 0.05 * np.abs(np.degrees(self.angles(pulse)[1]))
+
+
+def test_aperture_of_a_scanner():
+    angle = np.array([-10.0, -5.0, 0.0, 2.5, 10.0])
+    assert aperture.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
+    assert aperture.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
+    assert aperture.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
+    with pytest.raises(InputError, match="field of view is -10 to 10"):
+        aperture.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
+
+
+def test_a_rasters_aperture_is_constant():
+    assert list(aperture.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [
+        1.0,
+        1.0,
+    ]
+
+
+# --- axes -------------------------------------------------------------------------------------------
+
+
+def test_default_axes():
+    axis = condition_axis("distance", start=None, stop=None, count=11, log=None)
+    assert (axis.column, axis.label, axis.log) == ("distance_m", "distance [m]", True)
+    assert (axis.values[0], axis.values[-1]) == (10.0, 1000.0)
+    for key, column in (
+        ("illuminance", "illuminance_klux"),
+        ("reflectivity", "reflectivity"),
+        ("incidence", "incidence_deg"),
+    ):
+        assert condition_axis(key, start=None, stop=None, count=3, log=None).column == column
+
+
+def test_parameters_run_to_their_bounds():
+    tables = [("apd", BOTH[0].changed)]
+
+    def axis(key, **ends):
+        return parameter_axis(key, tables, **({"start": None, "stop": None, "count": 5, "log": None} | ends))
+
+    gain = axis("detector.gain")
+    assert (gain.values[0], gain.values[-1], gain.column) == (16.0, 400.0, "detector.gain")
+    assert axis("detector.quantum_efficiency").values[-1] == 1.0
+    assert axis("optics.aperture_radius_mm").label == "optics.aperture_radius [mm]"
+    assert axis("tdc.bandwidth_mhz").unit == "MHz"
+    assert list(axis("tdc.stops", start=1, stop=3, log=False).values) == [1.0, 2.0, 3.0]
+
+
+def test_every_number_of_a_sensor_file_is_a_key():
+    keys = numeric_keys(BOTH[1].changed)
+    for table, entries in BOTH[1].changed.items():
+        if isinstance(entries, dict) and table != "sources":
+            numbers = {f"{table}.{key}" for key, value in entries.items() if isinstance(value, (int, float))}
+            assert numbers <= set(keys)
+    assert "detector.gain" not in keys
+    assert keys["detector.cells"].whole
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [("detector.gian", "did you mean detector.gain"), ("name", "has no numeric key"),
+     ("distanze", "did you mean distance"),
+     ("detector.circuit_noise_na", "is 0 in table1-apd.toml"), ("detector.ionisation_ratio", "is not given in")],
+)  # fmt: skip
+def test_keys_that_cannot_be_swept(key, told):
+    with pytest.raises(InputError, match=told):
+        over(key, BOTH[:1])
+
+
+# --- sensors ----------------------------------------------------------------------------------------
+
+
+def test_equal_names_get_numbers(tmp_path):
+    text = catalog.path_of("sensors", "table1-apd").read_text("utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 40"))
+    found = subjects(["table1-apd", str(tmp_path / "mine.toml"), "table1-sipm"])
+    assert [one.name for one in found] == ["table1-apd", "table1-apd (2)", "table1-sipm"]
+    assert found[1].sensor().detector.gain == 40.0
+
+
+def test_assignments_for_one_and_for_all():
+    found = subjects(
+        ["table1-apd", "table1-sipm"], ["laser.peak_power_w=50", "table1-apd:detector.gain=30", "name='x'"]
+    )
+    assert [one.sensor().laser.peak_power_w for one in found] == [50.0, 50.0]
+    assert found[0].sensor().detector.gain == 30.0
+    assert [one.name for one in found] == ["x", "x (2)"]

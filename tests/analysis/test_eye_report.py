@@ -1,0 +1,203 @@
+"""Eye safety of whole sensors: what enters a still eye, which criterion limits, and what the report says."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarscene import catalog
+from lidarscene.analysis.exposure import PulseTrain, counted_train, scanned_train, stationary_train
+from lidarscene.analysis.eye_safety import EyeSafetyReport, eye_safety_report, report_text
+from lidarscene.errors import InputError
+from lidarscene.sensor import Sensor
+
+TABLE_1 = catalog.sensor("table1-apd")
+PULSE_J = 45 * 6e-9 * math.sqrt(math.pi / (4 * math.log(2)))  # 287.4 nJ
+C4 = 10**0.41
+
+
+def with_laser(**changes: float) -> Sensor:
+    return replace(TABLE_1, laser=replace(TABLE_1.laser, **changes))
+
+
+def margins(report: EyeSafetyReport, viewer: str = "eye") -> dict[str, float]:
+    return {c.name: c.margin for c in report.criteria if c.viewer == viewer}
+
+
+def test_table_1_standing_still() -> None:
+    """By hand: 7.7e-8 C4 J, 3.9e-4 C4 W, and C5 = 0.4 for 5e5 pulses in 10 s, all of the beam in the pupil."""
+    report = eye_safety_report(TABLE_1)
+    assert report.pulse_energy_j == pytest.approx(PULSE_J)
+    found = margins(report)
+    assert found["single pulse"] == pytest.approx(7.7e-8 * C4 / PULSE_J, rel=1e-9)
+    assert found["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3), rel=1e-9)
+    assert found["pulse train"] == pytest.approx(0.4 * 7.7e-8 * C4 / PULSE_J, rel=1e-9)
+    assert found["pulse group"] == pytest.approx(7e-4 * C4 * 10**0.75 / (PULSE_J * 5e5), rel=1e-4)
+    assert (report.limiting.name, report.is_class_1) == ("average power", False)
+    assert report.class_1_peak_power_w == pytest.approx(3.139, rel=1e-3)
+    assert found == margins(report, "telescope")
+
+
+def test_table_1_scanned() -> None:
+    """By hand: 21 columns of a row cross 7 mm at 100 mm (4.01 degrees at 0.2), about pi 10^2 = 314 pulses a frame."""
+    train = scanned_train(TABLE_1, aperture_m=7e-3, distance_m=0.1)
+    assert train.per_period == pytest.approx(math.pi * (math.degrees(math.atan(0.035)) / 0.2) ** 2, rel=0.05)
+    assert train.period_s == pytest.approx(601 * 126 / 50e3)
+    assert train.most_within(1e-3) == 21
+    report = eye_safety_report(TABLE_1, scanned=True)
+    found = margins(report)
+    assert found["pulse group"] == pytest.approx(7e-4 * C4 * 400e-6**0.75 / (21 * PULSE_J), rel=1e-3)
+    number = train.per_period * 7  # the aperture is passed seven times in 10 s
+    assert found["pulse train"] == pytest.approx(5 * number**-0.25 * 7.7e-8 * C4 / PULSE_J, rel=1e-3)
+    assert (report.limiting.name, report.limiting.viewer) == ("pulse train", "eye")
+
+
+def test_smaller_pulses_or_a_wider_beam_pass() -> None:
+    """At the peak power that the report allows, the margin is one; a 25 mm beam sends 15 % through the pupil."""
+    allowed = eye_safety_report(TABLE_1).class_1_peak_power_w
+    assert eye_safety_report(with_laser(peak_power_w=allowed)).limiting.margin == pytest.approx(1.0)
+    wide = eye_safety_report(with_laser(exit_diameter_m=25e-3))
+    share = 1 - math.exp(-2 * (7 / 25) ** 2)
+    assert margins(wide)["single pulse"] == pytest.approx(7.7e-8 * C4 / (share * PULSE_J), rel=1e-6)
+    assert wide.limiting.viewer == "telescope"
+
+
+def test_larger_source() -> None:
+    """3 mrad is twice alpha_min: C6 = 2 for a pulse; for the mean power T2 grows too."""
+    point, larger = margins(eye_safety_report(TABLE_1)), margins(eye_safety_report(TABLE_1, source_rad=3e-3))
+    assert larger["single pulse"] == pytest.approx(2 * point["single pulse"])
+    t2 = 10 * 10 ** (1.5 / 98.5)
+    assert larger["average power"] == pytest.approx(point["average power"] * 2 * 7e-4 * t2**-0.25 / 3.9e-4)
+    assert margins(eye_safety_report(with_laser(source_rad=3e-3))) == larger
+
+
+def test_1550_nm() -> None:
+    """10 mW in the mean, 8 mJ in a pulse, and nothing for the retina."""
+    found = margins(eye_safety_report(with_laser(wavelength_m=1550e-9)))
+    assert found["average power"] == pytest.approx(10e-3 / (PULSE_J * 50e3))
+    assert found["single pulse"] == pytest.approx(8e-3 / PULSE_J)
+    assert "pulse train" not in found
+
+
+def test_pulses_closer_than_the_grouping_time_count_as_one() -> None:
+    """At 1 MHz five pulses fall into 5 us; they are compared together, 2e6 of them in 10 s: C5 = 0.4."""
+    report = eye_safety_report(with_laser(repetition_rate_hz=1e6))
+    train = next(c for c in report.criteria if c.name == "pulse train")
+    assert train.emission == pytest.approx(5 * PULSE_J)
+    assert train.limit == pytest.approx(0.4 * 7e-4 * C4 * 5e-6**0.75, rel=1e-6)
+    assert "5 within 5 us as one" in train.detail
+
+
+def test_blue_light_has_its_own_limit() -> None:
+    report = eye_safety_report(with_laser(wavelength_m=450e-9))
+    assert report.limiting.name == "blue light"
+    assert report.limiting.limit == pytest.approx(3.9e-5)
+
+
+def test_given_number_of_pulses() -> None:
+    """One pulse in each frame: a train of 0.66 Hz; more of them are never better."""
+    one = eye_safety_report(TABLE_1, pulses_in_aperture=1)
+    assert margins(one)["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3 / 75726))
+    limits = [
+        eye_safety_report(TABLE_1, pulses_in_aperture=n).limiting.margin for n in (1, 2, 30, 900, 75726)
+    ]
+    assert limits == sorted(limits, reverse=True)
+    assert limits[-1] == pytest.approx(eye_safety_report(TABLE_1).limiting.margin, rel=1e-6)
+
+
+def test_report_as_data_and_text() -> None:
+    report = eye_safety_report(TABLE_1)
+    data = json.loads(json.dumps(report.as_dict()))
+    assert (data["limiting"], data["is_class_1"]) == ("average power", False)
+    assert data["margin"] == pytest.approx(report.limiting.margin)
+    assert {c["unit"] for c in data["criteria"]} == {"J", "W"}
+    text = report_text(TABLE_1)
+    for phrase in (
+        "not a certification", "287.4 nJ a pulse", "14.37 mW in the mean", "197.9 nJ", "1.002 mW",
+        "NOT within class 1: average power limits (eye), margin 0.0698", "laser.exit_diameter_mm is not given",
+    ):  # fmt: skip
+        assert phrase in text
+    assert max(len(line) for line in text.splitlines()) <= 120
+    assert "within class 1: " in report_text(with_laser(peak_power_w=0.1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"wavelength_m": 355e-9},
+            "table1-apd: eye safety: a wavelength of 400 to 2600 nm was expected, 355 nm",
+        ),
+        ({"pulse_fwhm_s": 3e-5}, "the pulses overlap"),
+    ],
+)
+def test_lasers_that_cannot_be_judged(changes: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        eye_safety_report(with_laser(**changes))
+
+
+def test_options_that_do_not_fit() -> None:
+    with pytest.raises(InputError, match="not both"):
+        eye_safety_report(TABLE_1, scanned=True, pulses_in_aperture=3)
+    with pytest.raises(InputError, match="1 to 75726 pulses"):
+        eye_safety_report(TABLE_1, pulses_in_aperture=0)
+
+
+# --- trains -----------------------------------------------------------------------------------------
+
+
+@given(
+    gaps=st.lists(st.integers(0, 50), min_size=0, max_size=12),
+    rest=st.integers(1, 60),
+    pulses=st.integers(1, 60),
+    window=st.integers(1, 400),
+)
+@settings(max_examples=200, deadline=None)
+def test_trains_against_counting(gaps: list[int], rest: int, pulses: int, window: int) -> None:
+    """Rationale: the closed forms must be what counting a long list gives."""
+    times = np.concatenate([[0], np.cumsum(gaps)]).astype(float)
+    period = float(times[-1] + rest)
+    train = PulseTrain(time_s=times, period_s=period)
+    long = np.concatenate([times + k * period for k in range(pulses + window + 2)])
+    starts = long[: len(times)]
+    spans = long[pulses - 1 : pulses - 1 + len(times)] - starts
+    assert train.shortest_span_s(pulses) == pytest.approx(spans.min(), abs=1e-9)
+    counts = [int(((long >= t) & (long < t + window - 1e-6)).sum()) for t in starts]
+    assert train.most_within(float(window)) == max(counts)
+    assert train.mean_rate_hz == pytest.approx(len(times) / period)
+
+
+def test_groups() -> None:
+    train = PulseTrain(time_s=np.array([0.0, 1.0, 2.0, 10.0, 11.0]), period_s=20.0)
+    assert [train.groups_per_period(t) for t in (0.5, 1.5, 2.5, 15.0)] == [5, 3, 2, 1]
+
+
+def test_scanned_beams_never_exceed_standing_ones() -> None:
+    scanned = margins(eye_safety_report(TABLE_1, scanned=True))
+    assert all(scanned[name] >= margin for name, margin in margins(eye_safety_report(TABLE_1)).items())
+
+
+def test_aperture_counts_shrink_with_distance() -> None:
+    """7 mm a long way off holds one pulse; a beam as wide as 35 mm touches it in many more."""
+    counts = [
+        scanned_train(TABLE_1, aperture_m=7e-3, distance_m=r).per_period for r in (0.1, 0.3, 1.0, 100.0)
+    ]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] == 1
+    wide = scanned_train(TABLE_1, aperture_m=7e-3, distance_m=0.1, beam_diameter_m=35e-3)
+    assert wide.per_period > 20 * counts[0]
+
+
+def test_simple_trains() -> None:
+    assert (stationary_train(TABLE_1).per_period, stationary_train(TABLE_1).period_s) == (1, 2e-5)
+    np.testing.assert_allclose(counted_train(TABLE_1, pulses_in_aperture=3).time_s, [0, 2e-5, 4e-5])
+
+
+@pytest.mark.parametrize("times", [[], [1.0], [0.0, 1.0, 0.5], [0.0, 2.0]])
+def test_trains_are_checked(times: list[float]) -> None:
+    with pytest.raises(ValueError, match="go up from 0"):
+        PulseTrain(time_s=np.array(times), period_s=2.0)

@@ -1,0 +1,361 @@
+"""Maximum range for arrays of conditions: what it is, how it moves, its limits, its dimensions, its statuses."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from lidarscene import load_sensor
+from lidarscene.analysis import ranging
+from lidarscene.analysis.ranging import RangeStatus, Target
+
+APD = load_sensor("table1-apd")
+SIPM = load_sensor("table1-sipm")
+BOTH = pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+
+# Nothing is random from run to run, and no test waits for hypothesis.
+steady = settings(derandomize=True, deadline=None, max_examples=40, database=None)
+
+
+def of(name, **changes):
+    return load_sensor(
+        name, overrides=[f"{key.replace('__', '.')}={value!r}" for key, value in changes.items()]
+    )
+
+
+def reach(sensor, **target):
+    return ranging.maximum_range_m(sensor, Target(**target))[0]
+
+
+# --- arrays -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sensor", [APD, SIPM], ids=["apd", "sipm"])
+def test_arrays_are_many_scalars(sensor):
+    """Reference: the scalar call. Tolerance: the bisection's own 1e-12."""
+    klux, share = np.array([0.0, 0.1, 30.0]), np.array([[0.0], [0.1], [0.9]])
+    limit, status = ranging.maximum_range_m(
+        sensor, Target(illuminance_klux=klux, reflectivity=share, extinction_per_m=1e-4)
+    )
+    assert limit.shape == status.shape == (3, 3)
+    for row in range(3):
+        for column in range(3):
+            one = Target(
+                illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4
+            )
+            alone, alone_status = ranging.maximum_range_m(sensor, one)
+            assert limit[row, column] == pytest.approx(alone, rel=1e-11)
+            assert status[row, column] == alone_status
+
+
+def test_sensors_stack():
+    gains = [10.0, 80.0, 300.0]
+    sensors = [of("table1-apd", detector__gain=gain) for gain in gains]
+    stack = ranging.stacked(sensors)
+    assert stack is not None
+    assert ranging.conditions_shape(stack, Target()) == (3,)
+    limit, status = ranging.maximum_range_m(stack, Target())
+    assert limit == pytest.approx([reach(one) for one in sensors], rel=1e-11)
+    assert (status == RangeStatus.FOUND).all()
+
+
+def test_what_differs_in_words_does_not_stack():
+    assert ranging.stacked([APD, SIPM]) is None
+    assert ranging.stacked([SIPM, of("table1-sipm", detector__statistics="published")]) is None
+
+
+def test_scalars_stay_scalars():
+    limit, status = ranging.maximum_range_m(APD, Target())
+    assert isinstance(limit, float)
+    assert status is RangeStatus.FOUND
+
+
+# --- statuses ---------------------------------------------------------------------------------------
+
+
+def test_every_status_has_its_case():
+    quiet = of("table1-sipm", detector__cell_floor=0, detector__dark_count_rate_hz=0)
+    limit, status = ranging.maximum_range_m(quiet, Target(illuminance_klux=np.array([0.0, 10.0])))
+    assert list(status) == [RangeStatus.NO_LIMIT, RangeStatus.FOUND]
+    assert limit[0] == math.inf
+    hazy = Target(illuminance_klux=0.0, extinction_per_m=1e-3)  # an echo of e^-600 is still an echo
+    assert ranging.maximum_range_m(quiet, hazy) == (math.inf, RangeStatus.NO_LIMIT)
+    limit, status = ranging.maximum_range_m(APD, Target(reflectivity=np.array([0.0, 0.1])))
+    assert list(status) == [RangeStatus.NEVER_DETECTED, RangeStatus.FOUND]
+    assert limit[0] == 0.0
+
+
+def test_a_threshold_above_all_free_cells_is_saturated():
+    """10 cells under 100 klux: 0.6 are free on average, and five sigma are 3.8."""
+    assert ranging.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (
+        0.0,
+        RangeStatus.SATURATED,
+    )
+    level = of("table1-sipm", tdc__threshold_to_noise=40.0)
+    assert ranging.maximum_range_m(level, Target())[1] == RangeStatus.SATURATED
+
+
+def test_what_is_blinded_close_by_may_see_farther_off():
+    """Rationale: in fog the sun on the target fades with range, too. Few cells: blind at 1 m, seeing at 8 m."""
+    few, fog = (
+        of("table1-sipm", detector__cells=10, optics__efficiency_laser=1.0),
+        Target(transmittance=1.0, extinction_per_m=0.5),
+    )
+    margin = ranging.detection_margin(few, fog, [1.0, 8.0])
+    assert margin[0] < 1.0 < margin[1]
+    limit, status = ranging.maximum_range_m(few, fog)
+    assert status == RangeStatus.FOUND
+    assert ranging.detection_margin(few, fog, [limit * 0.999])[0] > 1.0
+    assert (ranging.detection_margin(few, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
+
+
+@steady
+@given(
+    name=st.sampled_from(["table1-apd", "table1-sipm"]),
+    reflectivity=st.floats(0.0, 1.0),
+    klux=st.floats(0.0, 1e5),
+    cosine=st.floats(0.0, 1.0),
+    sun=st.floats(-1.0, 1.0),
+    extinction=st.floats(0.0, 10.0),
+    aperture=st.floats(0.0, 1.5),
+)
+@example(name="table1-apd", reflectivity=0.1, klux=1.0, cosine=1.0, sun=5e-324, extinction=0.0, aperture=1.0)
+@example(
+    name="table1-sipm", reflectivity=5e-324, klux=1.0, cosine=1.0, sun=1.0, extinction=1e-3, aperture=1.0
+)
+def test_never_nan(name, reflectivity, klux, cosine, sun, extinction, aperture):
+    """Rationale: NaN is always a bug. The status says what 0 and inf mean."""
+    target = Target(
+        reflectivity=reflectivity, illuminance_klux=klux, cos_incidence=cosine, cos_sun=sun,
+        extinction_per_m=extinction, aperture_share=aperture,
+    )  # fmt: skip
+    sensor = APD if name == "table1-apd" else SIPM
+    limit, status = ranging.maximum_range_m(sensor, target)
+    assert limit >= 0.0
+    assert (limit == 0.0) == (status in (RangeStatus.NEVER_DETECTED, RangeStatus.SATURATED))
+    assert (limit == math.inf) == (status == RangeStatus.NO_LIMIT)
+    ranges = np.geomspace(0.01, 1e6, 50)
+    for values in (
+        ranging.snr(sensor, target, ranges),
+        ranging.detection_probability(sensor, target, ranges),
+    ):
+        assert not np.isnan(values).any()
+    assert not np.isnan(ranging.closed_form_range_m(sensor, target))
+
+
+# --- monotonicity -----------------------------------------------------------------------------------
+
+factor = st.floats(1.01, 3.0)
+klux = st.floats(0.0, 100.0)
+
+
+@steady
+@given(
+    name=st.sampled_from(["table1-apd", "table1-sipm"]),
+    more=factor,
+    light=klux,
+    extinction=st.floats(0.0, 3e-3),
+)
+def test_more_power_sees_farther(name, more, light, extinction):
+    low, high = (of(name, laser__peak_power_w=45.0 * f) for f in (1.0, more))
+    target = {"illuminance_klux": light, "extinction_per_m": extinction}
+    assert reach(high, **target) > reach(low, **target)
+
+
+@steady
+@given(
+    name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=klux, dark=st.floats(0.02, 0.3)
+)
+def test_brighter_targets_are_seen_farther(name, more, light, dark):
+    sensor = APD if name == "table1-apd" else SIPM
+    low, high = (reach(sensor, reflectivity=dark * f, illuminance_klux=light) for f in (1.0, more))
+    assert high > low
+
+
+@steady
+@given(more=factor, light=klux)
+def test_more_aperture_sees_farther(more, light):
+    """For an APD always; a SiPM's cells run out (`test_sipm_aperture_has_a_best`)."""
+    low, high = (of("table1-apd", optics__aperture_radius_mm=25.0 * f) for f in (1.0, more))
+    assert reach(high, illuminance_klux=light) > reach(low, illuminance_klux=light)
+
+
+def test_sipm_aperture_has_a_best():
+    printed = {"detector__statistics": "published", "detector__cell_floor": 0.0}
+    found = [reach(of("table1-sipm", optics__aperture_radius_mm=a, **printed)) for a in (25.0, 41.0, 80.0)]
+    assert found[1] > found[0] > found[2]
+
+
+@steady
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=st.floats(0.1, 50.0))
+def test_sunlight_shortens_the_range(name, more, light):
+    sensor = APD if name == "table1-apd" else SIPM
+    assert reach(sensor, illuminance_klux=light * more) < reach(sensor, illuminance_klux=light)
+
+
+@steady
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=st.floats(0.1, 100.0))
+def test_a_higher_threshold_shortens_the_range(name, more, light):
+    low, high = (of(name, tdc__threshold_to_noise=3.0 * f) for f in (1.0, more))
+    assert reach(high, illuminance_klux=light) < reach(low, illuminance_klux=light)
+
+
+@steady
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), near=st.floats(20.0, 900.0), more=factor)
+def test_detection_falls_with_distance(name, near, more):
+    sensor = APD if name == "table1-apd" else SIPM
+    target = Target(illuminance_klux=10.0)
+    for quantity in (ranging.snr, ranging.detection_probability, ranging.detection_margin):
+        first, second = quantity(sensor, target, [near, near * more])
+        assert second <= first * (1.0 + 1e-9)
+
+
+# --- limits -----------------------------------------------------------------------------------------
+
+
+def test_gain_one_is_a_photodiode():
+    """M -> 1: no excess noise whatever x is, and the SNR of a plain photodiode."""
+    ranges = {
+        x: reach(of("table1-apd", detector__gain=1.0, detector__excess_noise_index=x))
+        for x in (0.0, 0.3, 1.0)
+    }
+    assert len(set(ranges.values())) == 1
+    close = reach(of("table1-apd", detector__gain=1.0 + 1e-9))
+    assert close == pytest.approx(ranges[0.3], rel=1e-6)
+
+
+@pytest.mark.parametrize("statistics", ["published", "steady_state"])
+def test_many_cells_are_the_approximation(statistics):
+    """N -> infinity: (27), published or derived, becomes (28), and its range the closed form. 1e9 cells: 1e-4."""
+    many = of(
+        "table1-sipm",
+        detector__cells=10**9,
+        detector__dark_count_rate_hz=0.0,
+        detector__statistics=statistics,
+    )
+    assert reach(many) == pytest.approx(ranging.closed_form_range_m(many, Target()), rel=1e-4)
+
+
+def test_no_sun_is_a_limit_not_a_jump():
+    """E_sun -> 0: what is left is electrical noise (APD), dark counts or one cell (SiPM)."""
+    for sensor in (APD, SIPM, of("table1-sipm", detector__cell_floor=0.0)):
+        assert reach(sensor, illuminance_klux=1e-9) == pytest.approx(
+            reach(sensor, illuminance_klux=0.0), rel=1e-4
+        )
+    assert ranging.closed_form_range_m(APD, Target(illuminance_klux=0.0)) == math.inf
+
+
+def test_a_diffuse_sky_is_more_background():
+    assert reach(APD, diffuse_share=0.3) < reach(APD)
+
+
+# --- dimensions -------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_lengths_scale(name):
+    """All apertures and distances twice as long, the sun a quarter: the same light, the same photons."""
+    base = 0.7  # room for the optics' bounds
+    here = of(name, optics__aperture_radius_mm=25.0 * base, optics__sun_irradiance_w_m2=20.0)
+    there = of(name, optics__aperture_radius_mm=50.0 * base, optics__sun_irradiance_w_m2=5.0)
+    assert reach(there) == pytest.approx(2.0 * reach(here), rel=1e-11)
+
+
+@BOTH
+def test_field_of_view_is_a_ratio(name):
+    there = of(name, detector__radius_mm=0.3, optics__focal_length_mm=90.0)
+    assert reach(there) == pytest.approx(reach(of(name)), rel=1e-11)
+
+
+def test_slow_motion_of_the_apd():
+    """Time k times slower: powers, currents, bandwidth and temperature over k. The electron stays the electron."""
+    k = 3.0
+    slow = of(
+        "table1-apd", laser__peak_power_w=45.0 / k, optics__sun_irradiance_w_m2=29.4 / k,
+        detector__surface_dark_current_na=0.1 / k, detector__bulk_dark_current_na=0.1 / k,
+        detector__temperature_k=300.0 / k, tdc__bandwidth_mhz=167.0 / k,
+    )  # fmt: skip
+    assert reach(slow) == pytest.approx(reach(APD), rel=1e-11)
+
+
+def test_slow_motion_of_the_sipm():
+    k = 3.0
+    slow = of(
+        "table1-sipm", laser__peak_power_w=45.0 / k, laser__pulse_fwhm_ns=6.0 * k, optics__sun_irradiance_w_m2=29.4 / k,
+        detector__dead_time_ns=6.0 * k, detector__dark_count_rate_hz=2007.0 / k,
+    )  # fmt: skip
+    assert reach(slow) == pytest.approx(reach(SIPM), rel=1e-11)
+
+
+@BOTH
+def test_photons_are_what_counts(name):
+    """Twice the wavelength and half of all optical powers: the same photons."""
+    here = of(name, laser__wavelength_nm=900.0)
+    there = of(name, laser__wavelength_nm=1800.0, laser__peak_power_w=22.5, optics__sun_irradiance_w_m2=14.7)
+    assert reach(there) == pytest.approx(reach(here), rel=1e-11)
+
+
+# --- air and closed forms ---------------------------------------------------------------------------
+
+
+@BOTH
+def test_extinction_is_the_transmittance_at_the_limit(name):
+    """At the range R that exp(-alpha R) gives, a fixed transmittance of that value gives R too."""
+    sensor, alpha = load_sensor(name), 2e-3
+    limit = reach(sensor, transmittance=1.0, extinction_per_m=alpha)
+    assert reach(sensor, transmittance=math.exp(-alpha * limit)) == pytest.approx(limit, rel=1e-9)
+
+
+@BOTH
+@pytest.mark.parametrize("alpha", [1e-9, 1e-4, 1e-2, 5.0])
+def test_closed_form_with_extinction(name, alpha):
+    """R = R_0 exp(-3/4 alpha R). Tolerance: rounding."""
+    sensor = load_sensor(name)
+    clear = ranging.closed_form_range_m(sensor, Target(transmittance=0.9))
+    limit = ranging.closed_form_range_m(sensor, Target(transmittance=0.9, extinction_per_m=alpha))
+    assert limit == pytest.approx(clear * math.exp(-0.75 * alpha * limit), rel=1e-12)
+
+
+def test_closed_form_of_arrays():
+    found = ranging.closed_form_range_m(
+        APD, Target(illuminance_klux=np.array([0.0, 100.0]), reflectivity=0.1)
+    )
+    assert found[0] == math.inf
+    assert found[1] == pytest.approx(352.751, rel=1e-5)
+    assert ranging.closed_form_range_m(APD, Target(reflectivity=0.0)) == 0.0
+    with pytest.raises(ValueError, match="fixed threshold"):
+        ranging.closed_form_range_m(replace(APD, tdc=replace(APD.tdc, threshold_to_noise=None)), Target())
+
+
+@BOTH
+@pytest.mark.parametrize("light", [1.0, 10.0, 100.0])
+def test_closed_form_is_an_upper_bound(name, light):
+    sensor, target = load_sensor(name), Target(illuminance_klux=light)
+    assert ranging.closed_form_range_m(sensor, target) > ranging.maximum_range_m(sensor, target)[0]
+
+
+def test_effective_aperture_counts_as_aperture():
+    """A(theta_r) of (4) is in the echo and in the sunlight alike."""
+    small = of("table1-apd", optics__aperture_radius_mm=25.0 * math.sqrt(0.6))
+    assert reach(APD, aperture_share=0.6) == pytest.approx(reach(small), rel=1e-11)
+
+
+def test_equal_ranges_need_a_change_of_places():
+    with pytest.raises(ValueError, match="do not change places between 10 and 100"):
+        ranging.equal_range_illuminance_klux(APD, SIPM, Target(), low_klux=10, high_klux=100)
+
+
+def test_nothing_of_it_needs_llvm_or_mitsuba(run_python):
+    code = """
+import sys
+from lidarscene import load_sensor
+from lidarscene.analysis import ranging
+print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
+print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.modules])
+"""
+    done = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "350.605\n[]\n"

@@ -1,0 +1,219 @@
+"""Sensitivities: exact derivatives against central differences of the range itself, and known exponents."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from lidarscene import load_sensor
+from lidarscene.analysis import derivatives, gain, ranging, sensitivities, statistics
+from lidarscene.analysis.ranging import Target
+from lidarscene.errors import InputError
+from lidarscene.physics import range_limit
+
+APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
+HAZE = Target(extinction_per_m=2e-4, diffuse_share=0.1, transmittance=1.0, cos_incidence=0.8)
+EVERY = pytest.mark.parametrize(
+    ("sensor", "target"),
+    [
+        (APD, Target()), (SIPM, Target()), (APD, HAZE), (SIPM, HAZE), (SIPM, Target(illuminance_klux=0.01)),
+        (load_sensor("table1-sipm", overrides=["detector.statistics='published'"]), Target()),
+        (dataclasses.replace(APD, tdc=dataclasses.replace(
+            APD.tdc, threshold_to_noise=None, threshold_level=1e-6)), Target()),
+        (load_sensor("table1-apd", overrides=["detector.circuit_noise_na=20"]), Target(illuminance_klux=0.0)),
+    ],
+    ids=["apd", "sipm", "apd-haze", "sipm-haze", "sipm-one-cell", "sipm-published", "apd-fixed-level", "apd-dark"],
+)  # fmt: skip
+
+
+def limit_m(sensor, target):
+    return float(ranging.maximum_range_m(sensor, target)[0])
+
+
+def moved(sensor, target, name, value):
+    return sensitivities.with_parameters(sensor, target, {name: value})
+
+
+def check(sensor, target, table, *, rel):
+    """Every row against fourth-order central differences of the range by root finding, and of P_d."""
+    for row in table.rows:
+        step = 1e-3 * abs(row.value) or {"extinction_per_m": 1e-7}.get(row.parameter.partition(".")[2], 1e-5)
+        if row.parameter.endswith("current_a") and not row.value:
+            step = 1e-12
+        both = []
+        for measure in (limit_m, lambda s, t: statistics.detection_probability(s, t, table.distance_m)):
+            one, two = (
+                measure(*moved(sensor, target, row.parameter, row.value + n * step))
+                - measure(*moved(sensor, target, row.parameter, row.value - n * step))
+                for n in (1.0, 2.0)
+            )
+            both.append((8.0 * one - two) / (12.0 * step))
+        # The range is found to 1e-10; P_d has a step of 1e-10 in the middle of the Gaussian.
+        scale = 1.0 / (abs(row.value) or step)
+        assert row.range_slope == pytest.approx(both[0], rel=rel, abs=1e-6 * table.range_m * scale), row
+        assert row.detection_slope == pytest.approx(both[1], rel=rel, abs=1e-6 * scale), row
+
+
+@EVERY
+def test_by_drjit(mi, sensor, target):
+    """PHYSICS.md, section 6, check 6: 1e-3 is asked for, 1e-6 comes."""
+    distance = 0.97 * limit_m(sensor, target)
+    table = sensitivities.sensitivities(sensor, target, distance_m=distance, method="drjit")
+    assert len(table.rows) > 20
+    check(sensor, target, table, rel=1e-6)
+
+
+@EVERY
+def test_by_differences(sensor, target):
+    """What a machine without a back end gets."""
+    distance = 0.97 * limit_m(sensor, target)
+    table = sensitivities.sensitivities(sensor, target, distance_m=distance, method="differences")
+    check(sensor, target, table, rel=1e-5)
+
+
+def elasticities(sensor, target):
+    table = sensitivities.sensitivities(sensor, target, method="differences")
+    return {row.parameter: row.range_elasticity for row in table.rows}
+
+
+def test_exponents_in_the_background_limit():
+    """(29): 1/2 of power, TNR and field of view, 1/4 of reflectivity, aperture, sun; tau^(3/4); M^(-x/4)."""
+    strong = load_sensor("table1-apd", overrides=[
+        "optics.sun_irradiance_w_m2=1e9", "detector.bulk_dark_current_na=0", "detector.surface_dark_current_na=0",
+    ])  # fmt: skip
+    slopes = elasticities(strong, Target())
+    expected = {
+        "laser.peak_power_w": 0.5, "optics.efficiency_laser": 0.5, "tdc.threshold_to_noise": -0.5,
+        "target.cos_incidence": 0.5, "target.transmittance": 0.75, "target.reflectivity": 0.25,
+        "optics.aperture_radius_m": 0.5, "target.aperture_share": 0.25, "detector.quantum_efficiency": 0.25,
+        "optics.sun_irradiance_w_m2": -0.25, "optics.efficiency_sun": -0.25, "target.cos_sun": -0.25,
+        "optics.focal_length_m": 0.5, "detector.radius_m": -0.5, "tdc.bandwidth_hz": -0.25,
+        "detector.gain": -0.3 / 4.0, "laser.wavelength_m": 0.25, "target.illuminance_klux": -0.25,
+    }  # fmt: skip
+    for name, exponent in expected.items():
+        assert slopes[name] == pytest.approx(exponent, abs=2e-6), name
+
+
+def test_exponents_in_the_noise_of_the_amplifier():
+    """Fixed noise: SNR goes as P_r, so everything in the echo has half its own exponent."""
+    noisy = load_sensor("table1-apd", overrides=["detector.circuit_noise_na=1e9"])
+    bright = dataclasses.replace(noisy, laser=dataclasses.replace(noisy.laser, peak_power_w=1e12))
+    slopes = elasticities(bright, Target())
+    expected = {
+        "laser.peak_power_w": 0.5, "target.reflectivity": 0.5, "optics.aperture_radius_m": 1.0,
+        "target.transmittance": 1.0, "detector.quantum_efficiency": 0.5, "detector.gain": 0.5,
+        "detector.circuit_noise_a": -0.5, "target.cos_incidence": 0.5, "tdc.threshold_to_noise": -0.5,
+    }  # fmt: skip
+    for name, exponent in expected.items():
+        assert slopes[name] == pytest.approx(exponent, abs=1e-6), name
+    assert abs(slopes["optics.focal_length_m"]) < 1e-6
+
+
+def test_exponents_of_the_sipm():
+    """(30) where light is weak against the cells: PDE, rho and A to the 1/4, the pulse to the 1/2, tau to -1/4."""
+    many = load_sensor("table1-sipm", overrides=["detector.cells=1000000", "detector.dark_count_rate_hz=0"])
+    slopes = elasticities(many, Target())
+    expected = {
+        "detector.pde": 0.25, "target.reflectivity": 0.25, "laser.pulse_fwhm_s": 0.5, "detector.dead_time_s": -0.25,
+        "laser.peak_power_w": 0.5, "optics.focal_length_m": 0.5, "target.transmittance": 0.75,
+    }  # fmt: skip
+    for name, exponent in expected.items():
+        assert slopes[name] == pytest.approx(exponent, abs=1e-3), name
+
+
+def test_exponents_are_those_of_the_closed_form():
+    """The closed form (29) derived, differentiated as `derivatives` does, gives the quarters too."""
+    values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
+    rest = {
+        "focal_over_radius": 300.0, "threshold_to_noise": 5.0, "quantum_efficiency": 0.7, "excess_noise": 3.7,
+        "bandwidth_hz": 167e6, "photon_energy_j": 2.2e-19,
+    }  # fmt: skip
+    reach, slopes = derivatives.differences(
+        lambda numbers: range_limit.maximum_range_apd_m(**numbers, **rest), values
+    )
+    exponents = {name: slopes[name] * value / reach for name, value in values.items()}
+    expected = {"reflectivity": 0.25, "aperture_m2": 0.25, "sun_irradiance_w_m2": -0.25, "peak_power_w": 0.5}
+    assert exponents == pytest.approx(expected, rel=1e-9)
+
+
+def test_gradient_is_exact(mi):
+    """Dr.Jit in double precision against a derivative known by heart."""
+    from lidarscene.arrays import xp
+    from lidarscene.kernel import gradients
+
+    value, slopes = gradients.gradient(
+        lambda n: xp(n["a"]).exp(n["a"]) * n["b"], {"a": 0.3, "b": 2.0, "c": 1.0}
+    )
+    assert value == pytest.approx(2.0 * np.exp(0.3), rel=1e-14)
+    assert slopes == pytest.approx({"a": 2.0 * np.exp(0.3), "b": np.exp(0.3), "c": 0.0}, rel=1e-14)
+
+
+def test_every_number_is_a_parameter():
+    names = set(sensitivities.parameters(APD, Target()))
+    for part in ("laser", "optics", "detector", "tdc"):
+        for field in dataclasses.fields(getattr(APD, part)):
+            value = getattr(getattr(APD, part), field.name)
+            number = isinstance(value, (int, float)) and field.name != "stops"
+            assert (f"{part}.{field.name}" in names) == number
+    assert {f"target.{field.name}" for field in dataclasses.fields(Target)} <= names
+
+
+def test_report():
+    text = sensitivities.report_text(APD, Target(), method="differences")
+    assert "table1-apd: maximum range 350.605 m" in text
+    assert "sixth-order central differences" in text
+    line = next(line for line in text.splitlines() if line.startswith("laser.peak_power_w"))
+    assert line.split()[1:4] == ["45", "W", "+0.5000"]
+    assert "target.extinction_per_m" in text.partition("zero now")[2]
+    assert "laser.repetition_rate_hz" in text.partition("no effect")[2]
+    assert "gain of the best SNR: 30.9 by search, 30.9 in closed form; the present 80 has 92.2 %" in text
+    assert "gain of the best" not in sensitivities.report_text(SIPM, Target(), method="differences")
+
+
+def test_report_says_when_it_is_exact(mi):
+    assert "exact, by Dr.Jit" in sensitivities.report_text(APD, Target())
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_tornado(tmp_path, suffix):
+    path = tmp_path / f"tornado.{suffix}"
+    sensitivities.tornado(path, SIPM, Target(), method="differences")
+    assert path.read_bytes().startswith(b"\x89PNG" if suffix == "png" else b"<?xml")
+    again = tmp_path / f"again.{suffix}"
+    sensitivities.tornado(again, SIPM, Target(), method="differences")
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_no_range_no_sensitivities():
+    blind = load_sensor("table1-sipm", overrides=["tdc.threshold_to_noise=1000"])
+    with pytest.raises(InputError, match="has no maximum range"):
+        sensitivities.sensitivities(blind, Target())
+    with pytest.raises(ValueError, match="no method"):
+        sensitivities.sensitivities(APD, Target(), method="guess")
+
+
+@pytest.mark.parametrize(
+    "overrides", [[], ["detector.bulk_dark_current_na=5"], ["detector.circuit_noise_na=30"]]
+)
+@pytest.mark.parametrize("klux", [1.0, 100.0])
+def test_best_gain(overrides, klux):
+    """Closed form and search agree; 1e-6 is what a flat maximum lets a search see."""
+    target = Target(illuminance_klux=klux)
+    tuned = load_sensor("table1-apd", overrides=overrides)
+    found = gain.best_gain(tuned, target)
+    assert found.searched == pytest.approx(found.closed_form, rel=1e-5)
+    assert 0.0 < found.snr_share <= 1.0
+    for ratio in (0.001, 0.02, 0.5, 1.0):
+        diode = dataclasses.replace(tuned.detector, excess_noise_index=None, ionisation_ratio=ratio)
+        found = gain.best_gain(dataclasses.replace(tuned, detector=diode), target)
+        assert found.searched == pytest.approx(found.closed_form, rel=1e-5)
+
+
+def test_best_gain_of_table_1():
+    assert gain.best_gain(APD, Target()).closed_form == pytest.approx(30.873, abs=1e-3)
+    with pytest.raises(ValueError, match="no gain"):
+        gain.best_gain(SIPM, Target())
+    silent = dataclasses.replace(
+        APD.detector, temperature_k=0.0, surface_dark_current_a=0.0
+    )  # nothing for a gain to lift the signal above
+    assert gain.best_gain(dataclasses.replace(APD, detector=silent), Target()).closed_form == 1.0

@@ -1,0 +1,283 @@
+"""The event simulation of a SiPM's cells against what is known of them without it.
+
+Statistical comparisons are z-tests at fixed seeds: ``agree`` holds all elements of one comparison to one false-alarm
+rate of 6e-5 (4 standard errors), Sidak-corrected.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.stats import binom, norm
+
+from lidarscene.analysis.sipm_cells import CellArray, Light
+from lidarscene.analysis.sipm_coupled import fire_coupled
+from lidarscene.analysis.sipm_events import Avalanches, fire_independent, simulate
+from lidarscene.analysis.sipm_table import response_by_equation, response_by_events
+from lidarscene.analysis.sipm_waveform import waveforms
+from lidarscene.analysis.sipm_working_point import all_outputs, measure, moments, outputs, pulse_outputs
+from lidarscene.physics import sipm, sipm_response
+
+TAU = 6e-9
+TABLE1 = CellArray(cells=400, pde=0.22, dead_time_s=TAU, dark_count_rate_hz=2007.0)
+SILENT = dataclasses.replace(TABLE1, dark_count_rate_hz=0.0)
+AT_100_M = Light(background_photons=686.093, signal_photons=2660.31, pulse_fwhm_s=6e-9)
+
+
+def agree(measured, expected, error, *, false_alarm=6e-5):
+    """Two-sided z-test on every element, Sidak-corrected to one false-alarm rate overall."""
+    z = np.abs(np.asarray(measured) - np.asarray(expected)) / error
+    alpha = -math.expm1(math.log1p(-false_alarm) / np.size(z))
+    assert np.max(z) < norm.isf(0.5 * alpha), np.max(z)
+
+
+def binomial_variance_error(*, share, cells, shots):
+    """Standard error of a sample variance of binomial counts."""
+    variance = cells * share * (1.0 - share)
+    fourth = variance * (1.0 + 3.0 * (cells - 2.0) * share * (1.0 - share))
+    return np.sqrt((fourth - variance**2) / shots)
+
+
+@pytest.mark.parametrize(
+    ("photons", "busy"), [(1.0, 0.22), (50.0, 10.7), (200.0, 39.7), (686.093, 109.6), (2000.0, 209.5)]
+)
+def test_busy_cells_are_binomial(photons, busy):
+    """PHYSICS.md section 3: x / (1 + x), within its three digits and 4 standard errors of the closed form.
+
+    Two samples two dead times apart: the start is stationary and stays so.
+    """
+    shots = 20_000
+    share = sipm.busy_share_steady_state(
+        photons=photons, pde=0.22, cells=400, dark_count_rate_hz=0.0, dead_time_s=TAU
+    )
+    assert 400 * share == pytest.approx(busy, rel=5e-3)
+    light = Light(background_photons=photons)
+    time_s, wave = all_outputs(SILENT, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=1, steps=4)
+    found = moments(time_s, wave)
+    ends = [0, -1]
+    variance = sipm.busy_variance_steady_state(busy_share=share, cells=400)
+    agree(found.mean[ends], 400 * share, math.sqrt(variance / shots))
+    agree(found.variance[ends], variance, binomial_variance_error(share=share, cells=400, shots=shots))
+    assert found.skewness[0] == pytest.approx(
+        sipm_response.binomial_skewness(share=share, cells=400), abs=4 * math.sqrt(6 / shots) + 0.02
+    )
+
+
+@pytest.mark.parametrize("engine", [fire_independent, fire_coupled])
+@pytest.mark.parametrize("width", [0.25, 1.0, 3.0])
+@pytest.mark.parametrize(("background", "signal"), [(10.0, 100.0), (686.093, 2660.31), (2000.0, 300.0)])
+def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, signal, monkeypatch):
+    """Both engines against the busy share's equation, mean and variance at every fourth sample."""
+    monkeypatch.setattr("lidarscene.analysis.sipm_events.fire_independent", engine)
+    shots = 20_000 if engine is fire_independent else 2_000
+    light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=width * TAU)
+    found = moments(*pulse_outputs(TABLE1, light, shots=shots, seed=3))
+    x = background * 0.22 / 400 + 2007.0 * TAU
+    whole = sipm_response.captured_photons(photons=signal, pulse_fwhm_s=1e-9, dead_time_s=1.0)
+    time, busy = sipm_response.busy_share_over_time(
+        background=np.array(x), flash=np.array(whole * 0.22 / 400), pulse_to_dead_time=width, steps=192
+    )
+    pick = slice(None, None, 4)
+    share = np.interp(found.time_s[pick] / TAU, time, busy)
+    variance = 400 * share * (1 - share)
+    agree(found.mean[pick], 400 * share, np.sqrt(variance / shots))
+    error = binomial_variance_error(share=share, cells=400, shots=shots)
+    agree(found.variance[pick], variance, error)
+
+
+def test_weak_background_gives_the_paper():
+    """(23)-(27) where x is far below one, with a pulse far shorter than tau and (24) given its photons."""
+    shots, background, whole = 40_000, 20.0, 300.0
+    factor = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=0.02 * TAU, dead_time_s=TAU)
+    assert factor == pytest.approx(2.128934, abs=1e-6)
+    light = Light(background_photons=background, signal_photons=whole / factor, pulse_fwhm_s=0.02 * TAU)
+    time_s, wave = pulse_outputs(TABLE1, light, shots=shots, seed=4, steps=200)
+    found = moments(time_s, wave)
+    busy = 400 * sipm.fired_share_published(photons=background, pde=0.22, cells=400)
+    dark = sipm.dark_counts(cells=400, dark_count_rate_hz=2007.0, dead_time_s=TAU)
+    variance = sipm.fired_variance_published(fired=busy, cells=400) + dark
+    fired = (400 - busy - dark) * sipm.fired_share_published(photons=whole, pde=0.22, cells=400)
+    # x = 0.011: (23) is x / 2 above the truth, (22) pde / 2N = 0.03 % below; statistics on top.
+    error = math.sqrt(variance / shots)
+    assert found.mean[0] == pytest.approx(busy + dark, rel=0.011 / 2, abs=4 * error)
+    assert found.variance[0] == pytest.approx(variance, rel=0.011 / 2 + 4 * math.sqrt(2 / shots))
+    signal = found.mean[-1] - found.mean[0]
+    assert signal == pytest.approx(fired, rel=1e-3, abs=4 * math.sqrt(2 * found.variance[-1] / shots))
+    snr = signal / math.sqrt(found.variance[0])
+    assert snr == pytest.approx(fired / math.sqrt(variance), rel=0.03)
+
+
+def test_detection_is_the_binomial_tail():
+    """P_d at the peak and P_f of a sample by exact counting; the Gaussian of (9) is not enough at low light."""
+    shots = 40_000
+    light = Light(background_photons=30.0, signal_photons=30.0, pulse_fwhm_s=6e-9)
+    found = measure(TABLE1, light, threshold=9.5, shots=shots, seed=5)
+    x = 30.0 * 0.22 / 400 + 2007.0 * TAU
+    before = x / (1 + x)
+    table = response_by_equation(TABLE1, background_photons=[30.0], signal_photons=[30.0], pulse_fwhm_s=6e-9)
+    least = math.ceil(found.before + 9.5)
+    expected = binom.sf(least - 1, 400, table.mean[0, 0] / 400)
+    assert 0.2 < expected < 0.9
+    agree(found.detection_probability, expected, math.sqrt(expected * (1 - expected) / shots))
+    assert found.tripped > found.detection_probability
+    p_false = binom.sf(least - 1, 400, before)
+    # 321 samples a shot over 20 dead times: some 20 independent ones.
+    error = math.sqrt(p_false / (shots / 10 * 20))
+    agree(found.false_alarm_probability, p_false, error)
+    assert p_false > 3.0 * norm.sf(9.5 / found.noise)
+
+
+def upcrossing_rate(*, least, share, rate, tau, step):
+    """Rate at which samples ``step`` apart pass from below ``least`` to it, two-sample joint of cells, exact."""
+    cells = np.arange(401)
+    # Busy at both: the same avalanche lasts, or the cell revives and fires again before the second sample.
+    again = (share / tau) * (step - (1 - np.exp(-rate * step)) / rate)
+    both = share * (1 - step / tau) + again
+    stay, new = both / share, (share - both) / (1 - share)
+    first = binom.pmf(cells, 400, share)
+    up = 0.0
+    for count in range(least):
+        kept = binom.pmf(np.arange(count + 1), count, stay)
+        need = least - np.arange(count + 1)
+        up += first[count] * np.sum(kept * binom.sf(need - 1, 400 - count, new))
+    return up / step
+
+
+@pytest.mark.parametrize("steps", [1, 16])
+def test_rate_of_false_alarms(steps):
+    """First passages come at the rate of upward crossings while these are rare, on the sampling grid.
+
+    A comparator that looks once in a dead time sees P_f B_w of (10); one that looks oftener sees more.
+    """
+    shots, light = 100_000, Light(background_photons=200.0)
+    x = 200.0 * 0.22 / 400 + 2007.0 * TAU
+    share, level = x / (1 + x), 22.0
+    found = measure(TABLE1, light, threshold=level, shots=shots, seed=6, steps=steps)
+    least = math.ceil(400 * share + level)
+    assert math.ceil(found.before + level) == least
+    expected = upcrossing_rate(least=least, share=share, rate=x / TAU, tau=TAU, step=TAU / steps)
+    alarms = expected * 20 * TAU * shots / 10
+    assert alarms > 50
+    # Crossings come in clusters, and the first of a cluster ends the watch.
+    assert 0.5 < found.false_alarm_rate_hz / expected < 1.0 + 4 / math.sqrt(alarms)
+    p_false = binom.sf(least - 1, 400, share)
+    ratio = found.false_alarm_rate_hz * TAU / p_false
+    assert (0.7 < ratio < 1.3) if steps == 1 else ratio > 2.5
+
+
+def test_timing_is_that_of_the_edge():
+    """A strong echo crosses early, and its jitter is noise over slope: 10 % (counts are steps, an edge bends)."""
+    found = measure(TABLE1, AT_100_M, shots=20_000, seed=7, steps=32)
+    light = AT_100_M
+    time_s, wave = pulse_outputs(TABLE1, light, shots=20_000, seed=8, steps=32)
+    edge = moments(time_s, wave)
+    level = found.before + found.threshold
+    at = np.interp(level, edge.mean[: np.argmax(edge.mean)], edge.time_s[: np.argmax(edge.mean)])
+    slope = np.interp(at, edge.time_s, np.gradient(edge.mean, edge.time_s))
+    noise = math.sqrt(np.interp(at, edge.time_s, edge.variance))
+    assert found.crossing_s == pytest.approx(at, abs=0.1e-9)
+    assert found.crossing_deviation_s == pytest.approx(noise / slope, rel=0.1)
+    weak = measure(TABLE1, dataclasses.replace(light, signal_photons=600.0), shots=5_000, seed=7, steps=32)
+    assert weak.crossing_s > found.crossing_s + 1e-9
+    assert weak.crossing_deviation_s > 1.5 * found.crossing_deviation_s
+
+
+def test_same_seed_same_shots():
+    runs = [
+        np.concatenate([w for _, w in outputs(TABLE1, AT_100_M, start_s=-TAU, end_s=0.0, shots=500, seed=s)])
+        for s in (1, 1, 2)
+    ]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert (runs[0] != runs[2]).any()
+
+
+def test_recovery_weakens_and_the_engines_agree():
+    """Both recoveries on, both engines: nothing is known in closed form but that they must agree."""
+    array = dataclasses.replace(TABLE1, recovery_s=4e-9, trigger_recovery_s=3e-9)
+    light = Light(background_photons=1000.0, signal_photons=1000.0, pulse_fwhm_s=6e-9)
+    window = {"start_s": -6e-9, "end_s": 3e-9, "shots": 3_000, "seed": 9}
+    step = TAU / 4
+    found = []
+    for engine in (fire_independent, fire_coupled):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("lidarscene.analysis.sipm_events.fire_independent", engine)
+            waves = [
+                waveforms(array, a, shots=n, start_s=-6e-9, step_s=step, samples=7)
+                for n, a in simulate(array, light, **window)
+            ]
+        found.append(moments(np.arange(7), np.concatenate(waves)))
+    one, two = found
+    agree(one.mean, two.mean, np.sqrt((one.variance + two.variance) / 3_000))
+    agree(one.variance, two.variance, one.variance * math.sqrt(4 / 3_000))
+    x = 1000.0 * 0.22 / 400
+    assert one.mean[0] < 0.9 * 400 * x / (1 + x)
+
+
+def test_crosstalk_and_afterpulses_add_as_branching():
+    """In the dark, where cells are free: p of crosstalk makes 1 / (1 - p) avalanches of one, and so on.
+
+    Every avalanche is followed by p_c + p_a others, so the mean grows by 1 / (1 - p_c - p_a), less the afterpulses
+    that come in the dead time, exp(-tau / delay) of which survive.
+    """
+    array = CellArray(
+        cells=1000, pde=0.5, dead_time_s=TAU, crosstalk=0.15, afterpulse=0.2, afterpulse_s=20e-9
+    )
+    light = Light(background_photons=2.0)
+    total, shots = 0, 20_000
+    for _, avalanches in simulate(array, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=10):
+        inside = (avalanches.time_s > 0.0) & (avalanches.time_s <= 2 * TAU)
+        total += int(np.count_nonzero(inside))
+    survive = 0.2 * math.exp(-TAU / 20e-9)
+    expected = 2.0 * shots / (1 - 0.15 - survive)
+    # Clusters of mean m: variance of the total about m^2 times that of a Poisson count. Cells are 99.7 % free.
+    error = math.sqrt(expected) / (1 - 0.15 - survive)
+    assert abs(total - expected) < 4 * error + 0.005 * expected
+
+
+def test_exponential_shape_sums_by_campbell():
+    """Shot noise: mean rate times area, variance rate times the area of the square; dead time is negligible."""
+    array = CellArray(cells=10_000, pde=1.0, dead_time_s=1e-9, shape="exponential", rise_s=2e-9, fall_s=10e-9)
+    light = Light(background_photons=20.0)
+    shots = 20_000
+    time_s, wave = all_outputs(array, light, start_s=0.0, end_s=0.0, shots=shots, seed=11)
+    found = moments(time_s, wave)
+    rate = 20.0 / 1e-9 / (1 + 20.0 / 10_000)
+    t = np.linspace(0.0, 300e-9, 300_001)
+    pulse = np.exp(-t / 10e-9) - np.exp(-t / 2e-9)
+    pulse /= pulse.max()
+    mean, variance = rate * trapezoid(pulse, t), rate * trapezoid(pulse**2, t)
+    agree(found.mean[0], mean, math.sqrt(variance / shots) + 4e-4 * mean)
+    assert found.variance[0] == pytest.approx(variance, rel=4 * math.sqrt(2 / shots) + 5e-3)
+
+
+def test_a_lone_avalanche_has_its_shape():
+    for array in (
+        dataclasses.replace(TABLE1, shape="exponential", rise_s=1e-9, fall_s=4e-9),
+        dataclasses.replace(TABLE1, shape="exponential", fall_s=4e-9),
+    ):
+        one = Avalanches(shot=np.array([0]), time_s=np.array([0.3e-9]), gain=np.array([0.5]))
+        wave = waveforms(array, one, shots=1, start_s=0.0, step_s=0.01e-9, samples=2000)[0]
+        assert wave.max() == pytest.approx(0.5, rel=5e-3)
+        assert wave[:30].max() == 0.0
+        assert wave[-1] / wave[-401] == pytest.approx(math.exp(-1.0), rel=1e-3)
+
+
+def test_tables_by_events_and_by_equation():
+    grid = {"background_photons": [20.0, 700.0], "signal_photons": [50.0, 1000.0], "pulse_fwhm_s": 6e-9}
+    events = response_by_events(TABLE1, **grid, shots=4_000, seed=12)
+    exact = response_by_equation(TABLE1, **grid, steps=96)
+    # The peak is sought in a noisy mean, which lifts it by a fraction of its error.
+    agree(events.mean, exact.mean, 1.3 * np.sqrt(exact.variance / 4_000))
+    agree(events.variance, exact.variance, exact.variance * math.sqrt(2.5 / 4_000))
+    agree(events.skewness, exact.skewness, 1.2 * math.sqrt(6 / 4_000))
+    np.testing.assert_allclose(events.snr, exact.snr, rtol=0.06)
+
+
+@pytest.mark.parametrize(
+    "change", [{"shape": "triangle"}, {"shape": "exponential"}, {"crosstalk": 1.0}, {"dead_time_s": 0.0}]
+)
+def test_cells_that_cannot_be(change):
+    with pytest.raises(ValueError, match=r"expected|needs"):
+        dataclasses.replace(TABLE1, **change)

@@ -1,0 +1,167 @@
+"""Detection statistics: the formulas by SciPy, and shots through the comparator that `render` uses.
+
+Comparisons of counts are z-tests of 4 standard errors, at fixed seeds.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom, norm
+
+from lidarscene import load_sensor
+from lidarscene.analysis import ranging, statistics
+from lidarscene.analysis.ranging import Target
+from lidarscene.physics import tdc
+
+APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
+
+
+def apd_with(*overrides):
+    return load_sensor("table1-apd", overrides=list(overrides))
+
+
+@pytest.mark.parametrize("sensor", [APD, SIPM], ids=lambda s: s.name)
+def test_detection_curve(sensor):
+    """Without the echo's own noise P_d = Q(5 - SNR); with it the curve is flatter and meets it at SNR 5."""
+    snr = np.linspace(0.0, 12.0, 25)
+    plain = statistics.detection_curve(sensor, Target(), snr, own_noise=False)
+    np.testing.assert_allclose(plain, norm.sf(5.0 - snr), rtol=1e-8)
+    own = statistics.detection_curve(sensor, Target(), snr)
+    assert own[10] == pytest.approx(0.5, rel=1e-9)
+    assert (np.diff(own) > 0.0).all()
+    if sensor is APD:  # a SiPM's busy cells are quieter, not noisier, above the middle
+        assert (own[1:10] > plain[1:10]).all()
+        assert (own[11:] < plain[11:]).all()
+    limit, _ = ranging.maximum_range_m(sensor, Target())
+    assert statistics.detection_probability(sensor, Target(), float(limit)) == pytest.approx(0.5, rel=1e-6)
+
+
+def test_operating_curve():
+    """Against SciPy, threshold by threshold; and both errors grow against each other."""
+    ratios = np.linspace(2.0, 8.0, 13)
+    curve = statistics.operating_curve(APD, Target(), 340.0, ratios)
+    m = 4e-6 * 167e6
+    p_false = norm.sf(ratios)
+    np.testing.assert_allclose(curve.quiet_probability, (1.0 - p_false) ** m, rtol=1e-6)
+    np.testing.assert_allclose(curve.false_alarms_per_shot, -m * np.log1p(-p_false), rtol=1e-6)
+    point = APD.working_point(ranging.echoes_of_plane(APD, Target(), 340.0).background_power_w)
+    signal = ranging.snr(APD, Target(), 340.0) * point.noise
+    sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal)
+    np.testing.assert_allclose(
+        curve.detection_probability, norm.sf((ratios * point.noise - signal) / sigma), rtol=1e-8
+    )
+    quiet = (1.0 - p_false) ** (m - 1.0)
+    correct = quiet * curve.detection_probability / (1.0 - quiet * (1.0 - curve.detection_probability))
+    np.testing.assert_allclose(curve.correct_probability, correct, rtol=1e-6)
+    assert (np.diff(curve.detection_probability) < 0.0).all()
+    assert (np.diff(curve.false_alarms_per_shot) < 0.0).all()
+
+
+def test_operating_curve_of_counted_cells():
+    """A SiPM counted exactly: steps, by SciPy's binomial."""
+    sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
+    curve = statistics.operating_curve(sensor, Target(illuminance_klux=1.0), 300.0, np.array([3.0, 5.0]))
+    point = sensor.working_point(
+        ranging.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w
+    )
+    busy, noise = float(point.busy[0]), float(point.noise[0])
+    for i, ratio in enumerate((3.0, 5.0)):
+        p = binom.sf(math.ceil(ratio * noise + busy) - 1, 400, busy / 400.0)
+        expected = -math.log1p(-p) * 4e-6 * 167e6
+        assert curve.false_alarms_per_shot[i] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
+@pytest.mark.parametrize("tnr", [3.2, 3.8])
+def test_correct_probability_by_shots(tnr, tail):
+    """(10) through `returns.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
+    sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
+    limit = float(ranging.maximum_range_m(sensor, Target())[0])
+    sensor = statistics.end_of_window(sensor, limit)
+    found = statistics.simulated_shots(sensor, Target(), limit, shots=200_000, seed=3)
+    p_false = statistics.false_alarm_probability(sensor, Target())
+    comparisons = float(sensor.tdc.window_s) * 167e6
+    expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
+    returned = found.echoes + found.false_alarms
+    error = math.sqrt(returned * expected * (1.0 - expected))
+    # The echo crosses up to 3 ns before or after its peak: half a comparison more or less.
+    slack = 0.6 * p_false * expected * returned
+    assert 0.1 < expected < 0.99
+    assert abs(found.echoes - returned * expected) < 4.0 * error + slack
+    assert found.correct_share == pytest.approx(float(expected), abs=0.01)
+
+
+def test_tails_of_the_avalanche():
+    """Gaussian, McIntyre's saddle point and exact sum, Webb's: at Table 1, in sunlight and in the dark."""
+    p = {tail: statistics.false_alarm_probability(APD, Target(), tail=tail) for tail in statistics.TAILS}
+    assert p["gaussian"] == pytest.approx(norm.sf(5.0), rel=1e-6)
+    assert p["mcintyre"] == pytest.approx(p["exact"], rel=1e-3)
+    assert p["exact"] == pytest.approx(1.0812e-5, rel=1e-3)
+    assert p["webb"] == pytest.approx(p["exact"], rel=0.25)
+    assert statistics.false_alarm_probability(APD, Target()) == p["gaussian"]
+    assert statistics.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
+    dark = [
+        statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")
+    ]
+    assert dark[0] == pytest.approx(dark[1], rel=0.15)
+    with pytest.raises(ValueError, match="an APD"):
+        statistics.false_alarm_probability(SIPM, Target(), tail="exact")
+    with pytest.raises(ValueError, match="no avalanche"):
+        statistics.electrons(SIPM, 1e-9)
+
+
+def test_electrons_hold_the_variance_of_18():
+    """Electrons in 1 / (2 B): their variance is that of (18), to rounding."""
+    background = float(ranging.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
+    own = statistics.electrons(APD, background)
+    variance = own["primaries"] * own["gain"] ** 2 * own["excess_noise"] + own["amplifier"] ** 2
+    noise = float(APD.working_point(np.array([background])).noise[0])
+    assert math.sqrt(variance) == pytest.approx(noise * own["per_ampere"], rel=1e-12)
+    assert own["primaries"] == pytest.approx(241.5, abs=0.1)
+    assert own["amplifier"] == pytest.approx(311.0, abs=1.0)
+
+
+@pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
+def test_array_conditions(tail):
+    """A working point takes arrays of backgrounds, and each is its own."""
+    sensor = apd_with(f"detector.tail='{tail}'")
+    powers = np.array([0.0, 1e-10, 2.5e-8, 1e-6])
+    point = sensor.working_point(powers)
+    together = point.false_alarm_probability(sensor.threshold(point))
+    for power, p in zip(powers, together, strict=True):
+        alone = sensor.working_point(np.array([power]))
+        assert alone.false_alarm_probability(sensor.threshold(alone))[0] == p
+
+
+@pytest.mark.parametrize("stops", [1, 3])
+@pytest.mark.parametrize("range_m", [None, 150.0, 340.0, 700.0])
+def test_false_points_per_frame(range_m, stops):
+    """Expected alarms among the points against counted ones: the sky, near, at the limit, beyond the window."""
+    sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}")
+    shots = 150_000
+    found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
+    expected = statistics.false_points(sensor, Target(), range_m)
+    # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.
+    slack = 0.6 * shots * statistics.false_alarm_probability(sensor, Target())
+    mean = expected.per_pulse * shots
+    assert abs(found.false_alarms - mean) < 4.0 * math.sqrt(mean) + slack
+    assert expected.per_frame == expected.per_pulse * sensor.scanner.pulses
+
+
+def test_false_points_at_table_1():
+    """One frame of the catalogue's raster: some 14 false points where it sees nothing."""
+    frame = statistics.false_points(APD, Target())
+    m = 4e-6 * 167e6
+    assert frame.per_pulse == pytest.approx(-math.expm1(m * math.log1p(-norm.sf(5.0))), rel=1e-9)
+    assert frame.per_frame == pytest.approx(14.5, abs=0.1)
+
+
+def test_no_alarms_without_noise():
+    dark = dataclasses.replace(
+        APD.detector, surface_dark_current_a=0.0, bulk_dark_current_a=0.0, temperature_k=0.0
+    )
+    silent = dataclasses.replace(APD, detector=dark)
+    assert statistics.false_points(silent, Target()).per_frame == 0.0
+    assert statistics.Shots(10, 0, 0).correct_share == 1.0

@@ -1,0 +1,142 @@
+"""Sunlight by wavelength: the standard spectrum, what klux means, filters, and Table 1's irradiance."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarscene.physics import solar_spectrum as sun
+from lidarscene.physics.solar_spectrum import Curve
+
+NM = 1e-9
+
+# V(lambda) of CIE 1924 at 10 nm (Wyszecki and Stiles, Color Science, 2nd ed., table I(3.3.1)).
+TABLE = {
+    380: 0.000039, 390: 0.00012, 400: 0.000396, 410: 0.00121, 420: 0.004, 430: 0.0116, 440: 0.023,
+    450: 0.038, 460: 0.060, 470: 0.09098, 480: 0.13902, 490: 0.20802, 500: 0.323, 510: 0.503, 520: 0.710,
+    530: 0.862, 540: 0.954, 550: 0.99495, 560: 0.995, 570: 0.952, 580: 0.870, 590: 0.757, 600: 0.631,
+    610: 0.503, 620: 0.381, 630: 0.265, 640: 0.175, 650: 0.107, 660: 0.061, 670: 0.032, 680: 0.017,
+    690: 0.00821, 700: 0.004102, 710: 0.002091, 720: 0.001047, 730: 0.00052, 740: 0.000249, 750: 0.00012,
+    760: 0.00006, 770: 0.00003, 780: 0.000015,
+}  # fmt: skip
+
+
+def flat(value: float = 1.0) -> Curve:
+    return Curve(wavelength_m=np.arange(300, 2001) * NM, value=np.full(1701, value / NM))
+
+
+def spectrum(name: str) -> Curve:
+    pytest.importorskip("pvlib")
+    from lidarscene.io.pvlib_door import reference_spectrum
+
+    return reference_spectrum(name)
+
+
+def band(name: str, centre_nm: float, width_nm: float) -> float:
+    box = sun.box_filter(centre_m=centre_nm * NM, width_m=width_nm * NM)
+    return sun.irradiance_at_100_klux_w_m2(spectrum(name), box)
+
+
+def test_luminous_efficiency_follows_the_table() -> None:
+    """As closely as the docstring says."""
+    error = sun.photopic_efficiency(wavelength_m=np.array(list(TABLE)) * NM) - np.array(list(TABLE.values()))
+    assert np.abs(error).max() < 0.0071
+    assert sun.photopic_efficiency(wavelength_m=555 * NM) == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.parametrize("name", ["global", "direct", "extraterrestrial"])
+def test_illuminance_by_the_table(name: str) -> None:
+    """The fit and the table, interpolated by cubics, make the same daylight to 0.1 %."""
+    pchip = pytest.importorskip("scipy.interpolate").PchipInterpolator
+    table = pchip(np.array(list(TABLE)) * NM, list(TABLE.values()))
+    lumens = sun.integral(spectrum(name), table, nodes_m=np.arange(380, 781) * NM)
+    assert sun.illuminance_lux(spectrum(name)) == pytest.approx(sun.LUMINOUS_EFFICACY_LM_W * lumens, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "w_m2", "klux"),
+    [("global", 1000.4, 109.5), ("direct", 900.1, 97.2), ("extraterrestrial", 1347.9, 133.1)],
+)
+def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
+    """Reference: the standard's own 1000.4 and 900.1 W/m2 (and 1366.1 W/m2 with all beyond 4 um).
+
+    The illuminance of AM1.5 global is 109.6 klx by integration with the analytic curve (FIELD.md 5.3).
+    """
+    assert sun.total_irradiance_w_m2(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
+    assert sun.illuminance_lux(spectrum(name)) == pytest.approx(klux * 1e3, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("centre_nm", "w_m2_nm"), [(850, 0.89), (905, 0.63), (940, 0.28), (1064, 0.57), (1550, 0.25)]
+)
+def test_mean_over_20_nm_at_100_klux(centre_nm: float, w_m2_nm: float) -> None:
+    """Reference: FIELD.md 5.3, two digits."""
+    assert band("global", centre_nm, 20) / 20 == pytest.approx(w_m2_nm, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("name", "width_nm"), [("global", 42.84), ("direct", 40.85), ("extraterrestrial", 43.22)]
+)
+def test_filter_that_table_1_implies(name: str, width_nm: float) -> None:
+    """29.4 W/m2 at 905 nm and 100 klux: docs/sun.md states these widths."""
+    width_m = sun.implied_box_width_m(spectrum(name), centre_m=905 * NM, irradiance_w_m2=29.4)
+    assert width_m == pytest.approx(width_nm * NM, abs=0.006 * NM)
+    assert band(name, 905, width_m / NM) == pytest.approx(29.4, rel=1e-9)
+
+
+def test_implied_width_says_what_is_too_much() -> None:
+    with pytest.raises(ValueError, match=r"at most 913\.\d W/m2"):
+        sun.implied_box_width_m(spectrum("global"), centre_m=905 * NM, irradiance_w_m2=2000.0)
+
+
+def test_no_light_through_no_filter() -> None:
+    far = sun.box_filter(centre_m=5000 * NM, width_m=10 * NM)
+    assert sun.irradiance_at_100_klux_w_m2(flat(), far) == 0.0
+
+
+@given(
+    centre=st.floats(400, 1900), width=st.floats(0.01, 90), order=st.floats(2, 60), value=st.floats(1e-3, 1e3)
+)
+@settings(max_examples=60, deadline=None)
+def test_flat_spectrum(centre: float, width: float, order: float, value: float) -> None:
+    """Through a box: value times width, however narrow. Through another shape: value times its equivalent width."""
+    light = flat(value)
+    box = sun.box_filter(centre_m=centre * NM, width_m=width * NM)
+    assert sun.in_band_irradiance_w_m2(light, box) == pytest.approx(value * width, rel=1e-6)
+    smooth = sun.super_gaussian_filter(centre_m=centre * NM, width_m=0.1 * width * NM, order=order)
+    expected = value * sun.equivalent_width_m(smooth) / NM
+    assert sun.in_band_irradiance_w_m2(light, smooth) == pytest.approx(expected, rel=1e-6)
+
+
+@given(low=st.floats(850, 940), first=st.floats(0.1, 60), more=st.floats(0.1, 60))
+@settings(max_examples=40, deadline=None)
+def test_bands_add_up_and_wider_is_more(low: float, first: float, more: float) -> None:
+    """Rationale: the integral is exact, so two boxes side by side are one."""
+    one = band("global", low + 0.5 * first, first)
+    two = band("global", low + first + 0.5 * more, more)
+    both = band("global", low + 0.5 * (first + more), first + more)
+    assert both == pytest.approx(one + two, rel=1e-9)
+    assert both > one
+
+
+@pytest.mark.parametrize(("order", "factor"), [(2.0, 1.0644670), (6.0, 0.986156), (50.0, 0.996)])
+def test_shapes_at_half_height(order: float, factor: float) -> None:
+    """The full width at half maximum is the width; equivalent widths are Gamma(1 + 1/n) / ln2^(1/n)."""
+    curve = sun.super_gaussian_filter(centre_m=905 * NM, width_m=40 * NM, order=order)
+    np.testing.assert_allclose(curve.at(np.array([885, 905, 925]) * NM), [0.5, 1.0, 0.5], atol=2e-3)
+    assert sun.equivalent_width_m(curve) == pytest.approx(40 * NM * factor, rel=1e-3)
+
+
+def test_units() -> None:
+    """Twice the light is twice the irradiance as it is, and the same at 100 klux."""
+    box = sun.box_filter(centre_m=905 * NM, width_m=10 * NM)
+    assert sun.in_band_irradiance_w_m2(flat(2.0), box) == pytest.approx(20.0)
+    assert sun.irradiance_at_100_klux_w_m2(flat(2.0), box) == pytest.approx(
+        sun.irradiance_at_100_klux_w_m2(flat(1.0), box)
+    )
+
+
+@pytest.mark.parametrize("wavelengths", [[1.0], [1.0, 1.0], [2.0, 1.0]])
+def test_curves_rise(wavelengths: list[float]) -> None:
+    with pytest.raises(ValueError, match="each longer than the one before"):
+        Curve(wavelength_m=np.array(wavelengths), value=np.ones(len(wavelengths)))

@@ -1,0 +1,130 @@
+"""One scanner of each kind, as a sensor file would make it."""
+
+import math
+
+import numpy as np
+
+from lidarscene import scan
+
+PI = math.pi
+DEG = math.pi / 180.0
+
+VLP16_FIRING_ORDER_DEG = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
+VLP16_HEIGHT_MM = (
+    11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2,
+)  # fmt: skip
+"""FIELD.md 5.4 has those of lasers 7 to 15; the others by their symmetry."""
+
+
+def vlp16(**changes):
+    """User manual 63-9243 by FIELD.md 5.4: a laser every 2.304 us, a cycle every 55.296 us."""
+    numbers = {
+        "rotation_hz": -10.0, "cycle_s": 55.296e-6, "cycles_per_turn": None,
+        "elevation_rad": [e * DEG for e in VLP16_FIRING_ORDER_DEG], "azimuth_rad": [0.0] * 16,
+        "firing_s": [2.304e-6 * n for n in range(16)],
+        "start_m": ([0.0] * 16, [0.0] * 16, [1e-3 * h for h in VLP16_HEIGHT_MM]),
+    }  # fmt: skip
+    return scan.Spinning.of(**(numbers | changes))
+
+
+def encoder_clocked():
+    """Lasers in no order, fired in groups of two, clocked by the encoder."""
+    return scan.Spinning.of(
+        rotation_hz=20.0, cycle_s=None, cycles_per_turn=1024,
+        elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
+        firing_s=[3e-6, 0.0, 3e-6, 0.0], start_azimuth_rad=PI,
+    )  # fmt: skip
+
+
+def gimbal(**changes):
+    return scan.Gimbal(**({"incidence_rad": 0.6, "side": "below", "outer": "elevation"} | changes))
+
+
+def mirror(**changes):
+    numbers = {
+        "columns": 120, "rows": 41, "mirrors": gimbal(), "fast_turn_rad": 15 * DEG, "slow_turn_rad": 6 * DEG,
+        "rate_hz": 100e3, "line_duty": 0.8, "frame_duty": 0.9,
+    }  # fmt: skip
+    return scan.MirrorRaster(**(numbers | changes))
+
+
+def lissajous(**changes):
+    numbers = {
+        "rate_hz": 200e3, "frame_hz": 10.0, "mirrors": gimbal(incidence_rad=0.3, side="left"),
+        "frequency_hz": (1310.0, 1190.0), "phase_rad": (0.3, 1.2), "turn_rad": (12 * DEG, 8 * DEG),
+    }  # fmt: skip
+    return scan.Lissajous.of(**(numbers | changes))
+
+
+def polygon(**changes):
+    numbers = {
+        "rate_hz": 150e3, "rotation_hz": 30.0, "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
+        "duty": 0.6, "incidence_rad": 40 * DEG, "side": "left", "inradius_m": 0.03, "lens_radius_m": 0.012,
+    }  # fmt: skip
+    return scan.Polygon.of(**(numbers | changes))
+
+
+def mid40(**changes):
+    """HELIOS++'s prisms for the Livox Mid-40, by FIELD.md 5.4; 100 000 points per second."""
+    numbers = {
+        "rate_hz": 100e3, "frame_hz": 10.0, "angle_rad": [18.7481 * DEG, 17.9634 * DEG],
+        "index": [1.51, 1.51], "rotation_hz": [-121.5657, 77.7430], "phase_rad": [0.0, 0.0],
+        "tilted": ["out", "in"],
+    }  # fmt: skip
+    return scan.Risley.of(**(numbers | changes))
+
+
+def three_wedges():
+    return mid40(
+        angle_rad=[0.1, 0.12, 0.08], index=[1.5, 1.51, 1.6], rotation_hz=[100.3, -70.1, 11.7],
+        phase_rad=[0.1, 0.2, 0.3], tilted=["in", "out", "in"],
+    )  # fmt: skip
+
+
+def flash(**changes):
+    numbers = {"columns": 61, "rows": 41, "pitch": 0.02, "frame_rate_hz": 25.0}
+    return scan.Flash(**(numbers | changes))
+
+
+def pattern(**changes):
+    t = np.linspace(0.0, 0.05, 5000, endpoint=False)
+    numbers = {
+        "azimuth_rad": 0.5 * np.cos(2 * PI * 100 * t), "elevation_rad": 0.3 * np.sin(2 * PI * 60 * t),
+        "time_s": t, "channel": np.arange(5000) % 3, "frame_s": 0.05,
+    }  # fmt: skip
+    return scan.Pattern.of(**(numbers | changes))
+
+
+def raster(**changes):
+    numbers = {
+        "columns": 101, "rows": 21, "azimuth_step_rad": 0.01, "elevation_step_rad": 0.02, "rate_hz": 50e3,
+    }  # fmt: skip
+    return scan.Raster(**(numbers | changes))
+
+
+ALL = {
+    "raster": raster,
+    "vlp16": vlp16,
+    "encoder_clocked": encoder_clocked,
+    "mirror_step": mirror,
+    "mirror_sine_ramp": lambda: mirror(waveform="sine", slow="ramp", fast="elevation"),
+    "mirror_triangle_pair": lambda: mirror(waveform="triangle", mirrors=scan.MirrorPair(last="elevation")),
+    "mirror_round": lambda: mirror(mirrors=gimbal(mirror_radius_m=0.006, lens_radius_m=0.005)),
+    "lissajous": lissajous,
+    "lissajous_pair": lambda: lissajous(mirrors=scan.MirrorPair(last="azimuth")),
+    "polygon": polygon,
+    "polygon_backwards": lambda: polygon(rotation_hz=-30.0, side="right", inradius_m=None),
+    "mid40": mid40,
+    "three_wedges": three_wedges,
+    "flash": flash,
+    **{
+        f"flash_{name}": (lambda name=name: flash(projection=name, falloff="pupil_and_pixel"))
+        for name in ("equidistant", "equisolid", "stereographic", "orthographic")
+    },
+    "pattern": pattern,
+}
+
+
+def frame(scanner):
+    """All pulse numbers of a frame."""
+    return np.arange(scanner.pulses, dtype=np.uint32)

@@ -1,0 +1,116 @@
+"""Scanners on the device: the same as numpy, exact for ten million pulses, nothing compiled twice."""
+
+import dataclasses
+import gc
+import math
+
+import numpy as np
+import pytest
+import scanners
+from scanners import ALL, DEG
+
+from lidarscene import scan
+from lidarscene.kernel import device
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+
+def on_device(scanner, pulse):
+    """Direction, angles, channel, share and offset of these pulses, as numpy arrays."""
+    scanner = device.opaque(scanner)
+    arrays = [*scanner.direction(pulse), *scanner.angles(pulse), scanner.channel(pulse)]
+    arrays += [scanner.aperture_share(pulse), *(scanner.offset_m(pulse) or ())]
+    device.start([a for a in arrays if not isinstance(a, float)])
+    return [np.array(a) if isinstance(a, float) else np.array(a.numpy()) for a in arrays]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_numpy_and_device_agree(name):
+    """Tolerance: single precision; the numpy side of the mirrors computes in it too."""
+    scanner = ALL[name]()
+    pulse = scanners.frame(scanner)
+    expected = [*scanner.direction(pulse), *scanner.angles(pulse), scanner.channel(pulse)]
+    expected += [scanner.aperture_share(pulse), *(scanner.offset_m(pulse) or ())]
+    got = on_device(scanner, device.counter(0, scanner.pulses))
+    for there, here in zip(got, expected, strict=True):
+        off = np.abs(there.astype(float) - here)
+        off = np.minimum(off, np.abs(off - 2 * math.pi))  # plus and minus 180 degrees are one azimuth
+        np.testing.assert_array_less(off, 4e-6)
+
+
+def test_phases_of_ten_million_pulses(mi):
+    """A Lissajous at 2 MHz and prisms, pulse 9 999 000 and on, against float64: the turns themselves to 1e-6 rad."""
+    first = 9_999_000
+    pulse = device.counter(first, 1000)
+    t = np.arange(first, first + 1000)
+    risley = scanners.mid40()
+    for wedge, f in zip(device.opaque(risley).wedges, (-121.5657, 77.7430), strict=True):
+        expected = 2 * math.pi * np.remainder(t * (f / 100e3), 1.0)
+        error = wedge.turns.angle_rad(pulse).numpy() - expected
+        assert np.abs(np.remainder(error + math.pi, 2 * math.pi) - math.pi).max() < 1e-6
+    fast = scanners.lissajous(rate_hz=2e6)
+    azimuth, elevation = device.opaque(fast)._mechanism(pulse)
+    for got, amplitude, f, p in ((azimuth, 12, 1310.0, 0.3), (elevation, 8, 1190.0, 1.2)):
+        expected = amplitude * DEG * np.sin(2 * math.pi * np.remainder(t * (f / 2e6), 1.0) + p)
+        assert np.abs(got.numpy() - expected).max() < 1e-6
+
+
+CHANGED = {
+    "raster": lambda: scanners.raster(azimuth_step_rad=0.02, columns=77),
+    "vlp16": lambda: scanners.vlp16(
+        rotation_hz=20.0, elevation_rad=[0.02 * n for n in range(32)], azimuth_rad=[0.01] * 32,
+        firing_s=[1e-6 * n for n in range(32)], start_m=([0.1] * 32, [0.0] * 32, [0.0] * 32),
+    ),
+    "mirror_step": lambda: scanners.mirror(
+        columns=99, rows=7, fast_turn_rad=0.1, line_duty=0.5, mirrors=scanners.gimbal(incidence_rad=0.2)
+    ),
+    "lissajous": lambda: scanners.lissajous(
+        frequency_hz=(900.0, 77.0), phase_rad=(0.0, 0.0), mirrors=scanners.gimbal(side="left")
+    ),
+    "polygon": lambda: scanners.polygon(tilt_rad=[0.01] * 6, rotation_hz=50.0, side="right", duty=0.4),
+    "mid40": lambda: scanners.mid40(index=[1.6, 1.7], rotation_hz=[10.0, -3.0], angle_rad=[0.1, 0.2]),
+    "flash": lambda: scanners.flash(columns=11, rows=13, pitch=0.01),
+    "pattern": lambda: scanners.pattern(
+        azimuth_rad=np.zeros(9), elevation_rad=np.zeros(9), time_s=np.arange(9.0), channel=np.zeros(9)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_other_numbers_compile_nothing(name):
+    """Other angles, rates, counts, even other tables are data; only the kind of scanner chooses code."""
+    import drjit as dr
+
+    pulse = device.counter(0, 1000)
+    on_device(dataclasses.replace(ALL[name](), encoder_rad=1e-3), pulse)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        on_device(dataclasses.replace(CHANGED[name](), encoder_rad=2e-3), device.counter(5000, 1000))
+        launched = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert launched
+    assert all(k["cache_hit"] for k in launched)
+
+
+def test_tables_go_to_the_device_once():
+    from lidarscene.arrays import xp
+
+    scanner = scanners.pattern()
+    pulse = device.counter(0, 10)
+    uploaded = xp(pulse)._uploaded
+    on_device(scanner, pulse)
+    (there,) = uploaded[scanner.azimuth_rad].values()
+    on_device(scanner, pulse)
+    assert next(iter(uploaded[scanner.azimuth_rad].values())) is there
+    before = len(uploaded)
+    del scanner, there
+    gc.collect()
+    assert len(uploaded) == before - 3  # azimuth, elevation, channel
+
+
+def test_every_kind_is_tried():
+    kinds = {type(make()) for make in ALL.values()}
+    assert kinds == {
+        scan.Raster, scan.Spinning, scan.MirrorRaster, scan.Lissajous, scan.Polygon, scan.Risley, scan.Flash,
+        scan.Pattern,
+    }  # fmt: skip
+    assert {type(make()) for make in CHANGED.values()} == kinds

@@ -1,0 +1,102 @@
+"""The receiver's filter in a sensor file: shapes, tables, mistakes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene import catalog
+from lidarscene.errors import InputError
+from lidarscene.io.filter_file import FilterFile, read_transmittance
+from lidarscene.io.sensor_file import read_sensor
+
+SENSOR = catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8")
+GIVEN = "sun_irradiance_w_m2 = 29.4"
+
+
+def irradiance(folder: Path, entry: str, **files: str) -> float:
+    """The sensor's solar irradiance with this instead of the given one."""
+    for name, text in files.items():
+        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    path = folder / "sensor.toml"
+    path.write_text(SENSOR.replace(GIVEN, entry), encoding="utf-8")
+    return float(read_sensor(path).optics.sun_irradiance_w_m2)
+
+
+@pytest.mark.parametrize(
+    ("entry", "w_m2"),
+    [
+        ("filter = { centre_nm = 905, width_nm = 42.837 }", 29.4),
+        ('filter = { centre_nm = 905, width_nm = 20, shape = "gaussian" }', 13.896),
+        ('filter = { centre_nm = 905, width_nm = 20, shape = "super_gaussian", order = 2 }', 13.896),
+        ('filter = { centre_nm = 905, width_nm = 20, shape = "super_gaussian" }', 12.491),
+        ('filter = { centre_nm = 905, width_nm = 20, spectrum = "direct" }', 13.296),
+        ('filter = { csv = "box.csv" }', 29.4),
+    ],
+)
+def test_filters(entry: str, w_m2: float, tmp_path: Path) -> None:
+    """Table 1's irradiance by the box it implies; the others pinned (docs/sun.md). The direct sun: 20 nm x 0.6648."""
+    pytest.importorskip("pvlib")
+    box = "\ufeffwavelength_nm, transmittance\n# of the maker\n\n883.5815,1\n926.4185,1\n"
+    assert irradiance(tmp_path, entry, box=box) == pytest.approx(w_m2, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("", "optics: one of sun_irradiance_w_m2 and filter was expected, not both or none"),
+        (f"{GIVEN}\nfilter = {{ csv = 'a.csv' }}", "one of sun_irradiance_w_m2 and filter was expected"),
+        ("filter = { centre_nm = 905 }", "optics.filter: centre_nm and width_nm, or csv, were expected"),
+        ("filter = { width_nm = 9, csv = 'a.csv' }", "csv says all of the filter, width_nm came too"),
+        ("filter = { centre_nm = 905, width_nm = 9, order = 4 }", 'order is for shape = "super_gaussian"'),
+        ("filter = { centre_nm = 905, width_nm = -9 }", "optics.filter.width_nm: 0.01 or more was expected"),
+        (
+            "filter = { centre_nm = 905, width_nm = 9, spectrum = 'moon' }",
+            "optics.filter.spectrum: 'global', ",
+        ),
+        ("filter = { csv = 'none.csv' }", r"optics.filter.csv: .*none.csv: no such file"),
+    ],
+)
+def test_mistakes(entry: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        irradiance(tmp_path, entry)
+    assert str(caught.value).startswith(str(tmp_path / "sensor.toml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "two lines of wavelength_nm,transmittance or more"),
+        ("wavelength_nm,transmittance\n900,1\n", "two lines"),
+        ("900,1\n900,1\n", "line 2: a longer wavelength than 900 nm was expected"),
+        ("900,1\n910,x\n", "line 2: wavelength_nm,transmittance was expected, 910,x came"),
+        ("900,1\n910\n", "line 2: wavelength_nm,transmittance was expected, 910 came"),
+        ("900,0\n905,90\n", "line 2: .* a transmittance of 0 to 1 were expected, 905,90 came"),
+        ("900,nan\n905,1\n", "line 1: .* 900,nan came"),
+    ],
+)
+def test_mistakes_in_the_table(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "filter.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_transmittance(path)
+
+
+def test_table_that_is_not_text(tmp_path: Path) -> None:
+    (tmp_path / "filter.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not UTF-8 text"):
+        read_transmittance(tmp_path / "filter.csv")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_transmittance(tmp_path)
+
+
+def test_table_is_straight_lines_and_zero_outside(tmp_path: Path) -> None:
+    path = tmp_path / "filter.csv"
+    path.write_text("900,0.5\n910,1\n", encoding="utf-8")
+    found = read_transmittance(path).at(np.array([899, 900, 905, 910, 911]) * 1e-9)
+    np.testing.assert_allclose(found, [0, 0.5, 0.75, 1, 0], atol=1e-9)
+
+
+def test_shape_without_files() -> None:
+    curve = FilterFile(centre_nm=905.0, width_nm=10.0).transmittance(Path())
+    np.testing.assert_allclose(curve.wavelength_m, [900e-9, 910e-9])
