@@ -223,7 +223,7 @@ class PointCloud:
 
 
 class CloudBuilder:
-    """Gathers a cloud chunk by chunk, each column in one array from the start.
+    """Gathers a cloud chunk by chunk. A single chunk is taken as it is; of several each column is one array.
 
     capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
               without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
@@ -232,23 +232,37 @@ class CloudBuilder:
 
     def __init__(self, *, capacity: int = 0) -> None:
         self._columns: dict[str, Array] = {}
-        self._capacity, self._points = capacity, 0
+        self._capacity, self._points, self._chunks = capacity, 0, 0
 
     def append(self, columns: Mapping[str, Any]) -> None:
-        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH."""
+        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH.
+
+        The arrays must not change afterwards: a single chunk's become the cloud's own.
+        """
         expected = self._columns or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
         if set(columns) != set(expected):
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
         n = len(columns["xyz_m"])
+        checked = {a: _checked(a, columns[a], n) for a in expected}
+        self._chunks += 1
+        if self._chunks == 1:
+            self._columns, self._points = checked, n
+            return
         end = self._points + n
-        for a, values in [(a, _checked(a, columns[a], n)) for a in expected]:
-            if a not in self._columns:
-                self._columns[a] = np.zeros((max(self._capacity, n), *values.shape[1:]), values.dtype)
-            elif len(self._columns[a]) < end:
-                self._columns[a].resize((max(end, end * 5 // 4), *values.shape[1:]), refcheck=False)
+        for a, values in checked.items():
+            self._columns[a] = self._with_room(self._columns[a], end)
             self._columns[a][self._points : end] = values
         self._points = end
+
+    def _with_room(self, column: Array, end: int) -> Array:
+        """This column, or its points in a longer one if it is the first chunk's or too short."""
+        if self._chunks > 2 and len(column) >= end:
+            return column
+        room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
+        longer = np.zeros((room, *column.shape[1:]), column.dtype)
+        longer[: self._points] = column[: self._points]
+        return longer
 
     def build(self, **description: Any) -> PointCloud:
         """The cloud of everything appended, with body_names, class_names, material_names and metadata.
@@ -258,7 +272,7 @@ class CloudBuilder:
         columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
         if not columns:
             columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
-        self._columns, self._points = {}, 0
+        self._columns, self._points, self._chunks = {}, 0, 0
         return PointCloud(**columns, **description)
 
 
