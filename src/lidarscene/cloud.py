@@ -256,7 +256,7 @@ class CloudBuilder:
         self._points = end
 
     def _with_room(self, column: Array, end: int) -> Array:
-        """This column, or its points in a longer one if it is the first chunk's or too short."""
+        """The column, or its points in a longer one if it is the first chunk's or too short."""
         if self._chunks > 2 and len(column) >= end:
             return column
         room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
