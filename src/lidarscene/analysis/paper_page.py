@@ -39,16 +39,19 @@ class Page:
         self.markdown.append(_escaped(text))
         self.body.append(f"<p>{html.escape(text)}</p>")
 
-    def figure(self, *, name: str, number: str, caption: str) -> None:
-        """A PNG of this name beside the page, with its SVG and CSV."""
-        told = f"Fig. {number}"
+    def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
+        """A PNG of this name beside the page, with its CSV, and its SVG if there is one."""
+        told = f"Fig. {number}" if svg else number
+        drawn = f"[SVG]({name}.svg), " if svg else ""
+        linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
+        size = ' width="1200" height="840"' if svg else ""
         self.markdown.append(
-            f"![{told}]({name}.png)\n\n**{told}** {_escaped(caption)} [SVG]({name}.svg), [CSV]({name}.csv)"
+            f"![{told}]({name}.png)\n\n**{told}** {_escaped(caption)} {drawn}[CSV]({name}.csv)"
         )
         self.body.append(
-            f'<figure><img src="{name}.png" alt="{told}" width="1200" height="840">'
+            f'<figure><img src="{name}.png" alt="{told}"{size}>'
             f"<figcaption><b>{told}</b> {html.escape(caption)} "
-            f'<a href="{name}.svg">SVG</a>, <a href="{name}.csv">CSV</a></figcaption></figure>'
+            f'{linked}<a href="{name}.csv">CSV</a></figcaption></figure>'
         )
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

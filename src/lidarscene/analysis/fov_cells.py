@@ -1,0 +1,118 @@
+"""Cells of equal solid angle on the sphere of directions, and which of them make up a field of view.
+
+Rows are `cell` high in elevation; each is cut into the whole number of columns that makes them nearest to square,
+so every cell has cell^2 of solid angle, but for that rounding and the poles. Edges lie an odd fraction of a cell off
+zero: no even raster of directions falls on them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Matrix = np.ndarray[Any, Any]
+
+_SHIFT = 0.381966  # of a cell: the golden section is far from every simple fraction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """All cells of the sphere, numbered row by row from below.
+
+    size_deg    height of a row
+    columns     (rows,) cells in each row
+    first       (rows + 1,) number of the first cell of each row
+    edges_deg   (rows + 1,) elevations between the rows
+    """
+
+    size_deg: float
+    columns: Matrix
+    first: Matrix
+    edges_deg: Matrix
+
+    @classmethod
+    def of_size(cls, size_deg: float) -> Cells:
+        """Cells of about this height and width in degrees."""
+        below = math.ceil(90.0 / size_deg) + 1
+        edges = np.clip((np.arange(-below, below + 1) + _SHIFT) * size_deg, -90.0, 90.0)
+        edges = np.unique(edges)
+        middle = np.radians(0.5 * (edges[1:] + edges[:-1]))
+        columns = np.maximum(np.rint(360.0 * np.cos(middle) / size_deg), 1).astype(np.int64)
+        return cls(size_deg, columns, np.concatenate([[0], np.cumsum(columns)]), edges)
+
+    @property
+    def count(self) -> int:
+        """Cells of the whole sphere."""
+        return int(self.first[-1])
+
+    def of(self, azimuth_deg: Matrix, elevation_deg: Matrix) -> Matrix:
+        """The cell of each direction."""
+        row = np.clip(
+            np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1
+        )
+        columns = self.columns[row]
+        column = np.floor(azimuth_deg * columns / 360.0 + _SHIFT).astype(np.int64) % columns
+        return np.asarray(self.first[row] + column)
+
+    def row_of(self, cell: Matrix) -> Matrix:
+        """The row of each cell."""
+        return np.asarray(np.searchsorted(self.first, cell, side="right") - 1)
+
+    def middle_deg(self, cell: Matrix) -> tuple[Matrix, Matrix]:
+        """Azimuth (-180 to 180) and elevation of the middle of each cell."""
+        row = self.row_of(cell)
+        column = cell - self.first[row]
+        azimuth = (column + 0.5 - _SHIFT) * 360.0 / self.columns[row]
+        elevation = 0.5 * (self.edges_deg[row] + self.edges_deg[row + 1])
+        return np.asarray((azimuth + 180.0) % 360.0 - 180.0), np.asarray(elevation)
+
+    def square_degrees(self, cell: Matrix) -> Matrix:
+        """Solid angle of each cell."""
+        row = self.row_of(cell)
+        sines = np.sin(np.radians(self.edges_deg))
+        return np.asarray(np.degrees(sines[row + 1] - sines[row]) * 360.0 / self.columns[row])
+
+    def within(self, outline: Matrix) -> Matrix:
+        """Cells whose middle lies inside a convex polygon of azimuth and elevation, (n, 2) counter-clockwise."""
+        low, high = outline[:, 1].min(), outline[:, 1].max()
+        rows = np.flatnonzero((self.edges_deg[1:] > low) & (self.edges_deg[:-1] < high))
+        if len(rows) == 0:
+            return np.zeros(0, dtype=np.int64)
+        cell = np.arange(self.first[rows[0]], self.first[rows[-1] + 1])
+        azimuth, elevation = self.middle_deg(cell)
+        inside = np.ones(len(cell), dtype=bool)
+        for (x, y), (u, v) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            inside &= (u - x) * (elevation - y) - (v - y) * (azimuth - x) >= -1e-9
+        return np.asarray(cell[inside])
+
+
+def convex_outline(azimuth_deg: Matrix, elevation_deg: Matrix) -> Matrix:
+    """(n, 2) corners of the convex hull of these angles, counter-clockwise (Andrew's monotone chain).
+
+    Hulls of single rows first: of many points with about one elevation only the two ends can be corners.
+    """
+    row = np.rint(elevation_deg / 1e-3).astype(np.int64)
+    order = np.lexsort((azimuth_deg, row))
+    starts = np.flatnonzero(np.diff(row[order], prepend=row[order][0] - 1))
+    ends = np.append(starts[1:], len(order)) - 1
+    kept = order[np.unique(np.concatenate([starts, ends]))]
+    # Extremes in elevation too, which a row may have between its ends.
+    kept = np.append(kept, [np.argmax(elevation_deg), np.argmin(elevation_deg)])
+    points = np.unique(np.column_stack([azimuth_deg[kept], elevation_deg[kept]]), axis=0)
+    return np.array(_chain(points) + _chain(points[::-1])) if len(points) > 2 else points
+
+
+def _chain(points: Matrix) -> list[tuple[float, float]]:
+    """One side of the hull of sorted points, without its last corner."""
+    chain: list[tuple[float, float]] = []
+    for x, y in points.tolist():
+        while len(chain) > 1:
+            (a, b), (c, d) = chain[-2:]
+            if (c - a) * (y - b) - (d - b) * (x - a) > 0.0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain[:-1]
