@@ -72,10 +72,14 @@ def _parser() -> argparse.ArgumentParser:
 
     catalog = commands.add_parser(
         "catalog", help="what sensors and materials there are",
-        description="List the catalogue, or print an entry's file, with a source for every number.",
+        description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
+        "against what their makers publish.",
     )  # fmt: skip
-    catalog.add_argument("kind", nargs="?", choices=("sensors", "materials"), help="list only these")
-    catalog.add_argument("name", metavar="NAME", nargs="?", help="print this entry")
+    catalog.add_argument(
+        "kind", nargs="?", choices=("sensors", "materials", "check"), help="list only these, or check sensors"
+    )
+    catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
+    catalog.add_argument("--json", action="store_true", help="print the check as JSON")
     catalog.set_defaults(run=_catalog)
 
     doctor = commands.add_parser(
@@ -221,10 +225,27 @@ def _progress(total: int) -> Iterator[Callable[[int], None] | None]:
 def _catalog(arguments: argparse.Namespace) -> int:
     from . import catalog, report
 
+    if arguments.kind == "check":
+        return _catalog_check(arguments)
+    if arguments.json:
+        raise InputError("--json goes with catalog check")
     if arguments.name:
         _say(catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8"))
         return 0
     _say("\n".join(report.catalog_text(k) for k in ([arguments.kind] if arguments.kind else catalog.KINDS)))
+    return 0
+
+
+def _catalog_check(arguments: argparse.Namespace) -> int:
+    from . import catalog
+    from .analysis import catalog_check
+
+    names = [arguments.name] if arguments.name else catalog.names("sensors")
+    checks = [catalog_check.check(name) for name in names]
+    if arguments.json:
+        _say(json.dumps([catalog_check.as_dict(one) for one in checks], indent=2))
+    else:
+        _say(catalog_check.as_text(checks))
     return 0
 
 

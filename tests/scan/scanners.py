@@ -74,6 +74,11 @@ def mid40(**changes):
     return scan.Risley.of(**(numbers | changes))
 
 
+def six_beams():
+    """Several lasers before the prisms, as the Livox Avia has them."""
+    return mid40(tilted=["in", "in"], beam_elevation_rad=[e * DEG for e in (-3.0, -1.8, -0.6, 0.6, 1.8, 3.0)])
+
+
 def three_wedges():
     return mid40(
         angle_rad=[0.1, 0.12, 0.08], index=[1.5, 1.51, 1.6], rotation_hz=[100.3, -70.1, 11.7],
@@ -115,6 +120,7 @@ ALL = {
     "polygon": polygon,
     "polygon_backwards": lambda: polygon(rotation_hz=-30.0, side="right", inradius_m=None),
     "mid40": mid40,
+    "six_beams": six_beams,
     "three_wedges": three_wedges,
     "flash": flash,
     **{

@@ -69,6 +69,7 @@ CHANGED = {
     ),
     "polygon": lambda: scanners.polygon(tilt_rad=[0.01] * 6, rotation_hz=50.0, side="right", duty=0.4),
     "mid40": lambda: scanners.mid40(index=[1.6, 1.7], rotation_hz=[10.0, -3.0], angle_rad=[0.1, 0.2]),
+    "six_beams": lambda: scanners.mid40(tilted=["in", "in"], index=[1.4, 1.3], beam_elevation_rad=[0.01, 0.02]),
     "flash": lambda: scanners.flash(columns=11, rows=13, pitch=0.01),
     "pattern": lambda: scanners.pattern(
         azimuth_rad=np.zeros(9), elevation_rad=np.zeros(9), time_s=np.arange(9.0), channel=np.zeros(9)

@@ -164,6 +164,23 @@ def test_thin_wedge_deviates_by_n_minus_one_alpha():
         )
 
 
+def test_six_beams_take_turns():
+    """Each laser is a scanner of its own whose beam comes in at its angle; wedges of glass like air do not bend it."""
+    clear = scanners.mid40(
+        tilted=["in", "in"], index=[1.0 + 1e-9] * 2, beam_elevation_rad=[-0.05, 0.0, 0.03], frame_hz=1e3
+    )
+    pulse = np.arange(99, dtype=np.uint32)
+    azimuth, elevation = clear.angles(pulse)
+    assert np.abs(azimuth).max() < 1e-6
+    assert elevation == pytest.approx(np.tile([-0.05, 0.0, 0.03], 33), abs=1e-6)
+    assert clear.channel(pulse).tolist() == [0, 1, 2] * 33
+    axial, tilted = scanners.mid40(tilted=["in", "in"]), scanners.six_beams()
+    on_axis = scanners.mid40(tilted=["in", "in"], beam_elevation_rad=[0.0])
+    for one, other in zip(axial.direction(pulse), on_axis.direction(pulse), strict=True):
+        assert one == pytest.approx(other, abs=1e-6)
+    assert np.degrees(np.ptp(tilted.angles(np.arange(60_000, dtype=np.uint32))[1])) > 38.3 + 5.5
+
+
 def test_mid40_field_of_view():
     """Reference: FIELD.md 5.4, 39.4 degrees from HELIOS++'s prisms (Livox says 38.4), inclined faces inside."""
     scanner = scanners.mid40(frame_hz=1.0)

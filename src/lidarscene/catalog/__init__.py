@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..io.material_file import read_material
+from ..io.published_file import PublishedFile, read_published
 from ..io.sensor_file import read_sensor
 from ..materials import Material
 from ..sensor import Sensor
@@ -50,3 +51,8 @@ def sensor(name: str | Path, *, overrides: Sequence[str] = ()) -> Sensor:
     """A sensor by catalogue name, or from a file if the name ends in .toml. Raises InputError."""
     path = Path(name) if str(name).endswith(".toml") else path_of("sensors", str(name))
     return read_sensor(path, overrides=overrides)
+
+
+def published(name: str) -> PublishedFile | None:
+    """What the maker publishes of a catalogue sensor, if its file says so. Raises InputError."""
+    return read_published(path_of("sensors", name))

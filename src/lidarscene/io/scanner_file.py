@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Annotated, Literal
 
@@ -26,6 +25,7 @@ from .scanner_model import (
 from .toml_file import FileModel
 
 Elevation = Annotated[float, Field(ge=-90, le=90)]
+Beam = Annotated[float, Field(ge=-45, le=45)]
 Azimuth = Annotated[float, Field(ge=-360, le=360)]
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
 
@@ -200,9 +200,14 @@ class RisleyFile(ScannerFile):
     type: Literal["risley"]
     wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
     frame_hz: Positive
+    beam_elevation_deg: Annotated[tuple[Beam, ...], Field(min_length=1)] | None = Field(
+        default=None, description="of each laser before the prisms; one along the axis if left out"
+    )
 
     def build(self, around: Surroundings) -> Risley:
         """In SI units."""
+        elevations = self.beam_elevation_deg
+        beams = None if elevations is None else [math.radians(e) for e in elevations]
         scanner = Risley.of(
             rate_hz=around.rate_hz, frame_hz=self.frame_hz,
             angle_rad=[math.radians(w.angle_deg) for w in self.wedges],
@@ -210,15 +215,24 @@ class RisleyFile(ScannerFile):
             rotation_hz=[w.rotation_hz for w in self.wedges],
             phase_rad=[math.radians(w.phase_deg) for w in self.wedges],
             tilted=[w.inclined_face for w in self.wedges],
+            beam_elevation_rad=beams,
             jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
         )  # fmt: skip
-        phases = np.radians(np.arange(0.0, 360.0, 5.0))
-        for relative in itertools.product(phases, repeat=len(self.wedges) - 1):
-            if float(scanner.through((0.0, *relative))[1]) <= 0.0:
-                raise InputError(
-                    "scanner: light is totally reflected in these wedges; smaller angle_deg were expected"
-                )
+        if any(self._reflects(scanner, beam) for beam in beams or (None,)):
+            raise InputError(
+                "scanner: light is totally reflected in these wedges; smaller angle_deg were expected"
+            )
         return scanner
+
+    def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
+        """Whether a beam is lost on its way; on the axis only the wedges' phases to each other matter."""
+        phases = np.radians(np.arange(0.0, 360.0, 5.0))
+        first = np.zeros(1) if elevation_rad is None else phases
+        turned = np.meshgrid(first, *[phases] * (len(self.wedges) - 1), indexing="ij", sparse=True)
+        start = None if elevation_rad is None else np.array(elevation_rad)
+        with np.errstate(divide="ignore", invalid="ignore"):  # behind a face that reflects all
+            share = np.asarray(scanner.through(tuple(turned), start)[1])
+        return not bool(np.all(share > 0.0))
 
 
 class FlashFile(ScannerFile):

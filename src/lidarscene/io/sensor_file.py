@@ -14,6 +14,7 @@ from ..geometry import Pose
 from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
 from .filter_file import FilterFile
+from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
@@ -191,6 +192,9 @@ class SensorFile(FileModel):
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
     mounting: PoseFile = PoseFile()
+    published: PublishedFile | None = Field(
+        default=None, description="for comparison; not used by the simulation"
+    )
     sources: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, xp
+from ..arrays import Array, Table, xp
 from .base import Matrix, Mechanism
 from .turns import Turns
 from .vectors import Vector, refracted
@@ -54,11 +54,17 @@ class Wedge:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Risley(Mechanism):
-    """Pulses at an even rate; ``pulses`` of them are a frame, and the prisms go on turning. Made by `of`."""
+    """Pulses at an even rate; ``pulses`` of them are a frame, and the prisms go on turning. Made by `of`.
+
+    beams             lasers that take turns
+    beam_elevation_rad  of each before the prisms, or None: the one along the axis
+    """
 
     pulses: int
     rate_hz: float
     wedges: tuple[Wedge, ...]
+    beams: int = 1
+    beam_elevation_rad: Table | None = None
 
     @classmethod
     def of(
@@ -71,6 +77,7 @@ class Risley(Mechanism):
         rotation_hz: Sequence[float],
         phase_rad: Sequence[float],
         tilted: Sequence[str],
+        beam_elevation_rad: Sequence[float] | None = None,
         jitter_rad: float | None = None,
         encoder_rad: float | None = None,
     ) -> Risley:
@@ -84,6 +91,10 @@ class Risley(Mechanism):
         )  # fmt: skip
         return cls(
             pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=wedges,
+            beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
+            beam_elevation_rad=(
+                None if beam_elevation_rad is None else Table(np.asarray(beam_elevation_rad, dtype=np.float64))
+            ),
             jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
@@ -96,11 +107,25 @@ class Risley(Mechanism):
         return tuple(wedge.turns.angle_rad(pulse) for wedge in self.wedges)
 
     def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
-        return self.through(turned)
+        if self.beam_elevation_rad is None:
+            return self.through(turned)
+        ops = xp(pulse)
+        return self.through(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
 
-    def through(self, phases_rad: tuple[Array, ...]) -> tuple[Vector, Array]:
-        """Direction and share of the aperture with the wedges' thick sides in these directions."""
+    def channel(self, pulse: Array) -> Array:
+        """Number of the laser."""
+        number = xp(pulse).int32(pulse)
+        return number - number // self.beams * self.beams
+
+    def through(self, phases_rad: tuple[Array, ...], elevation_rad: Array = None) -> tuple[Vector, Array]:
+        """Direction and share of the aperture with the wedges' thick sides in these directions.
+
+        elevation_rad  of the beam before the prisms; along the axis if left out
+        """
         direction: Vector = _X
+        if elevation_rad is not None:
+            ops = xp(elevation_rad)
+            direction = ops.cos(elevation_rad), 0.0 * elevation_rad, ops.sin(elevation_rad)
         share: Array = 1.0
         for wedge, phase in zip(self.wedges, phases_rad, strict=True):
             direction, widened = wedge.bend(direction, phase)
