@@ -10,8 +10,6 @@ import numpy as np
 
 from .errors import InputError
 
-BSDF_KINDS = ("diffuse", "coated", "conductor", "glass", "retroreflector")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spectrum:
@@ -44,7 +42,7 @@ class Spectrum:
 class Material:
     """A surface.
 
-    bsdf          one of BSDF_KINDS
+    bsdf          "diffuse", "coated", "conductor", "glass" or "retroreflector"
     reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors and glass
     parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
                   roughness, index_n, index_k; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg

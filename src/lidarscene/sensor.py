@@ -14,8 +14,6 @@ from .geometry import Pose
 from .physics import radiometry
 from .scan import Scanner
 
-WALK_MODES = ("none", "raw", "corrected")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:

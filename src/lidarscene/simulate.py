@@ -76,6 +76,30 @@ class _Chunk:
         return needed
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placing:
+    """From the sensor's frame to that of the points, once for a frame.
+
+    turn, shift  rotation and place, on the device
+    added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
+    """
+
+    turn: Any
+    shift: Any
+    added_m: Matrix | None
+
+    @classmethod
+    def of(cls, place: Pose, frame: str) -> _Placing:
+        """For points in the "world" or in the "sensor" frame."""
+        goal = place if frame == "world" else Pose()
+        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
+        return cls(
+            turn=device.opaque(_numbers(goal.rotation)),
+            shift=device.opaque(_numbers(goal.position_m if near else np.zeros(3))),
+            added_m=None if near else goal.position_m,
+        )
+
+
 class Simulator:
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
@@ -97,7 +121,7 @@ class Simulator:
         )
         self._device_sensor = device.opaque(sensor)
         self._device_ambient = device.opaque(ambient_of(scene, sensor))
-        self._device_sun = device.opaque(tuple(float(x) for x in scene.sun.direction))
+        self._device_sun = device.opaque(_numbers(scene.sun.direction))
 
     def render(
         self,
@@ -163,6 +187,7 @@ class Simulator:
         seed_word = device.opaque_uint32(seed)
         origin = device.opaque(_numbers(place.position_m - self.world.centre_m))
         rotation = device.opaque(_numbers(place.rotation))
+        placing = _Placing.of(place, frame)
 
         def started(first: int) -> _Chunk:
             since = time.perf_counter()
@@ -177,7 +202,7 @@ class Simulator:
             since = time.perf_counter()
             device.wait()
             since = summary.spent("trace", since)
-            columns, outcome = self._columns(part, place, frame), part.detection.outcome.numpy()
+            columns, outcome = self._columns(part, placing), part.detection.outcome.numpy()
             summary.spent("collect", since)
             done = part.first
             if following is not None:
@@ -192,16 +217,11 @@ class Simulator:
         detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)
         return _Chunk(first, pulse, hits, detection)
 
-    def _columns(self, part: _Chunk, place: Pose, frame: str) -> dict[str, Any] | None:
-        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none.
-
-        Positions are float32 as long as that is good to 0.1 mm; farther out the place is added in float64.
-        """
+    def _columns(self, part: _Chunk, placing: _Placing) -> dict[str, Any] | None:
+        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none."""
         lanes = collect.kept_lanes(part.detection)
         if lanes is None:
             return None
-        near = np.abs(place.position_m).max() < LARGEST_FLOAT32_M
-        in_world = frame == "world"
         on_device = collect.columns(
             world=self.world,
             sensor=self._device_sensor,
@@ -209,15 +229,15 @@ class Simulator:
             hits=part.hits,
             detection=part.detection,
             lanes=lanes,
-            turn=device.opaque(_numbers(place.rotation if in_world else np.eye(3))),
-            shift=device.opaque(_numbers(place.position_m if in_world and near else np.zeros(3))),
+            turn=placing.turn,
+            shift=placing.shift,
         )
         device.start(list(on_device.values()))
         device.wait()
         columns = {name: array.numpy() for name, array in on_device.items()}
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        if in_world and not near:
-            columns["xyz_m"] = columns["xyz_m"] + place.position_m
+        if placing.added_m is not None:
+            columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         columns["time_s"] = beams.firing_time_s(self.sensor, columns["time_s"])
         return columns
 

@@ -14,8 +14,6 @@ import numpy as np
 from ..errors import LidarSceneError
 from ..physics.solar_spectrum import Curve
 
-SPECTRA = ("global", "direct", "extraterrestrial")
-
 
 @functools.cache
 def pvlib() -> ModuleType:

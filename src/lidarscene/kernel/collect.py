@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ..arrays import Array
 from ..beams import reported
 from ..hits import Hits
@@ -17,8 +15,6 @@ from ..returns import Detection
 from ..sensor import Sensor
 from .backend import mitsuba
 from .world import World
-
-Matrix = np.ndarray[Any, Any]
 
 
 def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Array, xp
+from ..geometry import direction_from_angles
 from .vectors import Vector, angles_of
 
 Matrix = np.ndarray[Any, Any]
@@ -98,6 +99,24 @@ class Mechanism:
     def offset_m(self, pulse: Array) -> Vector | None:
         """All beams start in the sensor's origin."""
         return None
+
+
+class GivenAngles(Mechanism):
+    """Base of the scanners whose directions are given, not derived: the mechanical angles are those of the beam.
+
+    Nothing is known of an aperture in motion either, so A(theta_r) = A(0).
+    """
+
+    __slots__ = ()
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        azimuth, elevation = turned
+        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
+
+    def angles(self, pulse: Array) -> tuple[Array, Array]:
+        """Azimuth and elevation [rad], as the encoders read them."""
+        azimuth, elevation = self._read(pulse)
+        return azimuth, elevation
 
 
 def in_frame(pulse: Matrix, pulses: int) -> tuple[Matrix, Matrix]:

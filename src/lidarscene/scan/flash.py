@@ -24,7 +24,6 @@ from ..arrays import Array, xp
 from .base import Matrix, Mechanism, in_frame
 from .vectors import Vector
 
-FALLOFFS = ("pupil", "pupil_and_pixel")
 LARGEST_HEIGHT = {
     "rectilinear": 50.0,
     "equidistant": 0.5 * math.pi,
@@ -41,7 +40,7 @@ class Flash(Mechanism):
 
     pitch       of the pixels over the focal length
     projection  a key of LARGEST_HEIGHT
-    falloff     one of FALLOFFS: what the aperture's share holds
+    falloff     "pupil" or "pupil_and_pixel": what the aperture's share holds
     frame_rate_hz  flashes per second
     """
 

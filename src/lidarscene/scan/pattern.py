@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Table, xp
-from ..geometry import direction_from_angles
-from .base import Matrix, Mechanism, in_frame
-from .vectors import Vector
+from .base import GivenAngles, Matrix, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pattern(Mechanism):
+class Pattern(GivenAngles):
     """The table, in firing order; it starts anew with each frame. Made by `of`."""
 
     pulses: int
@@ -56,15 +54,6 @@ class Pattern(Mechanism):
     def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
         ops, row = xp(pulse), self._row(pulse)
         return ops.take(self.azimuth_rad, row), ops.take(self.elevation_rad, row)
-
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
-        azimuth, elevation = turned
-        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
-
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
-        """Azimuth and elevation [rad] of the table."""
-        azimuth, elevation = self._read(pulse)
-        return azimuth, elevation
 
     def channel(self, pulse: Array) -> Array:
         """Channel by the table, or 0."""

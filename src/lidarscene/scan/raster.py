@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, xp
-from ..geometry import direction_from_angles
-from .base import Matrix, Mechanism
-from .vectors import Vector
+from .base import GivenAngles, Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Raster(Mechanism):
+class Raster(GivenAngles):
     """Evenly spaced grid of directions, centred on the sensor's x axis, both edges of the field of view included."""
 
     columns: int
@@ -66,15 +64,6 @@ class Raster(Mechanism):
         # Twice the offset from the centre is a whole number, so the middle of the grid is exactly zero.
         azimuth = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.azimuth_step_rad)
         elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
-        return azimuth, elevation
-
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
-        azimuth, elevation = turned
-        return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
-
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
-        """Azimuth and elevation [rad], float32, of each pulse."""
-        azimuth, elevation = self._read(pulse)
         return azimuth, elevation
 
     def channel(self, pulse: Array) -> Array:
