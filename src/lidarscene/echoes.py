@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .arrays import Array, xp
+import numpy as np
+
+from .arrays import Array, Table, xp
 from .beams import Beams
 from .hits import Hits
 from .physics import air, radiometry, sunlight
@@ -41,6 +43,54 @@ class Echoes:
     range_m: Array
     peak_power_w: Array
     background_power_w: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Volume:
+    """Light of the air itself: one course over range for all pulses, as much of it as each pulse has.
+
+    shape    (samples,) W at a scale of one, from 0 to far_m in even steps, 0 at the end; already as broad as the
+             pulse makes it
+    far_m    of the last sample
+    hump_m   (from, to): outside of it the course is nowhere concave (`hump_of`)
+    scale    (n,) of each pulse
+    end_m    (n,) where the last of a pulse's light meets a surface: nothing comes from behind that
+    """
+
+    shape: Table
+    far_m: Array
+    hump_m: tuple[Array, Array]
+    scale: Array
+    end_m: Array
+
+
+def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
+    """Where a course of a `Volume` is concave, all of it from the first to the last sample."""
+    values = np.asarray(shape.values, dtype=np.float64)
+    bend = np.diff(values, n=2)
+    concave = np.flatnonzero(bend < -1e-7 * values.max())
+    if len(concave) == 0:
+        return 0.0, 0.0
+    step = far_m / (len(values) - 1)
+    return float(concave[0] * step), float((concave[-1] + 2) * step)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoTrain:
+    """Light on the detector, pulses of several sub-echoes; lane = pulse lane * sub-echoes + sub-echo.
+
+    range_m             (n m,) anything where there is no echo
+    peak_power_w        (n m,) peak of the sub-echo, 0 where there is none
+    background_power_w  (n,) sun and sky
+    sub_echoes          m
+    volume              backscatter of the air, or None
+    """
+
+    range_m: Array
+    peak_power_w: Array
+    background_power_w: Array
+    sub_echoes: int
+    volume: Volume | None = None
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:

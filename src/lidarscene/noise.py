@@ -40,13 +40,13 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
     return x0, x1
 
 
-def words(*, seed: Array, stage: int, pulse: Array, draw: int = 0) -> tuple[Array, Array]:
+def words(*, seed: Array, stage: int, pulse: Array, draw: Array = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
     seed   the frame's seed, 32 bits (an opaque Dr.Jit integer, or a Python int)
     stage  one of the STAGE_ constants
     pulse  (n,) 32-bit unsigned pulse numbers in the frame
-    draw   which of the pulse's draws in this stage
+    draw   which of the pulse's draws in this stage, a number or (n,) unsigned
     """
     ops = xp(pulse)
     pulse = ops.uint32(pulse)

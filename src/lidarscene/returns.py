@@ -6,13 +6,12 @@ import enum
 from dataclasses import dataclass
 from typing import Any
 
-from . import noise
+from . import comparator
 from .arrays import Array, xp
 from .detectors import WorkingPoint
 from .echoes import Echoes
 from .physics import pulse as pulse_shape
-from .physics import radiometry, tdc
-from .physics.special import normal_tail
+from .physics import radiometry
 from .sensor import Sensor
 
 
@@ -41,12 +40,22 @@ class Returns:
     status     (n,) int32, a `Status`
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
+
+    Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
+
+    snr, detection_probability  (n,) as there; 0 for a false alarm
+    lane                        (n,) of the sub-echo that gives most of it; the pulse's strongest for a false alarm
+    true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak
     """
 
     reported: Array
     status: Array
     range_m: Array
     amplitude: Array
+    snr: Array | None = None
+    detection_probability: Array | None = None
+    lane: Array | None = None
+    true_range_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +64,7 @@ class Detection:
 
     snr                    (n,) (19) or (27): peak signal over the noise without echo; 0 without an echo
     detection_probability  (n,) that this echo trips the comparator; 0 without an echo
+                           Of several echoes the strongest counts.
     outcome                (n,) int32, an `Outcome`
     stops                  one `Returns` for each stop, first crossing first
     """
@@ -87,7 +97,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     threshold = sensor.threshold(point)
     edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
     in_window = edge.found & (edge.crossing_s < sensor.tdc.window_s)
-    alarms = _false_alarms(sensor, point, threshold, seed=seed, pulse=pulse)
+    alarms = comparator.false_alarms(sensor, point, threshold, seed=seed, pulse=pulse)
 
     echo_left = in_window
     stops = []
@@ -102,7 +112,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
             Returns(
                 reported=echo_now | alarm,
                 status=ops.where(echo_now, int(Status.ECHO), int(Status.FALSE_ALARM)),
-                range_m=_range(ops, sensor, ops.where(echo_now, edge.reported_s, alarm_s)),
+                range_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=ops.where(echo_now, edge.reported_s, alarm_s)),
                 amplitude=ops.where(echo_now, edge.amplitude, alarm_amplitude),
             )
         )
@@ -123,83 +133,27 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
 def _edge(
     echoes: Echoes, sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
 ) -> _Edge:
-    """Noise on the edge: one deviate decides detection and time; the peak's own joins it for the amplitude."""
+    """The edge of a lone Gaussian pulse, in closed form."""
     ops = xp(echoes.range_m)
     fwhm = sensor.laser.pulse_fwhm_s
-    words = noise.words(seed=seed, stage=noise.STAGE_EDGE_NOISE, pulse=pulse)
-    deviate, of_peak = noise.normal_pair(words)
-    signal = point.signal(echoes.peak_power_w)
-    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
-    sigma = tdc.noise_at_level(level=signal, **own_noise)
-    probability = point.detection_probability(threshold, signal, sigma)
-    level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
-    # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
-    tripped = normal_tail(deviate) < probability if point.exact else signal >= level
-    found = echoes.found & tripped
+    own = comparator.trip(point, threshold, echoes.peak_power_w, seed=seed, pulse=pulse)
+    found = echoes.found & own.tripped
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
-    share = ops.where(found & (level < signal), point.power_w(level) / power, 1.0)
+    share = ops.where(found & (own.level < own.signal), point.power_w(own.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
-    # What shifted the edge is still in the peak if that comes within the noise's memory.
-    kept = tdc.noise_correlation(lag_s=early, bandwidth_hz=sensor.tdc.bandwidth_hz)
-    peak_noise = kept * deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * of_peak
-    amplitude = ops.maximum(signal + peak_noise * sigma, threshold)
-    walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)
+    measured = comparator.amplitude(own, sensor, threshold, lag_s=early)
     return _Edge(
         found=found,
         crossing_s=crossing,
-        reported_s=_converted(ops, sensor, crossing - walk, seed=seed, pulse=pulse),
-        amplitude=amplitude,
-        probability=probability,
+        reported_s=comparator.reported_s(
+            sensor, point, threshold, crossing, measured=measured, true_power_w=power, seed=seed, pulse=pulse
+        ),
+        amplitude=measured,
+        probability=own.probability,
     )
-
-
-def _walk_s(
-    sensor: Sensor, point: WorkingPoint, threshold: Array, *, measured: Array, true_power_w: Array
-) -> Array:
-    """How much earlier than its peak an echo is thought to have crossed (negative), to be taken off."""
-    if sensor.tdc.walk == "raw":
-        return 0.0
-    fwhm = sensor.laser.pulse_fwhm_s
-    power = true_power_w if sensor.tdc.walk == "none" else point.power_w(measured)
-    return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
-
-
-def _converted(ops: Any, sensor: Sensor, time_s: Array, *, seed: Array, pulse: Array) -> Array:
-    """The converter's own jitter and step; no time before the pulse."""
-    jitter, _ = noise.normal_pair(noise.words(seed=seed, stage=noise.STAGE_TDC_JITTER, pulse=pulse))
-    jittered = ops.maximum(time_s + sensor.tdc.jitter_s * jitter, 0.0)
-    return tdc.quantised(time_s=jittered, least_significant_bit_s=sensor.tdc.least_significant_bit_s)
-
-
-def _false_alarms(
-    sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
-) -> list[tuple[Array, Array]]:
-    """Time and amplitude of the first noise crossings of each pulse, one for every stop, in order.
-
-    Crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M. Where none can
-    come the time is far beyond any window.
-    """
-    ops = xp(threshold)
-    p_false = point.false_alarm_probability(threshold)
-    rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
-    never = rate <= 0.0
-    arrivals = []
-    elapsed: Array = 0.0
-    for draw in range(sensor.tdc.stops):
-        first, second = noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw)
-        wait = noise.exponential((first, second))
-        elapsed = elapsed + wait
-        height = noise.exponential(
-            noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
-        )
-        # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-        excess = height * point.noise * point.noise / threshold
-        time_s = ops.where(never, 1.0, elapsed / ops.where(never, 1.0, rate))
-        arrivals.append((ops.minimum(time_s, 1.0), threshold + excess))
-    return arrivals
 
 
 def _nth(ops: Any, alarms: list[tuple[Array, Array]], index: Array) -> tuple[Array, Array]:
@@ -214,7 +168,3 @@ def _nth(ops: Any, alarms: list[tuple[Array, Array]], index: Array) -> tuple[Arr
 
 def _as_int(ops: Any, flag: Array) -> Array:
     return ops.where(flag, 1, 0)
-
-
-def _range(ops: Any, sensor: Sensor, time_s: Array) -> Array:
-    return radiometry.range_from_time_of_flight_m(time_of_flight_s=time_s)

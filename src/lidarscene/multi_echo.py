@@ -1,0 +1,249 @@
+"""Multi-echo: an EchoTrain in, what the comparator and the TDC report of its waveform out.
+
+Every rise of the waveform has its own deviate, as `returns` has one for its single echo. The waveform is nowhere
+sampled: rises are visited one after the other (`rises`), crossings are roots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from . import comparator
+from .arrays import Array, State, xp
+from .detectors import WorkingPoint
+from .echoes import EchoTrain
+from .physics import radiometry
+from .physics.waveform import SIGMAS_PER_FWHM, crossing
+from .returns import Detection, Outcome, Returns, Status
+from .rises import Rise, visit_all
+from .sensor import Sensor
+from .waveform import Waveform, waveform
+
+_EMPTY = -1e30
+"""Key of a stop that nothing uses yet."""
+
+# Of a stop: key, time of the crossing, reported time, amplitude, SNR, P_d, lane, true range; in the end its status.
+_FIELDS = 8
+
+
+def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> Detection:
+    """Crossings of every pulse's waveform, and false alarms: those that the converter keeps, in order of time.
+
+    seed   32-bit frame seed
+    pulse  (n,) uint32 pulse numbers
+    """
+    point = sensor.working_point(train.background_power_w)
+    converter = _Converter(sensor, point, sensor.threshold(point), waveform(train, sensor), seed, pulse)
+    found = converter.search()
+    stops = found.stops
+    for alarm in converter.alarms():
+        stops = _inserted(stops, alarm)
+    if sensor.tdc.keep != "first":
+        stops = _in_time(stops)
+    return converter.detection(found, stops)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Found:
+    """What the search knows in the end: what the pulse had at all, and the crossings that the converter keeps."""
+
+    tripped: Array
+    in_window: Array
+    highest_w: Array
+    stops: list[State]
+
+
+@dataclass(frozen=True, slots=True)
+class _Converter:
+    """Comparator and TDC over the waveforms of some pulses."""
+
+    sensor: Sensor
+    point: WorkingPoint
+    threshold: Array
+    wave: Waveform
+    seed: Array
+    pulse: Array
+
+    @property
+    def ops(self) -> Any:
+        """Functions for these arrays."""
+        return xp(self.wave.origin_m)
+
+    @property
+    def sigma_s(self) -> Array:
+        """Standard deviation of the pulse."""
+        return self.sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+
+    def time_s(self, place: Array) -> Array:
+        """Time of flight of a place of the waveform."""
+        return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
+
+    def key(self, time_s: Array, amplitude: Array) -> Array:
+        """The larger, the rather a crossing is kept."""
+        return {"first": -time_s, "last": time_s, "strongest": amplitude}[self.sensor.tdc.keep]
+
+    def search(self) -> _Found:
+        """All rises, and the best crossings of each pulse."""
+        ops, like = self.ops, self.wave.origin_m
+        nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
+        empty = (ops.full(like, _EMPTY), *([nothing] * 5), number, nothing)
+        start = (never, never, never, ops.full(like, _EMPTY), nothing, *(empty * self.sensor.tdc.stops))
+        _, tripped, in_window, _, highest, *values = visit_all(self.wave, self._visit, start)
+        status = ops.full(like, int(Status.ECHO))
+        stops = [(*stop, status) for stop in _grouped(values)]
+        return _Found(tripped=tripped, in_window=in_window, highest_w=highest, stops=stops)
+
+    def _visit(self, rise: Rise, state: State) -> State:
+        """One rise: does it trip, is the comparator ready for it, is it worth a stop?"""
+        ops, tdc = self.ops, self.sensor.tdc
+        high, tripped, in_window, last, highest, *values = state
+        peak_w = ops.where(rise.found, rise.top[0], 0.0)
+        trip = comparator.trip(
+            self.point, self.threshold, peak_w, seed=self.seed, pulse=self.pulse, draw=rise.number
+        )
+        # The comparator falls in the valley if that lies below the level, which has the rise's own noise.
+        in_valley = self.point.signal(rise.valley_w) >= trip.level
+        edge = rise.found & trip.tripped & ~(high & in_valley)
+        place = self._crossing(rise, trip, edge, in_valley)
+        crossing_s = self.time_s(place)
+        taken = edge & (crossing_s < tdc.window_s) & ((place - last) * self.sigma_s >= tdc.dead_time_s)
+        new = self._stop(rise, trip, taken, place, crossing_s)
+        return (
+            ops.where(rise.found, trip.tripped, high),
+            tripped | edge,
+            in_window | taken,
+            ops.where(taken, place, last),
+            ops.maximum(highest, peak_w),
+            *(value for stop in _inserted(_grouped(values), new) for value in stop),
+        )
+
+    def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Array, in_valley: Array) -> Array:
+        """Place at which a rise trips the comparator: in the valley if it is above the level there.
+
+        Counted cells may trip it where the waveform stays below the level: then at the peak.
+        """
+        ops = self.ops
+        reaches = edge & ~in_valley & (trip.level < trip.signal)
+        level_w = ops.where(reaches, self.point.power_w(trip.level), 1.0)
+        place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches)
+        return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
+
+    def _stop(self, rise: Rise, trip: comparator.Trip, taken: Array, place: Array, crossing_s: Array) -> State:
+        """What the converter would report of a crossing; not taken, it has the lowest key."""
+        ops = self.ops
+        amplitude = comparator.amplitude(
+            trip, self.sensor, self.threshold, lag_s=(place - rise.peak) * self.sigma_s
+        )
+        reported_s = comparator.reported_s(
+            self.sensor, self.point, self.threshold, crossing_s,
+            measured=amplitude, true_power_w=ops.where(taken, rise.top[0], 1.0),
+            seed=self.seed, pulse=self.pulse, draw=rise.number,
+        )  # fmt: skip
+        key = ops.where(taken, self.key(crossing_s, amplitude), _EMPTY)
+        return key, crossing_s, reported_s, amplitude, self.snr(trip.signal), trip.probability, *self._source(rise.peak)
+
+    def snr(self, signal: Array) -> Array:
+        """(19) or (27)."""
+        return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
+
+    def _source(self, place: Array) -> tuple[Array, Array]:
+        """Lane of the sub-echo that gives most light at a place, and the mean range by that light; -1 for the air."""
+        ops, wave = self.ops, self.wave
+        strongest, number, total, moment = ops.full(place, -1.0), ops.full(place, 0), 0.0, 0.0
+        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
+            ahead = centre - place
+            part = height * ops.exp(-0.5 * ahead * ahead)
+            number = ops.where(part > strongest, k, number)
+            strongest = ops.maximum(part, strongest)
+            total, moment = total + part, moment + part * ahead
+        lane = ops.index(place) * len(wave.centres) + number
+        lit = total > 0.0
+        mean = wave.range_m(place + ops.where(lit, moment / ops.where(lit, total, 1.0), 0.0))
+        if wave.volume is None:
+            return lane, mean
+        of_air = wave.at(place)[0] > 2.0 * total
+        return ops.where(of_air, -1, lane), ops.where(of_air, wave.range_m(place), mean)
+
+    def alarms(self) -> list[State]:
+        """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
+        ops, wave = self.ops, self.wave
+        number, strongest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
+        place = ops.full(wave.origin_m, 0.0)
+        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
+            number = ops.where(height > strongest, k, number)
+            place = ops.where(height > strongest, centre, place)
+            strongest = ops.maximum(height, strongest)
+        lane = ops.index(place) * len(wave.centres) + number
+        zero, status = ops.full(place, 0.0), ops.full(lane, int(Status.FALSE_ALARM))
+        found = comparator.false_alarms(
+            self.sensor, self.point, self.threshold, seed=self.seed, pulse=self.pulse
+        )
+        return [
+            (
+                ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
+                time_s, amplitude, zero, zero, lane, wave.range_m(place), status,
+            )
+            for time_s, amplitude in found
+        ]  # fmt: skip
+
+    def detection(self, found: _Found, stops: list[State]) -> Detection:
+        """All that is known of the pulses."""
+        ops = self.ops
+        returns = []
+        kept = ops.full(self.wave.origin_m, False)
+        for key, _, reported_s, amplitude, snr, probability, lane, true_range, status in stops:
+            used = key > _EMPTY
+            kept = kept | (used & (status == int(Status.ECHO)))
+            returns.append(
+                Returns(
+                    reported=used,
+                    status=status,
+                    range_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s),
+                    amplitude=amplitude,
+                    snr=snr,
+                    detection_probability=probability,
+                    lane=lane,
+                    true_range_m=true_range,
+                )
+            )
+        outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
+        outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
+        outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
+        outcome = ops.where(found.highest_w > 0.0, outcome, int(Outcome.NO_SURFACE))
+        signal, lit = self.point.signal(found.highest_w), found.highest_w > 0.0
+        probability = comparator.probability(self.point, self.threshold, signal)
+        return Detection(
+            snr=ops.where(lit, self.snr(signal), 0.0),
+            detection_probability=ops.where(lit, probability, 0.0),
+            outcome=outcome,
+            stops=tuple(returns),
+        )
+
+
+def _grouped(values: Sequence[Array]) -> list[State]:
+    """The stops of a loop's state."""
+    return [tuple(values[first : first + _FIELDS]) for first in range(0, len(values), _FIELDS)]
+
+
+def _inserted(stops: list[State], new: State) -> list[State]:
+    """Stops in falling order of their keys with one more among them; the last one drops out."""
+    ops = xp(new[0])
+    kept = []
+    for old in stops:
+        better = new[0] > old[0]
+        kept.append(tuple(ops.where(better, a, b) for a, b in zip(new, old, strict=True)))
+        new = tuple(ops.where(better, b, a) for a, b in zip(new, old, strict=True))
+    return kept
+
+
+def _in_time(stops: list[State]) -> list[State]:
+    """The same stops, first crossing first, unused ones last."""
+    ops = xp(stops[0][0])
+    keyed = [(ops.where(one[0] > _EMPTY, -one[1], _EMPTY), *one) for one in stops]
+    empty = (ops.full(keyed[0][0], 2.0 * _EMPTY), *keyed[0][1:])
+    ordered = [empty] * len(stops)
+    for one in keyed:
+        ordered = _inserted(ordered, one)
+    return [one[1:] for one in ordered]
