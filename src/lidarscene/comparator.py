@@ -82,11 +82,11 @@ def reported_s(
     draw: Array = 0,
 ) -> Array:
     """Time that the converter gives a crossing: less the walk, with its own jitter and step."""
-    walk = _walk_s(sensor, point, threshold, measured=measured, true_power_w=true_power_w)
+    walk = walk_s(sensor, point, threshold, measured=measured, true_power_w=true_power_w)
     return converted(sensor, crossing_s - walk, seed=seed, pulse=pulse, draw=draw)
 
 
-def _walk_s(
+def walk_s(
     sensor: Sensor, point: WorkingPoint, threshold: Array, *, measured: Array, true_power_w: Array
 ) -> Array:
     """How much earlier than its peak an echo is thought to have crossed (negative), to be taken off."""

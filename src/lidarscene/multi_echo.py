@@ -8,24 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from . import comparator
 from .arrays import Array, State, xp
-from .detectors import WorkingPoint
 from .echoes import EchoTrain
 from .physics import radiometry
-from .physics.waveform import SIGMAS_PER_FWHM, crossing
+from .physics.waveform import crossing
 from .returns import Detection, Outcome, Returns, Status
 from .rises import Rise, visit_all
+from .samplers import Shots, read
 from .sensor import Sensor
-from .waveform import Waveform, waveform
+from .waveform import waveform
 
 _EMPTY = -1e30
 """Key of a stop that nothing uses yet."""
 
-# Of a stop: key, time of the crossing, reported time, amplitude, SNR, P_d, lane, true range; in the end its status.
-_FIELDS = 8
+# Of a stop: key, time of the crossing, reported time, amplitude, width, SNR, P_d, lane, true range; in the end its status.
+_FIELDS = 9
 
 
 def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> Detection:
@@ -35,7 +34,10 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
     pulse  (n,) uint32 pulse numbers
     """
     point = sensor.working_point(train.background_power_w)
-    converter = _Converter(sensor, point, sensor.threshold(point), waveform(train, sensor), seed, pulse)
+    converter = _Converter(
+        sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(train, sensor),
+        seed=seed, pulse=pulse,
+    )  # fmt: skip
     found = converter.search()
     stops = found.stops
     for alarm in converter.alarms():
@@ -55,30 +57,9 @@ class _Found:
     stops: list[State]
 
 
-@dataclass(frozen=True, slots=True)
-class _Converter:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Converter(Shots):
     """Comparator and TDC over the waveforms of some pulses."""
-
-    sensor: Sensor
-    point: WorkingPoint
-    threshold: Array
-    wave: Waveform
-    seed: Array
-    pulse: Array
-
-    @property
-    def ops(self) -> Any:
-        """Functions for these arrays."""
-        return xp(self.wave.origin_m)
-
-    @property
-    def sigma_s(self) -> Array:
-        """Standard deviation of the pulse."""
-        return self.sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
-
-    def time_s(self, place: Array) -> Array:
-        """Time of flight of a place of the waveform."""
-        return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
 
     def key(self, time_s: Array, amplitude: Array) -> Array:
         """The larger, the rather a crossing is kept."""
@@ -88,7 +69,7 @@ class _Converter:
         """All rises, and the best crossings of each pulse."""
         ops, like = self.ops, self.wave.origin_m
         nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
-        empty = (ops.full(like, _EMPTY), *([nothing] * 5), number, nothing)
+        empty = (ops.full(like, _EMPTY), *([nothing] * 6), number, nothing)
         start = (never, never, never, ops.full(like, _EMPTY), nothing, *(empty * self.sensor.tdc.stops))
         _, tripped, in_window, _, highest, *values = visit_all(self.wave, self._visit, start)
         status = ops.full(like, int(Status.ECHO))
@@ -133,16 +114,13 @@ class _Converter:
     def _stop(self, rise: Rise, trip: comparator.Trip, taken: Array, place: Array, crossing_s: Array) -> State:
         """What the converter would report of a crossing; not taken, it has the lowest key."""
         ops = self.ops
-        amplitude = comparator.amplitude(
-            trip, self.sensor, self.threshold, lag_s=(place - rise.peak) * self.sigma_s
-        )
-        reported_s = comparator.reported_s(
-            self.sensor, self.point, self.threshold, crossing_s,
-            measured=amplitude, true_power_w=ops.where(taken, rise.top[0], 1.0),
-            seed=self.seed, pulse=self.pulse, draw=rise.number,
+        reading = read(self, rise, trip, place, wanted=taken)
+        key = ops.where(taken, self.key(crossing_s, reading.amplitude), _EMPTY)
+        lane, true_range = self._source(rise.peak)
+        return (
+            key, crossing_s, reading.reported_s, reading.amplitude, reading.width_s,
+            self.snr(trip.signal), trip.probability, lane, true_range,
         )  # fmt: skip
-        key = ops.where(taken, self.key(crossing_s, amplitude), _EMPTY)
-        return key, crossing_s, reported_s, amplitude, self.snr(trip.signal), trip.probability, *self._source(rise.peak)
 
     def snr(self, signal: Array) -> Array:
         """(19) or (27)."""
@@ -183,7 +161,7 @@ class _Converter:
         return [
             (
                 ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, zero, zero, lane, wave.range_m(place), status,
+                time_s, amplitude, zero, zero, zero, lane, wave.range_m(place), status,
             )
             for time_s, amplitude in found
         ]  # fmt: skip
@@ -193,7 +171,7 @@ class _Converter:
         ops = self.ops
         returns = []
         kept = ops.full(self.wave.origin_m, False)
-        for key, _, reported_s, amplitude, snr, probability, lane, true_range, status in stops:
+        for key, _, reported_s, amplitude, width_s, snr, probability, lane, true_range, status in stops:
             used = key > _EMPTY
             kept = kept | (used & (status == int(Status.ECHO)))
             returns.append(
@@ -202,6 +180,7 @@ class _Converter:
                     status=status,
                     range_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s),
                     amplitude=amplitude,
+                    width_s=width_s,
                     snr=snr,
                     detection_probability=probability,
                     lane=lane,

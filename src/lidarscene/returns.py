@@ -46,6 +46,7 @@ class Returns:
     snr, detection_probability  (n,) as there; 0 for a false alarm
     lane                        (n,) of the sub-echo that gives most of it; the pulse's strongest for a false alarm
     true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak
+    width_s                     (n,) time over the threshold; 0 where the sampler does not know
     """
 
     reported: Array
@@ -56,6 +57,7 @@ class Returns:
     detection_probability: Array | None = None
     lane: Array | None = None
     true_range_m: Array | None = None
+    width_s: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -93,8 +93,39 @@ class Tdc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MultiLevel:
+    """Comparators at several levels behind the first: amplitude and walk from the width of the pulse.
+
+    levels  in thresholds, rising, from 1 on
+    """
+
+    levels: tuple[Array, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Adc:
+    """Converter that the comparator starts: samples around each crossing.
+
+    rate_hz     samples per second, on a clock that starts with the pulse
+    step        least significant bit, in signal units
+    full_scale  largest sample; an offset keeps noise off the lower end
+    samples     read for each crossing, from one pulse width before it to three behind
+    estimator   "matched_filter" or "centroid"
+    """
+
+    rate_hz: Array
+    step: Array
+    full_scale: Array
+    samples: int
+    estimator: str = "matched_filter"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file."""
+    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
+
+    sampler  what measures the pulses that trip the comparator; None: the TDC alone
+    """
 
     name: str
     laser: Laser
@@ -102,6 +133,7 @@ class Sensor:
     scanner: Scanner
     detector: Detector
     tdc: Tdc
+    sampler: MultiLevel | Adc | None = None
     mounting: Pose = field(default_factory=Pose)
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)

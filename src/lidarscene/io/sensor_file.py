@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..geometry import Pose
 from ..physics import beam
 from ..scan import Scanner
-from ..sensor import Laser, Optics, Sensor, Tdc
+from ..sensor import Adc, Laser, MultiLevel, Optics, Sensor, Tdc
 from .filter_file import FilterFile
 from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
@@ -201,6 +201,51 @@ class TdcFile(FileModel):
         return self
 
 
+class MultiLevelFile(FileModel):
+    """[sampler] type = "multi_level_tdc"."""
+
+    type: Literal["multi_level_tdc"]
+    levels: Annotated[tuple[Annotated[float, Field(gt=1)], ...], Field(min_length=1, max_length=8)] = Field(
+        description="above the threshold, in thresholds, rising"
+    )
+
+    @model_validator(mode="after")
+    def _rising(self) -> MultiLevelFile:
+        if tuple(sorted(set(self.levels))) != self.levels:
+            raise ValueError("levels: rising numbers were expected")
+        return self
+
+    def build(self, pulse_fwhm_ns: float) -> MultiLevel:
+        """In thresholds; the width of the pulse plays no part."""
+        return MultiLevel(levels=(1.0, *self.levels))
+
+
+class AdcFile(FileModel):
+    """[sampler] type = "adc"."""
+
+    type: Literal["adc"]
+    rate_mhz: Positive
+    bits: Annotated[int, Field(ge=1, le=24)]
+    full_scale: Positive = Field(description="largest sample, amperes (APD) or cells (SiPM)")
+    estimator: Literal["matched_filter", "centroid"] = "matched_filter"
+
+    def build(self, pulse_fwhm_ns: float) -> Adc:
+        """In SI units, with as many samples as four pulse widths hold."""
+        samples = math.ceil(4.0 * pulse_fwhm_ns * self.rate_mhz * 1e-3) + 1
+        if samples < 4:
+            least = 1e3 / pulse_fwhm_ns
+            raise InputError(
+                f"sampler.rate_mhz: at least {least:g} was expected (one sample in a pulse), {self.rate_mhz:g} came"
+            )
+        return Adc(
+            rate_hz=self.rate_mhz * 1e6,
+            step=self.full_scale / 2**self.bits,
+            full_scale=self.full_scale,
+            samples=samples,
+            estimator=self.estimator,
+        )
+
+
 class PoseFile(FileModel):
     """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
 
@@ -226,6 +271,9 @@ class SensorFile(FileModel):
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
+    sampler: Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")] | None = Field(
+        default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
+    )
     mounting: PoseFile = PoseFile()
     published: PublishedFile | None = Field(
         default=None, description="for comparison; not used by the simulation"
@@ -253,6 +301,7 @@ class SensorFile(FileModel):
             scanner=self._scanner(optics, folder),
             detector=detector,
             tdc=_tdc(self.tdc),
+            sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
             sources=dict(self.sources),
         )
