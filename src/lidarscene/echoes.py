@@ -49,9 +49,8 @@ class Echoes:
 class Volume:
     """Light of the air itself: one course over range for all pulses, as much of it as each pulse has.
 
-    shape    (samples,) W at a scale of one, from 0 to far_m in even steps, 0 at the end; already as broad as the
-             pulse makes it
-    far_m    of the last sample
+    shape    (samples,) W at a scale of one, from 0 to far_m in even steps; already as broad as the pulse makes it
+    far_m    of the last sample; nothing comes from behind that
     hump_m   (from, to): outside of it the course is nowhere concave (`hump_of`)
     scale    (n,) of each pulse
     end_m    (n,) where the last of a pulse's light meets a surface: nothing comes from behind that

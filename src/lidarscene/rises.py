@@ -13,7 +13,13 @@ from .physics.waveform import Shape, highest_between, lowest_between
 from .waveform import Waveform
 
 STEP = 1.0
-"""Of the search, in sigma_p. Two peaks closer than this, with a dip of less than 0.6 % between them, may count as one."""
+"""Longest step of the search, in sigma_p: a lone pulse needs two."""
+
+_SHORTEST = 0.1
+"""Shortest step. A peak with a valley or another peak nearer than this may be passed over: a dip of some 1e-4."""
+
+_BEYOND = 1.2
+"""Steps go this much farther than to where the slope's tangent is zero."""
 
 _BEFORE = 8.0
 """How far in front of the first place that can be a peak the waveform counts as nothing, in sigma_p."""
@@ -55,12 +61,12 @@ def visit_all(wave: Waveform, visit: Visit, state: State) -> State:
             first = ops.where(end > place, ops.minimum(first, start), first)
         return first
 
-    def going(place: Array, slope: Array, ahead: Array, number: Array, *rest: Array) -> Array:
+    def going(place: Array, slope: Array, bend: Array, ahead: Array, number: Array, *rest: Array) -> Array:
         return ahead < _END
 
-    def step(place: Array, slope: Array, ahead: Array, number: Array, *rest: Array) -> State:
+    def step(place: Array, slope: Array, bend: Array, ahead: Array, number: Array, *rest: Array) -> State:
         before = place
-        left, place, slope, ahead, bottom, found = _march(wave, following, place, slope, ahead)
+        left, place, slope, bend, ahead, *bottom, found = _march(wave, following, place, slope, bend, ahead)
         peak, top = highest_between(wave.at, left, place, wanted=found)
         valley, lowest = lowest_between(wave.at, *bottom, wanted=found & (bottom[1] > bottom[0]))
         first = number == 0
@@ -72,39 +78,42 @@ def visit_all(wave: Waveform, visit: Visit, state: State) -> State:
             peak=peak,
             top=top,
         )
-        return (place, slope, ahead, number + 1, *visit(rise, rest))
+        return (place, slope, bend, ahead, number + 1, *visit(rise, rest))
 
     # Before the first interval the waveform rises from nothing.
     start = following(ops.full(wave.origin_m, -_END))
     place = ops.where(start < _END, start, 0.0)
-    begin = (place, ops.full(place, 1.0), start, ops.full(place, 0))
+    begin = (place, ops.full(place, 1.0), ops.full(place, 0.0), start, ops.full(place, 0))
     return ops.loop((*begin, *state), going, step)[len(begin):]
 
 
 def _march(
-    wave: Waveform, following: Callable[[Array], Array], place: Array, slope: Array, ahead: Array
-) -> tuple[Array, Array, Array, Array, tuple[Array, Array], Array]:
+    wave: Waveform, following: Callable[[Array], Array], place: Array, slope: Array, bend: Array, ahead: Array
+) -> State:
     """On to the next two places with a peak between them.
 
-    Returns the first of these places, the second with its slope and what lies ahead of it, the two places
-    around the lowest point on the way, and whether there is a peak at all.
+    Returns the first of these places; the second with its slope and bend and what lies ahead of it; the two places
+    around the lowest point on the way; and whether there is a peak at all.
     """
     ops = xp(place, slope)
 
-    def going(left: Array, place: Array, slope: Array, ahead: Array, low: Array, high: Array, found: Array) -> Array:
-        return ~found & (ahead < _END)
+    def going(left: Array, place: Array, slope: Array, bend: Array, ahead: Array, *rest: Array) -> Array:
+        return ~rest[-1] & (ahead < _END)
 
-    def step(left: Array, place: Array, slope: Array, ahead: Array, low: Array, high: Array, found: Array) -> State:
-        right = ops.maximum(place + STEP, ahead)
-        slope_there = wave.at(right)[1]
+    def step(left: Array, place: Array, slope: Array, bend: Array, ahead: Array, *rest: Array) -> State:
+        low, high, _ = rest
+        turning = slope * bend < 0.0
+        level_at = ops.where(turning, ops.abs(slope) / ops.where(turning, ops.abs(bend), 1.0), STEP)
+        stride = ops.minimum(ops.maximum(_BEYOND * level_at, _SHORTEST), STEP)
+        right = ops.maximum(place + stride, ahead)
+        _, slope_there, bend_there = wave.at(right)
         up = (slope <= 0.0) & (slope_there > 0.0)
         down = (slope > 0.0) & (slope_there <= 0.0)
         return (
-            place, right, slope_there, following(right),
+            place, right, slope_there, bend_there, following(right),
             ops.where(up, place, low), ops.where(up, right, high), down,
         )  # fmt: skip
 
     nothing = ops.full(place, 0.0)
-    state = (place, place, slope, ahead, nothing, nothing, ops.full(place, False))
-    left, place, slope, ahead, low, high, found = ops.loop(state, going, step)
-    return left, place, slope, ahead, (low, high), found
+    state = (place, place, slope, bend, ahead, nothing, nothing, ops.full(place, False))
+    return ops.loop(state, going, step)

@@ -43,21 +43,15 @@ class Waveform:
         value, slope, bend = sum_of_pulses(at=place, centres=self.centres, heights=self.heights)
         if self.volume is None:
             return value, slope, bend
-        before, here, after = (self._volume_w(place + step) for step in (-_HALF_STEP, 0.0, _HALF_STEP))
+        before, here, after = (
+            _volume_w(self.volume, self.range_m(place + step), self.unit_m)
+            for step in (-_HALF_STEP, 0.0, _HALF_STEP)
+        )
         return (
             value + here,
             slope + (after - before) / (2.0 * _HALF_STEP),
             bend + (after - 2.0 * here + before) / (_HALF_STEP * _HALF_STEP),
         )
-
-    def _volume_w(self, place: Array) -> Array:
-        """Backscatter of the air; where the last light meets a surface it ends like the pulse's own tail."""
-        air = self.volume
-        assert air is not None
-        range_m = self.range_m(place)
-        ops = xp(range_m, air.scale)
-        left = normal_tail(ops.maximum((range_m - air.end_m) / self.unit_m, -8.0))
-        return ops.where(range_m > 0.0, air.scale * left * air.shape.at(range_m / air.far_m), 0.0)
 
     def range_m(self, place: Array) -> Array:
         """Range from which light comes at this place."""
@@ -86,9 +80,7 @@ def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
     count = train.sub_echoes
     ranges = [ops.column(train.range_m, number, count) for number in range(count)]
     heights = [ops.column(train.peak_power_w, number, count) for number in range(count)]
-    unit = radiometry.range_from_time_of_flight_m(
-        time_of_flight_s=sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
-    )
+    unit = _sigma_m(sensor)
     nearest = ops.full(heights[0], _FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
@@ -105,18 +97,41 @@ def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarra
 
     times_s  (times,) after the pulse left
     """
-    power = np.stack([_power_w(train, sensor, time_s) for time_s in np.asarray(times_s, dtype=np.float64)], axis=1)
+    times = np.asarray(times_s, dtype=np.float64)
+    arrival = radiometry.time_of_flight_s(range_m=np.asarray(train.range_m, dtype=np.float64))
+    peak = np.asarray(train.peak_power_w)
+    power = np.zeros((len(peak) // train.sub_echoes, len(times)))
+    for first in range(train.sub_echoes):
+        lanes = slice(first, None, train.sub_echoes)
+        pulses = pulse_shape.gaussian_pulse(
+            time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
+        )
+        power += peak[lanes, None] * pulses
+    if train.volume is not None:
+        power += _volume_w(
+            train.volume,
+            radiometry.range_from_time_of_flight_m(time_of_flight_s=times),
+            _sigma_m(sensor),
+            pulse=(slice(None), None),
+        )
     point = sensor.working_point(np.asarray(train.background_power_w)[:, None])
     return power, point.signal(power)
 
 
-def _power_w(train: EchoTrain, sensor: Sensor, time_s: float) -> Array:
-    """(n,) power at one time, each sub-echo by (T3) as it stands."""
-    arrival = radiometry.time_of_flight_s(range_m=np.asarray(train.range_m, dtype=np.float64))
-    pulses = pulse_shape.gaussian_pulse(time_s=time_s - arrival, fwhm_s=sensor.laser.pulse_fwhm_s)
-    power = (np.asarray(train.peak_power_w) * pulses).reshape(-1, train.sub_echoes).sum(axis=1)
-    if train.volume is None:
-        return power
-    air = waveform(train, sensor)
-    place = (radiometry.range_from_time_of_flight_m(time_of_flight_s=time_s) - air.origin_m) / air.unit_m
-    return power + air._volume_w(place)
+def _sigma_m(sensor: Sensor) -> Array:
+    """c sigma_p / 2."""
+    return radiometry.range_from_time_of_flight_m(
+        time_of_flight_s=sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+    )
+
+
+def _volume_w(air: Volume, range_m: Array, sigma_m: Array, *, pulse: Any = ...) -> Array:
+    """Backscatter of the air; where the last light meets a surface it ends like the pulse's own tail.
+
+    pulse  index that makes the pulses' numbers fit the ranges
+    """
+    scale, end_m = (values if pulse is ... else np.asarray(values)[pulse] for values in (air.scale, air.end_m))
+    ops = xp(range_m, scale)
+    left = normal_tail(ops.maximum((range_m - end_m) / sigma_m, -8.0))
+    inside = (range_m > 0.0) & (range_m < air.far_m)
+    return ops.where(inside, scale * left * air.shape.at(range_m / air.far_m), 0.0)
