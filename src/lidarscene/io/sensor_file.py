@@ -231,9 +231,8 @@ class AdcFile(FileModel):
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
         """In SI units, with as many samples as four pulse widths hold."""
-        samples = math.ceil(4.0 * pulse_fwhm_ns * self.rate_mhz * 1e-3) + 1
-        if samples < 4:
-            least = 1e3 / pulse_fwhm_ns
+        least = 1e3 / pulse_fwhm_ns
+        if self.rate_mhz < least * (1.0 - 1e-9):
             raise InputError(
                 f"sampler.rate_mhz: at least {least:g} was expected (one sample in a pulse), {self.rate_mhz:g} came"
             )
@@ -241,7 +240,7 @@ class AdcFile(FileModel):
             rate_hz=self.rate_mhz * 1e6,
             step=self.full_scale / 2**self.bits,
             full_scale=self.full_scale,
-            samples=samples,
+            samples=math.ceil(4.0 * self.rate_mhz / least) + 1,
             estimator=self.estimator,
         )
 
