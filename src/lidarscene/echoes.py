@@ -8,6 +8,7 @@ from .arrays import Array, xp
 from .beams import Beams
 from .hits import Hits
 from .physics import air, radiometry, sunlight
+from .scan.vectors import Vector, dot, mixed
 from .sensor import Sensor
 
 
@@ -19,12 +20,14 @@ class Ambient:
     sky_irradiance_w_m2  diffuse
     transmittance        fixed one-way part
     extinction_per_m     the part that grows with range
+    sun_direction        (x, y, z) unit vector towards the sun, or None: no beam looks into it
     """
 
     sun_irradiance_w_m2: Array
     sky_irradiance_w_m2: Array
     transmittance: Array
     extinction_per_m: Array
+    sun_direction: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +47,7 @@ class Echoes:
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
-    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky."""
+    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky, or the sun."""
     ops = xp(hits.range_m)
     optics = sensor.optics
     transmittance = air.transmittance(
@@ -58,6 +61,8 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         aperture_m2=beams.aperture_m2,
         efficiency=optics.efficiency_laser,
     )
+    if optics.overlap is not None:
+        peak = peak * optics.overlap.share(hits.range_m)
     surface = sunlight.surface_radiance_w_m2_sr(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_scatter_per_sr=hits.sun_scatter_per_sr,
@@ -74,9 +79,26 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         transmittance=ops.where(hits.found, transmittance, ambient.transmittance),
         efficiency=optics.efficiency_sun,
     )
+    if ambient.sun_direction is not None:
+        background = background + ops.where(hits.found, 0.0, _sun_disc_w(beams, sensor, ambient))
     return Echoes(
         found=hits.found,
         range_m=hits.range_m,
         peak_power_w=ops.where(hits.found, peak, 0.0),
         background_power_w=background,
+    )
+
+
+def _sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
+    """Sunlight that comes straight into the field of view."""
+    assert ambient.sun_direction is not None
+    # The chord is the angle where it matters, and single precision has it there; an arc cosine would not.
+    apart = mixed(1.0, beams.direction, -1.0, ambient.sun_direction)
+    square = dot(apart, apart)
+    return sunlight.sun_disc_power_w(
+        sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
+        sun_angle_rad=xp(square).sqrt(square),
+        field_rad=sensor.detector.radius_m / sensor.optics.focal_length_m,
+        aperture_m2=beams.aperture_m2,
+        efficiency=sensor.optics.efficiency_sun,
     )

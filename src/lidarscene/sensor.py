@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from .arrays import Array, xp
 from .detectors import Detector, WorkingPoint
 from .geometry import Pose
+from .overlap import Overlap
 from .physics import radiometry
 from .scan import Scanner
 
@@ -40,13 +41,18 @@ class Laser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """Receiver. ``sun_irradiance_w_m2`` is in band, at normal incidence and 100 klux (E_sun of (6))."""
+    """Receiver.
+
+    sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
+    overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    """
 
     aperture_radius_m: Array
     focal_length_m: Array
     efficiency_laser: Array
     efficiency_sun: Array
     sun_irradiance_w_m2: Array
+    overlap: Overlap | None = None
 
     @property
     def aperture_m2(self) -> Array:

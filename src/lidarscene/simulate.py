@@ -267,7 +267,7 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"frame: 'world' or 'sensor' was expected, {frame!r} came")
 
 
-def _numbers(values: Matrix) -> tuple[float, ...]:
+def _numbers(values: Matrix) -> tuple[Any, ...]:
     return tuple(float(x) for x in values.ravel())
 
 
@@ -284,4 +284,5 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=_numbers(scene.sun.direction),
     )

@@ -17,7 +17,7 @@ TIERS = (
     ("arrays",),
     ("noise", "geometry"),
     ("physics",),
-    ("scene", "materials", "sensor", "detectors", "scan"),
+    ("scene", "materials", "sensor", "detectors", "overlap", "scan"),
     ("beams",),
     ("hits",),
     ("echoes",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,7 @@ from ..errors import InputError
 from ..geometry import Pose
 from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
-from .filter_file import FilterFile
+from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
 from .scanner_model import Surroundings
@@ -47,36 +48,6 @@ class LaserFile(FileModel):
     apparent_source_mrad: NotNegative = Field(
         default=0.0, description="angle of the apparent source, for eye safety; up to 1.5 it is a point"
     )
-
-
-class OpticsFile(FileModel):
-    """[optics]: the receiver."""
-
-    aperture_radius_mm: Positive
-    focal_length_mm: Positive
-    efficiency_laser: Share
-    efficiency_sun: Share
-    sun_irradiance_w_m2: NotNegative | None = Field(
-        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
-    )
-    filter: FilterFile | None = None
-
-    @model_validator(mode="after")
-    def _one_sun(self) -> OpticsFile:
-        if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
-            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
-        return self
-
-    def build(self, folder: Path) -> Optics:
-        """In SI units; a filter's transmittance file lies in ``folder``."""
-        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return Optics(
-            aperture_radius_m=self.aperture_radius_mm * 1e-3,
-            focal_length_m=self.focal_length_mm * 1e-3,
-            efficiency_laser=self.efficiency_laser,
-            efficiency_sun=self.efficiency_sun,
-            sun_irradiance_w_m2=sun,
-        )
 
 
 class ApdFile(FileModel):
@@ -209,11 +180,16 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.build()
-        optics = self.optics.build(folder)
+        laser, optics = _laser(self.laser), self.optics.build(folder)
+        if self.optics.overlap is not None:
+            overlap = self.optics.overlap.build(
+                optics=optics, laser=laser, detector_radius_m=self.detector.radius_mm * 1e-3
+            )
+            optics = replace(optics, overlap=overlap)
         return Sensor(
             name=self.name,
             description=self.description,
-            laser=_laser(self.laser),
+            laser=laser,
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
