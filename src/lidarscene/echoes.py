@@ -9,7 +9,22 @@ from .beams import Beams
 from .hits import Hits
 from .physics import air, radiometry, sunlight
 from .scan.vectors import Vector, dot, mixed
+from .scene import Interferer
 from .sensor import Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interference:
+    """Pulses of another lidar on the detector, at random times.
+
+    rate_hz       mean rate
+    peak_power_w  (n,) median of their peaks
+    spread_db     standard deviation of their level
+    """
+
+    rate_hz: Array
+    peak_power_w: Array
+    spread_db: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +36,8 @@ class Ambient:
     transmittance        fixed one-way part
     extinction_per_m     the part that grows with range
     sun_direction        (x, y, z) unit vector towards the sun, or None: no beam looks into it
+    lamps_w_m2           irradiance of all surfaces by lamps; None without
+    interferers          other lidars
     """
 
     sun_irradiance_w_m2: Array
@@ -28,6 +45,8 @@ class Ambient:
     transmittance: Array
     extinction_per_m: Array
     sun_direction: Vector | None = None
+    lamps_w_m2: Array | None = None
+    interferers: tuple[Interferer, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,13 +56,15 @@ class Echoes:
     found               (n,) bool, whether there is an echo at all
     range_m             (n,) 1 where there is none
     peak_power_w        (n,) peak of the echo, 0 where there is none
-    background_power_w  (n,) sun and sky
+    background_power_w  (n,) sun, sky and lamps
+    interference        other lidars
     """
 
     found: Array
     range_m: Array
     peak_power_w: Array
     background_power_w: Array
+    interference: tuple[Interference, ...] = ()
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
@@ -63,10 +84,13 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     )
     if optics.overlap is not None:
         peak = peak * optics.overlap.share(hits.range_m)
+    diffuse = ambient.sky_irradiance_w_m2
+    if ambient.lamps_w_m2 is not None:
+        diffuse = diffuse + ambient.lamps_w_m2
     surface = sunlight.surface_radiance_w_m2_sr(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_scatter_per_sr=hits.sun_scatter_per_sr,
-        sky_irradiance_w_m2=ambient.sky_irradiance_w_m2,
+        sky_irradiance_w_m2=diffuse,
         reflectivity=hits.reflectivity,
     )
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
@@ -86,6 +110,14 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         peak_power_w=ops.where(hits.found, peak, 0.0),
         background_power_w=background,
+        interference=tuple(
+            Interference(
+                rate_hz=one.rate_hz,
+                peak_power_w=one.irradiance_w_m2 * beams.aperture_m2 * optics.efficiency_laser,
+                spread_db=one.spread_db,
+            )
+            for one in ambient.interferers
+        ),
     )
 
 

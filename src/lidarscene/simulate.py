@@ -285,4 +285,6 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
         sun_direction=_numbers(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
     )

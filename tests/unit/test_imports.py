@@ -21,6 +21,7 @@ TIERS = (
     ("beams",),
     ("hits",),
     ("echoes",),
+    ("interference",),
     ("returns",),
     ("cloud",),
     ("kernel",),

@@ -28,7 +28,9 @@ class OverlapFile(FileModel):
     parallax_free_at_m: Positive | None = Field(
         default=None, description="range at which the two axes meet; side by side if left out"
     )
-    focus_at_m: Positive | None = Field(default=None, description="range that is in focus; infinity if left out")
+    focus_at_m: Positive | None = Field(
+        default=None, description="range that is in focus; infinity if left out"
+    )
 
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
         """The share of the spot in the field of view, by range."""
@@ -56,7 +58,8 @@ class OpticsFile(FileModel):
     )
     filter: FilterFile | None = None
     overlap: OverlapFile | None = Field(
-        default=None, description="of spot and field of view; the spot is wholly in it, and sharp, if left out"
+        default=None,
+        description="of spot and field of view; the spot is wholly in it, and sharp, if left out",
     )
 
     @model_validator(mode="after")

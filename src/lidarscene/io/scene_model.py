@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from ..scene import Air, Sun
 from . import pvlib_door
+from .interference_file import AnyInterferenceFile
 from .material_file import MaterialFile
 from .sensor_file import PoseFile, Vector
 from .toml_file import FileModel
@@ -194,6 +195,7 @@ class SceneFile(FileModel):
     sun: SunFile = SunFile()
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
+    interference: tuple[AnyInterferenceFile, ...] = ()
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None
     materials: dict[str, MaterialFile] = Field(default_factory=dict)

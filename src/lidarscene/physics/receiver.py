@@ -19,7 +19,9 @@ from ..arrays import Array, xp
 from .special import expm1
 
 _BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as below
-_NARROWEST = 20.0  # a circle, and how far off it is, over the spot's radius: narrower spots count as this wide
+_NARROWEST = (
+    20.0  # a circle, and how far off it is, over the spot's radius: narrower spots count as this wide
+)
 _RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, mostly far better
 
 
