@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .arrays import Array, xp
-from .physics import apd, mcintyre, sipm, sipm_response, tdc
+from .physics import apd, mcintyre, saturation, sipm, sipm_response, tdc
 from .physics.special import binomial_tail
 
 
@@ -25,6 +25,7 @@ class WorkingPoint:
     signal            optical peak power [W] to peak signal
     power_w           signal to the optical power that makes it
     cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    saturation        signal at which the amplifier clips; None: nowhere
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     """
 
@@ -36,6 +37,7 @@ class WorkingPoint:
     power_w: Callable[[Array], Array]
     cells: Array | None = None
     busy: Array | None = None
+    saturation: Array | None = None
     noise_tail: Callable[[Array], Array] | None = None
 
     @property
@@ -43,19 +45,34 @@ class WorkingPoint:
         """Whether probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
 
+    def measured(self, signal: Array) -> Array:
+        """A peak as the amplifier passes it on."""
+        if self.saturation is None:
+            return signal
+        return saturation.clipped(signal=signal, saturation=self.saturation)
+
+    def reachable(self, threshold: Array, probability: Array) -> Array:
+        """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
+        if self.saturation is None:
+            return probability
+        return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
+
     def false_alarm_probability(self, threshold: Array) -> Array:
         """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
         if self.noise_tail is not None:
-            return self.noise_tail(threshold)
-        if self.cells is None:
-            return tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
-        return self._tail(threshold, self.busy / self.cells)
+            tail = self.noise_tail(threshold)
+        elif self.cells is None:
+            tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
+        else:
+            tail = self._tail(threshold, self.busy / self.cells)
+        return self.reachable(threshold, tail)
 
     def detection_probability(self, threshold: Array, signal: Array, sigma: Array) -> Array:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
-        if self.cells is None:
-            return tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
-        return self._tail(threshold, (self.busy + signal) / self.cells)
+        if self.cells is not None:
+            return self._tail(threshold, (self.busy + signal) / self.cells)
+        found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
+        return self.reachable(threshold, found)
 
     def _tail(self, threshold: Array, share: Array) -> Array:
         """Probability of a count that lies ``threshold`` or more above the mean background."""
@@ -69,8 +86,9 @@ class WorkingPoint:
 class Apd:
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
-    tail   of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same and
-           whose upper tail is higher; detection is Gaussian with either
+    tail          of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same
+                  and whose upper tail is higher; detection is Gaussian with either
+    saturation_a  current at which the amplifier clips (`physics.saturation`), at its input; None: nowhere
     """
 
     gain: Array
@@ -84,6 +102,7 @@ class Apd:
     temperature_k: Array
     circuit_noise_a: Array
     tail: str = "gaussian"
+    saturation_a: Array | None = None
 
     @property
     def excess_noise(self) -> Array:
@@ -132,6 +151,7 @@ class Apd:
             least_threshold=0.0,
             signal=lambda power_w: ampere_per_watt * power_w,
             power_w=lambda signal: signal / ampere_per_watt,
+            saturation=self.saturation_a,
             noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
         )
 

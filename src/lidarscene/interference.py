@@ -65,7 +65,7 @@ def assigned(
             uniform=noise.open_uniform(height), probability=one.probability,
             median_power_w=one.source.peak_power_w, spread_db=one.source.spread_db,
         )  # fmt: skip
-        own = ops.maximum(point.signal(power), threshold)
+        own = point.measured(ops.maximum(point.signal(power), threshold))
         amplitude = ops.where(place > before, own, amplitude)
         before = before + one.rate_hz
     return theirs, amplitude

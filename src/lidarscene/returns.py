@@ -138,6 +138,8 @@ def _edge(
     # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
     tripped = normal_tail(deviate) < probability if point.exact else signal >= level
     found = echoes.found & tripped
+    if point.saturation is not None:
+        found = found & (threshold < point.saturation)
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
@@ -147,7 +149,7 @@ def _edge(
     # What shifted the edge is still in the peak if that comes within the noise's memory.
     kept = tdc.noise_correlation(lag_s=early, bandwidth_hz=sensor.tdc.bandwidth_hz)
     peak_noise = kept * deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * of_peak
-    amplitude = ops.maximum(signal + peak_noise * sigma, threshold)
+    amplitude = point.measured(ops.maximum(signal + peak_noise * sigma, threshold))
     walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)
     return _Edge(
         found=found,

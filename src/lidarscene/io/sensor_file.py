@@ -65,6 +65,10 @@ class ApdFile(FileModel):
     temperature_k: Positive = 300.0
     circuit_noise_na: NotNegative = 0.0
     tail: Literal["gaussian", "mcintyre"] = "gaussian"
+    saturation_ua: Positive | None = Field(
+        default=None,
+        description="current at which the amplifier clips, after multiplication; never if left out",
+    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -86,6 +90,7 @@ class ApdFile(FileModel):
             temperature_k=self.temperature_k,
             circuit_noise_a=self.circuit_noise_na * 1e-9,
             tail=self.tail,
+            saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
         )
 
 
