@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .arrays import Array, xp
-from .physics import apd, mcintyre, saturation, sipm, sipm_response, tdc
+from .constants import ELEMENTARY_CHARGE_C
+from .physics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
 from .physics.special import binomial_tail
 
 
@@ -123,6 +124,13 @@ class Apd:
         )  # fmt: skip
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
+        light = counting.detected_photons_hz(
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
+
     def working_point(
         self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
     ) -> WorkingPoint:
@@ -177,6 +185,16 @@ class Sipm:
     cell_floor: Array = 1.0
     statistics: str = "steady_state"
     counting: str = "gaussian"
+
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
+        busy = self._busy_share(
+            sipm.background_photons(
+                power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+            )
+        )
+        rate = counting.fired_cells_hz(busy_share=busy, cells=self.cells, dead_time_s=self.dead_time_s)
+        return rate, 1.0 - busy
 
     def working_point(
         self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
@@ -237,12 +255,16 @@ class Sipm:
 
     def _steady_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
         """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance."""
-        busy = sipm.busy_share_steady_state(
+        busy = self._busy_share(photons)
+        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
+        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
+
+    def _busy_share(self, photons: Array) -> Array:
+        """Share of time that a cell is dead, with so many background photons in a dead time."""
+        return sipm.busy_share_steady_state(
             photons=photons, pde=self.pde, cells=self.cells,
             dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s,
         )  # fmt: skip
-        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
-        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
 
 
 Detector = Apd | Sipm

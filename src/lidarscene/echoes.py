@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from .arrays import Array, xp
 from .beams import Beams
 from .hits import Hits
-from .physics import air, radiometry, sunlight
+from .physics import air, intensity, radiometry, sunlight
 from .scan.vectors import Vector, dot, mixed
 from .scene import Interferer
 from .sensor import Sensor
@@ -58,6 +58,8 @@ class Echoes:
     peak_power_w        (n,) peak of the echo, 0 where there is none
     background_power_w  (n,) sun, sky and lamps
     interference        other lidars
+    white_w_m2          peak power times range squared of a white surface, as the sensor is calibrated; 1 where its
+                        scale of intensity has no use for it
     """
 
     found: Array
@@ -65,6 +67,7 @@ class Echoes:
     peak_power_w: Array
     background_power_w: Array
     interference: tuple[Interference, ...] = ()
+    white_w_m2: Array = 1.0
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
@@ -96,7 +99,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
     background = radiometry.background_power_w(
         radiance_w_m2_sr=ops.where(hits.found, surface, sky),
-        aperture_m2=beams.aperture_m2,
+        aperture_m2=_background_aperture_m2(beams),
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
@@ -118,7 +121,13 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
             )
             for one in ambient.interferers
         ),
+        white_w_m2=_white_w_m2(beams, sensor),
     )
+
+
+def _background_aperture_m2(beams: Beams) -> Array:
+    """Aperture of (8)."""
+    return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
 
 def _sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
@@ -131,6 +140,17 @@ def _sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_angle_rad=xp(square).sqrt(square),
         field_rad=sensor.detector.radius_m / sensor.optics.focal_length_m,
-        aperture_m2=beams.aperture_m2,
+        aperture_m2=_background_aperture_m2(beams),
         efficiency=sensor.optics.efficiency_sun,
+    )
+
+
+def _white_w_m2(beams: Beams, sensor: Sensor) -> Array:
+    """What the sensor's scale of intensity takes for white."""
+    if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
+        return 1.0
+    return intensity.white_echo_w_m2(
+        peak_power_w=sensor.laser.peak_power_w,
+        aperture_m2=beams.aperture_m2,
+        efficiency=sensor.optics.efficiency_laser,
     )

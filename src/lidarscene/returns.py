@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import Any
 
-from . import interference, noise
+from . import ambient, intensity, interference, noise
 from .arrays import Array, xp
 from .detectors import WorkingPoint
 from .echoes import Echoes
@@ -42,12 +42,14 @@ class Returns:
     status     (n,) int32, a `Status`
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
+    intensity  (n,) on the maker's scale, `intensity.reported`
     """
 
     reported: Array
     status: Array
     range_m: Array
     amplitude: Array
+    intensity: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +59,14 @@ class Detection:
     snr                    (n,) (19) or (27): peak signal over the noise without echo; 0 without an echo
     detection_probability  (n,) that this echo trips the comparator; 0 without an echo
     outcome                (n,) int32, an `Outcome`
+    ambient                (n,) background counts, `ambient.counts`
     stops                  one `Returns` for each stop, first crossing first
     """
 
     snr: Array
     detection_probability: Array
     outcome: Array
+    ambient: Array
     stops: tuple[Returns, ...]
 
 
@@ -100,12 +104,15 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
         alarm = alarm_s < sensor.tdc.window_s
         echo_now = echo_left & ~(alarm & (alarm_s < edge.crossing_s))
         echo_left = echo_left & ~echo_now
+        range_m = _range(ops, sensor, ops.where(echo_now, edge.reported_s, alarm_s))
+        amplitude = ops.where(echo_now, edge.amplitude, alarm_amplitude)
         stops.append(
             Returns(
                 reported=echo_now | alarm,
                 status=ops.where(echo_now, int(Status.ECHO), alarm_status),
-                range_m=_range(ops, sensor, ops.where(echo_now, edge.reported_s, alarm_s)),
-                amplitude=ops.where(echo_now, edge.amplitude, alarm_amplitude),
+                range_m=range_m,
+                amplitude=amplitude,
+                intensity=intensity.reported(echoes, sensor, point, amplitude=amplitude, range_m=range_m),
             )
         )
     outcome = ops.where(echo_left, int(Outcome.HIDDEN), int(Outcome.KEPT))
@@ -118,6 +125,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
         snr=ops.where(echoes.found, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
         detection_probability=ops.where(echoes.found, edge.probability, 0.0),
         outcome=outcome,
+        ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
         stops=tuple(stops),
     )
 

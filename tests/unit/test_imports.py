@@ -21,7 +21,7 @@ TIERS = (
     ("beams",),
     ("hits",),
     ("echoes",),
-    ("interference",),
+    ("ambient", "intensity", "interference"),
     ("returns",),
     ("cloud",),
     ("kernel",),

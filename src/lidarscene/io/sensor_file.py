@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..geometry import Pose
 from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
+from .intensity_file import AnyIntensityFile
 from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
@@ -134,6 +135,9 @@ class TdcFile(FileModel):
     jitter_ps: NotNegative = 0.0
     stops: Annotated[int, Field(ge=1, le=16)] = 1
     walk: Literal["none", "raw", "corrected"] = "corrected"
+    ambient_window_us: Positive | None = Field(
+        default=None, description="time in which the background is counted; the window if left out"
+    )
 
     @model_validator(mode="after")
     def _one_threshold(self) -> TdcFile:
@@ -168,6 +172,9 @@ class SensorFile(FileModel):
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
     mounting: PoseFile = PoseFile()
+    intensity: AnyIntensityFile | None = Field(
+        default=None, description="the maker's scale; the amplitude if left out"
+    )
     published: PublishedFile | None = Field(
         default=None, description="for comparison; not used by the simulation"
     )
@@ -200,6 +207,7 @@ class SensorFile(FileModel):
             detector=detector,
             tdc=_tdc(self.tdc),
             mounting=self.mounting.pose(),
+            intensity=None if self.intensity is None else self.intensity.build(),
             sources=dict(self.sources),
         )
 
@@ -235,6 +243,7 @@ def _tdc(tdc: TdcFile) -> Tdc:
         jitter_s=tdc.jitter_ps * 1e-12,
         stops=tdc.stops,
         walk=tdc.walk,
+        ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
     )
 
 
