@@ -20,6 +20,7 @@ from ..trajectory import Motion, Riding
 from . import meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
+from .submesh import SubMesh
 from .toml_file import read_toml, validated
 
 MaterialLookup = Callable[[str], Material]
@@ -181,7 +182,7 @@ def _placed(
     ]
 
 
-MeshReader = Callable[[Path], list[meshes.SubMesh]]
+MeshReader = Callable[[Path], list[SubMesh]]
 
 
 def _parts(
@@ -232,7 +233,7 @@ def _mesh_parts(
     )
 
 
-def _material_of(piece: meshes.SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
     """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
     named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if named is not None:
