@@ -17,7 +17,7 @@ TIERS = (
     ("arrays",),
     ("noise", "geometry"),
     ("physics",),
-    ("scene", "materials", "sensor", "detectors", "scan"),
+    ("scene", "weather", "materials", "sensor", "detectors", "scan"),
     ("beams",),
     ("hits",),
     ("echoes",),

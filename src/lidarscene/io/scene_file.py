@@ -74,7 +74,7 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         materials=surfaces.materials,
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(),
+        air=file.air.build(file.weather.build()),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         view=View(**file.picture.model_dump()) if file.picture else None,
