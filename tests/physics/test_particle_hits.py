@@ -32,12 +32,16 @@ def spread(r):
     return overlap(r) * np.exp(-2 * ALPHA_PER_M * r) / (beam_area_m2(r) * r * r)
 
 
-@pytest.fixture(scope="module")
-def tables():
+def made(count):
     return particle_hits.strengths(
         sizes=SIZES, backscatter_m2_sr=SIGMA, beam_area_m2=beam_area_m2, overlap=overlap,
-        extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M,
+        extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M, count=count,
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return made(4)
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +71,21 @@ def above(tables, power):
     return quad(per_m, NEAR_M, FAR_M, epsabs=0, limit=400)[0]
 
 
-def test_one_drop_a_pulse_is_strong(tables):
-    """The cut is where `MEAN_HITS` are expected. Tolerance: 1000 ranges and linear tables."""
-    assert above(tables, 0) == pytest.approx(particle_hits.MEAN_HITS, rel=2e-3)
+@pytest.mark.parametrize(("count", "mean"), particle_hits.MEAN_HITS.items())
+def test_so_many_drops_a_pulse_are_strong(count, mean):
+    """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables."""
+    assert above(made(count), 0) == pytest.approx(mean, rel=2e-3)
+    number = np.arange(400)
+    assert ((number - count).clip(0) * poisson.pmf(number, mean)).sum() < 0.005 * mean
+
+
+def test_more_of_them():
+    """The power of 16 a pulse, as below of 4, with the same slack."""
+    tables = made(16)
+    hits = particle_hits.hits(tables, seed=6, pulse=np.arange(200_000, dtype=np.uint32))
+    sums = sum(hit[1].astype(float) for hit in hits)
+    error = sums.std() / math.sqrt(len(sums))
+    assert abs(sums.mean() - above(tables, 1)) < norm.isf(FALSE_ALARM / 2) * error + 0.01 * above(tables, 1)
 
 
 def test_number_is_poisson(drawn):

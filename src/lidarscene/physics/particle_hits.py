@@ -4,11 +4,12 @@ The particles in a beam are a Poisson process in range and size, so their echoes
 above s number Lambda(s) on the average. The strongest is then where Lambda(s) is a standard exponential
 deviate, the next one where it is the sum of two, and so on (the mapping theorem; J. F. C. Kingman, Poisson
 Processes (1993), chapter 2). So the few that matter are drawn outright, whatever the number of the others.
-Particles weaker than the cut, which `MEAN_HITS` of each pulse exceed, are left to `physics.soft_target`.
+Particles weaker than a cut are left to `physics.soft_target`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -21,14 +22,11 @@ from .precipitation import Sizes
 
 Matrix = np.ndarray[Any, Any]
 
-MEAN_HITS = 1.0
-"""Particles of each pulse, on the average, that are strong enough to be drawn one by one."""
+MEAN_HITS = {4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
+"""Particles to draw for a pulse, and how many of each pulse may on the average be stronger than the cut: pulses
+with more lose the weakest, which is less than 0.5 % of those above the cut, and less of their power."""
 
-COUNT = 4
-"""Particles drawn for each pulse. A pulse has more than 4 strong ones once in 270; the weakest are lost, which
-is less than 0.4 % of the drawn particles and less of their power."""
-
-_FIRST_LOG, _LAST_LOG = np.log(1e-6), np.log(MEAN_HITS)  # of Lambda: stronger than once in 1e6 counts as that
+_FIRST_LOG = math.log(1e-6)  # of Lambda: stronger than once in 1e6 pulses counts as that
 _RANGES, _LEVELS, _SHARES = 1000, 193, 1025
 
 
@@ -36,12 +34,14 @@ _RANGES, _LEVELS, _SHARES = 1000, 193, 1025
 class Strengths:
     """Strengths and ranges of the particles that are drawn, and what is left of the medium without them.
 
-    log_strength  ln s against the logarithm of Lambda, from 1e-6 to `MEAN_HITS`
+    count         particles to draw for a pulse
+    log_strength  ln s against the logarithm of Lambda, from 1e-6 to `MEAN_HITS` of the count
     log_range     ln R of a particle so strong, against the same and the share of those nearer
     range_m       (n,) rising, from the nearest to the farthest particle
     backscatter_per_m_sr  (n,) beta of the particles that are too weak to be drawn, at these ranges
     """
 
+    count: int
     log_strength: Table
     log_range: Table
     range_m: Matrix
@@ -61,6 +61,7 @@ def strengths(
     extinction_per_m: float,
     nearest_m: float,
     farthest_m: float,
+    count: int = 4,
 ) -> Strengths:
     """Tables for `hits`. A particle of diameter D at range R has the strength, power over P_t eta A in 1/m2,
 
@@ -70,6 +71,7 @@ def strengths(
     beam_area_m2       S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2
                        radius, pi w^2: mean and variance of the echoes are then those of the Gaussian
     overlap            xi(R), 0 where the receiver sees nothing of the beam
+    count              a key of `MEAN_HITS`; the more, the weaker the cut
 
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``, which so stands for
     what is seen that close: take the distance from which on the receiver sees its beam, not less.
@@ -98,8 +100,9 @@ def strengths(
     trial = strongest * np.geomspace(1.0, 1e-12, 1500)
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 30)])
     usable = expected > 1e-12
-    half = 0.5 * (_LAST_LOG - _FIRST_LOG) / (_LEVELS - 1)
-    level = np.linspace(_FIRST_LOG - half, _LAST_LOG + half, 2 * _LEVELS + 1)
+    last_log = math.log(MEAN_HITS[count])
+    half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
+    level = np.linspace(_FIRST_LOG - half, last_log + half, 2 * _LEVELS + 1)
     log_strength = np.interp(level, np.log(expected[usable]), np.log(trial[usable]))
     counted = nearer(np.exp(log_strength[::2]))
     between = np.diff(counted, axis=0)  # around each level: particles of just that strength
@@ -107,6 +110,7 @@ def strengths(
     log_range = np.stack([np.interp(share, row / row[-1], np.log(r)) for row in between])
     moment = _below(diameter, sizes, sigma)
     return Strengths(
+        count=count,
         log_strength=Table(log_strength[1::2]),
         log_range=Table(log_range),
         range_m=r,
@@ -121,25 +125,24 @@ def _below(diameter: Matrix, sizes: Sizes, sigma: Matrix) -> Matrix:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def hits(
-    tables: Strengths, *, seed: Array, pulse: Array, first_draw: int = 0, count: int = COUNT
-) -> list[tuple[Array, Array]]:
+def hits(tables: Strengths, *, seed: Array, pulse: Array, first_draw: int = 0) -> list[tuple[Array, Array]]:
     """Range and strength of the strongest particles of each pulse, strongest first; strength 0 where none is left.
 
     seed, pulse  as in `noise.words`
-    first_draw   twice `count` draws are used from here on: another population takes others
+    first_draw   2 count draws are used from here on: another population takes others
     """
     ops = xp(pulse)
     found = []
     expected: Array = 0.0
-    for number in range(count):
+    mean_hits = MEAN_HITS[tables.count]
+    for number in range(tables.count):
         draw = first_draw + 2 * number
         words = [
             noise.words(seed=seed, stage=noise.STAGE_PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)
         ]
         expected = expected + noise.exponential(words[0])
-        level = (ops.log(expected) - _FIRST_LOG) / (_LAST_LOG - _FIRST_LOG)
+        level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)
         range_m = ops.exp(tables.log_range.at(level, noise.open_uniform(words[1][0])))
-        strength = ops.where(expected <= MEAN_HITS, ops.exp(tables.log_strength.at(level)), 0.0)
+        strength = ops.where(expected <= mean_hits, ops.exp(tables.log_strength.at(level)), 0.0)
         found.append((range_m, strength))
     return found

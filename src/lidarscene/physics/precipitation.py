@@ -82,7 +82,7 @@ def rain_extinction_carbonneau_per_m(*, rate_mm_h: float) -> float:
 
 
 def snow_extinction_per_m(*, rate_mm_h: float, wavelength_m: float, kind: str) -> float:
-    """ "dry" or "wet" snow of R mm/h of water: a R^b dB/km, Recommendation ITU-R P.1814.
+    """Of snow, "dry" or "wet", of R mm/h of water: a R^b dB/km, Recommendation ITU-R P.1814.
 
     a = 1.023e-4 lambda + 3.7855466, b = 0.72 wet; a = 5.42e-5 lambda + 5.4958776, b = 1.38 dry, lambda in nm.
     """
