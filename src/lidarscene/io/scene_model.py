@@ -13,6 +13,7 @@ from ..scene import Air, Sun
 from ..weather import Weather
 from . import pvlib_door
 from .material_file import MaterialFile
+from .motion_model import BodyMotionFile, EgoFile
 from .sensor_file import PoseFile, Vector
 from .toml_file import FileModel
 
@@ -189,6 +190,7 @@ class BodyFile(PoseFile):
     material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
     materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
     scale: Length = 1.0
+    motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
     instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -222,6 +224,7 @@ class SceneFile(FileModel):
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
     weather: WeatherFile = WeatherFile()
+    ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None
     materials: dict[str, MaterialFile] = Field(default_factory=dict)
@@ -231,6 +234,9 @@ class SceneFile(FileModel):
     def _something(self) -> SceneFile:
         if not self.bodies and self.base is None:
             raise ValueError("the scene is empty: [[bodies]] or base = ... was expected")
+        riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]
+        if riding and self.ego is None:
+            raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
         if self.base_materials and self.base is None:
             raise ValueError("base_materials came without base")
         return self
