@@ -18,6 +18,7 @@ from .geometry import Pose, direction_from_angles
 from .materials import Material
 from .physics import air
 from .trajectory import Motion, pose_at
+from .weather import Weather
 
 Matrix = np.ndarray[Any, Any]
 
@@ -94,18 +95,20 @@ class Sky:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """One-way transmittance: fixed, times extinction over the range (given, or from visibility)."""
+    """One-way transmittance: fixed, times extinction over the range (given or from visibility, and weather)."""
 
     transmittance: float = 1.0
     extinction_per_m: float = 0.0
     visibility_m: float = math.inf
     model: str = "kim"
+    weather: Weather = field(default_factory=Weather)
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
-        """Extinction coefficient at a laser wavelength."""
+        """Extinction coefficient at a laser wavelength, weather included."""
+        extinction_per_m = self.extinction_per_m + self.weather.extinction_at_per_m(wavelength_m)
         if math.isinf(self.visibility_m):
-            return self.extinction_per_m
-        return self.extinction_per_m + air.extinction_from_visibility_per_m(
+            return extinction_per_m
+        return extinction_per_m + air.extinction_from_visibility_per_m(
             visibility_m=self.visibility_m, wavelength_m=wavelength_m, model=self.model
         )
 

@@ -17,7 +17,7 @@ TIERS = (
     ("arrays",),
     ("noise", "geometry", "trajectory"),
     ("physics",),
-    ("scene", "materials", "sensor", "detectors", "scan"),
+    ("scene", "weather", "materials", "sensor", "detectors", "scan"),
     ("motion",),
     ("beams",),
     ("hits",),

@@ -83,7 +83,7 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         materials=surfaces.materials,
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(),
+        air=file.air.build(file.weather.build()),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
