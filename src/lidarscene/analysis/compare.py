@@ -1,0 +1,356 @@
+"""Comparison of sensors, the numbers: what each made of its pulses in; rates, range errors, who found what out.
+
+A rate is a share of the pulses that met a surface, found or not: `Surfaces` holds them all. Its intervals are
+Wilson's, of 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..cloud import PointCloud
+from ..returns import Status
+
+Matrix = np.ndarray[Any, Any]
+
+NORMAL_95 = 1.959963984540054
+"""Two-sided 95 % of a normal distribution."""
+
+INCIDENCE_DEG = tuple(range(0, 91, 10))
+REFLECTIVITY = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+_MOST_RANGE_BINS = 16
+
+DIFFERENCE = ("both", "only_a", "only_b")
+"""What a point of a difference cloud is, by value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surfaces:
+    """The pulses that count in rates, each once; all (n,). Truth by the names that PointCloud uses.
+
+    pulse        pulse numbers, rising
+    found        whether an echo of the pulse is a point
+    snr          0 where it is not known
+    probability  P_d of each echo, or None: not known
+    tripped      whether the echo tripped the comparator, in its window, hidden or neither; or None: not known
+    """
+
+    pulse: Matrix
+    found: Matrix
+    snr: Matrix
+    true_range_m: Matrix
+    incidence_angle_rad: Matrix
+    reflectivity: Matrix
+    body: Matrix
+    class_id: Matrix
+    probability: Matrix | None = None
+    tripped: Matrix | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observation:
+    """What one sensor made of a scene.
+
+    pulse     (n,) pulse number of each point of the cloud, or None: they match no other's
+    surfaces  what rates are shares of, or None: there are no rates
+    fired     pulses in the frame, or None: not known
+    lost      pulses that met a surface and gave no point, by reason; empty if not known
+    """
+
+    name: str
+    cloud: PointCloud
+    pulse: Matrix | None = None
+    surfaces: Surfaces | None = None
+    fired: int | None = None
+    lost: dict[str, int]
+
+    @property
+    def is_echo(self) -> Matrix:
+        """(n,) which points are echoes of a surface."""
+        return (self.cloud.status == Status.ECHO) & np.isfinite(_truth(self.cloud, "true_range_m"))
+
+    @property
+    def alarms(self) -> int:
+        """False alarms among the points."""
+        return int(np.count_nonzero(self.cloud.status == Status.FALSE_ALARM))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grouping:
+    """A way to sort pulses: bins of a truth, or the index into names.
+
+    attribute  of Surfaces and PointCloud
+    edges      of the bins, rising, in the attribute's unit; None with names
+    """
+
+    key: str
+    attribute: str
+    unit: str
+    labels: tuple[str, ...]
+    edges: Matrix | None = None
+
+    def of(self, source: Surfaces | PointCloud) -> Matrix:
+        """(n,) group of each pulse or point, -1 for none. The upper edge of a bin belongs to the next, but the last."""
+        values = _truth(source, self.attribute)
+        if self.edges is None:
+            return values
+        index = np.searchsorted(self.edges, values, side="right") - 1
+        index = np.where(values == self.edges[-1], len(self.labels) - 1, index)
+        return np.where(index < len(self.labels), index, -1)
+
+    @property
+    def middles(self) -> Matrix:
+        """Middles of the bins, in what people read: degrees for angles."""
+        assert self.edges is not None
+        scale = 180.0 / math.pi if self.unit == "deg" else 1.0
+        return scale * 0.5 * (self.edges[1:] + self.edges[:-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """Detection in one group of pulses; ``expected`` is the mean of their P_d, None if not known."""
+
+    group: str
+    surfaces: int
+    found: int
+    expected: float | None = None
+
+    @property
+    def rate(self) -> float:
+        """Share found; 0 of nothing."""
+        return self.found / self.surfaces if self.surfaces else 0.0
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's, 95 %."""
+        return wilson(self.found, self.surfaces)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeError:
+    """Reported less true range of the echoes of one group: mean and standard deviation."""
+
+    group: str
+    points: int
+    bias_m: float
+    sigma_m: float
+
+    @property
+    def bias_interval_m(self) -> float:
+        """Half the 95 % interval of the mean."""
+        return NORMAL_95 * self.sigma_m / math.sqrt(self.points)
+
+    @property
+    def sigma_interval_m(self) -> float:
+        """Half the 95 % interval of the deviation, for Gaussian errors."""
+        return NORMAL_95 * self.sigma_m / math.sqrt(2.0 * max(self.points - 1, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Pulses of one group by who found their surface."""
+
+    group: str
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+
+    @property
+    def pulses(self) -> int:
+        """All of them."""
+        return self.both + self.only_a + self.only_b + self.neither
+
+    @property
+    def difference(self) -> float:
+        """Rate of A less that of B; 0 of nothing."""
+        return (self.only_a - self.only_b) / self.pulses if self.pulses else 0.0
+
+    @property
+    def difference_interval(self) -> tuple[float, float]:
+        """95 % of the difference of these paired shares."""
+        return paired_interval(only_a=self.only_a, only_b=self.only_b, pulses=self.pulses)
+
+
+def wilson(found: int, total: int) -> tuple[float, float]:
+    """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 of nothing."""
+    if not total:
+        return 0.0, 1.0
+    share, z2 = found / total, NORMAL_95**2 / total
+    middle = (share + 0.5 * z2) / (1.0 + z2)
+    half = NORMAL_95 * math.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total) / (1.0 + z2)
+    # Exactly 0 and 1 at the ends, where rounding may step over.
+    return (max(middle - half, 0.0) if found else 0.0), (min(middle + half, 1.0) if found < total else 1.0)
+
+
+def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, float]:
+    """95 % interval of p_A - p_B from pairs (Agresti and Min, Statistics in Medicine 24 (2005) 729).
+
+    Wald's with half a pulse added to each of the four cells, so that no difference at all has a width too.
+    """
+    total = pulses + 2.0
+    b, c = only_a + 0.5, only_b + 0.5
+    middle = (b - c) / total
+    half = NORMAL_95 * math.sqrt(max(b + c - (b - c) ** 2 / total, 0.0)) / total
+    return middle - half, middle + half
+
+
+def range_bins(farthest_m: float) -> Grouping:
+    """Bins of 1, 2 or 5 times a power of ten metres, at most 16, from 0 to the farthest surface."""
+    step = 10.0 ** math.floor(math.log10(max(farthest_m, 1e-3) / _MOST_RANGE_BINS))
+    step *= next(f for f in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * f * step)
+    edges = step * np.arange(max(math.ceil(farthest_m / step), 1) + 1)
+    return _bins("range", "true_range_m", "m", edges)
+
+
+def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
+    """By true range, incidence and reflectivity, by class and by body."""
+    farthest = [_truth(one.surfaces or one.cloud, "true_range_m") for one in everything]
+    reach = max((float(far[np.isfinite(far)].max(initial=0.0)) for far in farthest), default=0.0)
+    cloud = everything[0].cloud
+    return (
+        range_bins(reach),
+        _bins("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
+        _bins("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
+        Grouping(key="class", attribute="class_id", unit="", labels=cloud.class_names),
+        Grouping(key="body", attribute="body", unit="", labels=cloud.body_names),
+    )
+
+
+def _bins(
+    key: str, attribute: str, unit: str, edges: Matrix, told: Sequence[float] | None = None
+) -> Grouping:
+    shown = edges if told is None else told
+    labels = tuple(f"{a:g} to {b:g}" for a, b in zip(shown[:-1], shown[1:], strict=True))
+    return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
+
+
+def rate(surfaces: Surfaces) -> Rate:
+    """Of all pulses."""
+    expected = None if surfaces.probability is None else _mean(surfaces.probability)
+    found = int(np.count_nonzero(surfaces.found))
+    return Rate(group="all", surfaces=len(surfaces.pulse), found=found, expected=expected)
+
+
+def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
+    """Of each group, in its order; empty groups too."""
+    index, size = grouping.of(surfaces), len(grouping.labels)
+    count, found = _counts(index, size), _counts(index[surfaces.found], size)
+    known = surfaces.probability is not None
+    weights = surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
+    sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
+    return [
+        Rate(
+            group=label, surfaces=int(n), found=int(k), expected=float(s / n) if known and n else None
+        )
+        for label, n, k, s in zip(grouping.labels, count, found, sums, strict=True)
+    ]  # fmt: skip
+
+
+def deviation(surfaces: Surfaces) -> float | None:
+    """Echoes that tripped less those expected, in standard deviations of independent draws; None if not known."""
+    if surfaces.probability is None or surfaces.tripped is None:
+        return None
+    p = surfaces.probability.astype(np.float64)
+    sigma = math.sqrt(float(np.sum(p * (1.0 - p))))
+    return (int(np.count_nonzero(surfaces.tripped)) - float(p.sum())) / sigma if sigma > 0.0 else 0.0
+
+
+def range_errors(one: Observation, grouping: Grouping | None = None) -> list[RangeError]:
+    """Of each group with an echo, or of all echoes together."""
+    echoes = one.cloud.select(one.is_echo)
+    error = echoes.range_m.astype(np.float64) - _truth(echoes, "true_range_m")
+    if grouping is None:
+        index, labels = np.zeros(len(echoes), dtype=np.int64), ("all",)
+    else:
+        index, labels = grouping.of(echoes), grouping.labels
+    made = []
+    for number in np.unique(index[index >= 0]):
+        own = error[index == number]
+        sigma = float(own.std(ddof=1)) if len(own) > 1 else 0.0
+        made.append(
+            RangeError(group=labels[number], points=len(own), bias_m=float(own.mean()), sigma_m=sigma)
+        )
+    return made
+
+
+def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
+    """Who found what, of the pulses that met a surface for both, sorted by A's truth; empty groups too."""
+    _, in_a, in_b = common(a.pulse, b.pulse)
+    index, labels = np.zeros(len(in_a), dtype=np.int64), ("all",)
+    if grouping is not None:
+        index, labels = grouping.of(a)[in_a], grouping.labels
+    kind = 2 * a.found[in_a].astype(np.int64) + b.found[in_b]
+    table = [_counts(index[kind == number], len(labels)) for number in (3, 2, 1, 0)]
+    return [
+        Pair(group=label, both=int(ab), only_a=int(oa), only_b=int(ob), neither=int(no))
+        for label, ab, oa, ob, no in zip(labels, *table, strict=True)
+    ]
+
+
+def first_echoes(one: Observation) -> tuple[Matrix, Matrix]:
+    """Pulse numbers, rising, that have an echo among the points, and the index of the first echo of each."""
+    assert one.pulse is not None
+    place = np.flatnonzero(one.is_echo)
+    pulse, first = np.unique(one.pulse[place], return_index=True)
+    return pulse, place[first]
+
+
+def paired_range_difference(a: Observation, b: Observation) -> RangeError | None:
+    """Reported range of A less that of B, where both have an echo of a pulse; None without any."""
+    pulse_a, first_a = first_echoes(a)
+    pulse_b, first_b = first_echoes(b)
+    _, in_a, in_b = common(pulse_a, pulse_b)
+    if not len(in_a):
+        return None
+    apart = a.cloud.range_m[first_a[in_a]].astype(np.float64) - b.cloud.range_m[first_b[in_b]]
+    sigma = float(apart.std(ddof=1)) if len(apart) > 1 else 0.0
+    return RangeError(group="all", points=len(apart), bias_m=float(apart.mean()), sigma_m=sigma)
+
+
+def difference(a: Observation, b: Observation) -> tuple[PointCloud, Matrix]:
+    """The difference cloud and which of DIFFERENCE each point is, in the order of pulses.
+
+    The first echo of each pulse that has one: A's point where A has one, else B's. False alarms are left out.
+    """
+    pulse_a, first_a = first_echoes(a)
+    pulse_b, first_b = first_echoes(b)
+    kind_a = np.where(np.isin(pulse_a, pulse_b, assume_unique=True), 0, 1)
+    alone = ~np.isin(pulse_b, pulse_a, assume_unique=True)
+    order = np.argsort(np.concatenate([pulse_a, pulse_b[alone]]), kind="stable")
+    together = PointCloud.concatenate([a.cloud.select(first_a), b.cloud.select(first_b[alone])])
+    kinds = np.concatenate([kind_a, np.full(int(alone.sum()), 2)]).astype(np.uint8)
+    return together.select(order), kinds[order]
+
+
+def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Matrix, Matrix, Matrix]:
+    """SNR for A and for B of the pulses where both are known, and 0 both found it, 1 A only, 2 B only, 3 neither."""
+    _, in_a, in_b = common(a.pulse, b.pulse)
+    found_a, found_b = a.found[in_a], b.found[in_b]
+    kind = np.where(found_a, np.where(found_b, 0, 1), np.where(found_b, 2, 3))
+    known = (a.snr[in_a] > 0.0) & (b.snr[in_b] > 0.0)
+    return a.snr[in_a][known], b.snr[in_b][known], kind[known]
+
+
+def common(a: Matrix, b: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Numbers in both of two lists without repetition, and where they are in each."""
+    return np.intersect1d(a, b, assume_unique=True, return_indices=True)
+
+
+def _truth(source: Surfaces | PointCloud, attribute: str) -> Matrix:
+    values = getattr(source, attribute)
+    assert values is not None
+    return np.asarray(values)
+
+
+def _counts(index: Matrix, size: int) -> Matrix:
+    return np.bincount(index[index >= 0], minlength=size)
+
+
+def _mean(values: Matrix) -> float:
+    return float(values.mean(dtype=np.float64)) if len(values) else 0.0
