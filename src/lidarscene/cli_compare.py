@@ -37,7 +37,11 @@ def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], st
         help="a scene file (.toml, .xml), with --sensors; or two clouds or more",
     )  # fmt: skip
     add = command.add_argument
-    add("--sensors", metavar="A,B,...", help="catalogue names or sensor files; the first is compared with each other")
+    add(
+        "--sensors",
+        metavar="A,B,...",
+        help="catalogue names or sensor files; the first is compared with each other",
+    )
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     add("--same-beams", action="store_true", help="run all with the first sensor's scanner and mounting")
     add("--illuminance", metavar="KLUX,KLUX,...", type=rising("illuminances in klux", "0.05,1,10,100"),
@@ -46,7 +50,13 @@ def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], st
         help="change a value of the sensor files, may be repeated")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
-    add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=None, help="the same for all sensors (default 0)")
+    add(
+        "--seed",
+        metavar="N",
+        type=whole(0, 2**32 - 1),
+        default=None,
+        help="the same for all sensors (default 0)",
+    )
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
     add("--json", action="store_true", help="print the numbers as JSON")
     command.set_defaults(run=told(compare_text))

@@ -31,7 +31,12 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    add("--time", metavar="S,S,...", type=rising("seconds", "0.1,0.5,1"), help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)")
+    add(
+        "--time",
+        metavar="S,S,...",
+        type=rising("seconds", "0.1,0.5,1"),
+        help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
+    )
     add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
     add("--mask", choices=("outline", "reached"), default="outline",
         help="the field of view: the pattern's convex outline (default), or cells ever reached")  # fmt: skip

@@ -48,7 +48,9 @@ def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
             values = ()
         in_order = all(a < b for a, b in itertools.pairwise(values))
         if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
-            raise argparse.ArgumentTypeError(f"{what} that rise, such as {example}, were expected, {text} came")
+            raise argparse.ArgumentTypeError(
+                f"{what} that rise, such as {example}, were expected, {text} came"
+            )
         return values
 
     return parsed

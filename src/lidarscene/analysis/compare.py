@@ -1,114 +1,28 @@
 """Comparison of sensors, the numbers: what each made of its pulses in; rates, range errors, who found what out.
 
-A rate is a share of the pulses that met a surface, found or not: `Surfaces` holds them all. Its intervals are
-Wilson's, of 95 %.
+A rate is a share of the pulses in `Surfaces`, found or not. Its interval is Wilson's, of 95 %.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..cloud import PointCloud
-from ..returns import Status
+from .compare_data import Grouping, Observation, Surfaces, truth_of
 
 Matrix = np.ndarray[Any, Any]
 
 NORMAL_95 = 1.959963984540054
 """Two-sided 95 % of a normal distribution."""
 
-INCIDENCE_DEG = tuple(range(0, 91, 10))
-REFLECTIVITY = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
-_MOST_RANGE_BINS = 16
+_ALL: tuple[str, ...] = ("all",)
 
 DIFFERENCE = ("both", "only_a", "only_b")
 """What a point of a difference cloud is, by value."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Surfaces:
-    """The pulses that count in rates, each once; all (n,). Truth by the names that PointCloud uses.
-
-    pulse        pulse numbers, rising
-    found        whether an echo of the pulse is a point
-    snr          0 where it is not known
-    probability  P_d of each echo, or None: not known
-    tripped      whether the echo tripped the comparator, in its window, hidden or neither; or None: not known
-    """
-
-    pulse: Matrix
-    found: Matrix
-    snr: Matrix
-    true_range_m: Matrix
-    incidence_angle_rad: Matrix
-    reflectivity: Matrix
-    body: Matrix
-    class_id: Matrix
-    probability: Matrix | None = None
-    tripped: Matrix | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Observation:
-    """What one sensor made of a scene.
-
-    pulse     (n,) pulse number of each point of the cloud, or None: they match no other's
-    surfaces  what rates are shares of, or None: there are no rates
-    fired     pulses in the frame, or None: not known
-    lost      pulses that met a surface and gave no point, by reason; empty if not known
-    """
-
-    name: str
-    cloud: PointCloud
-    pulse: Matrix | None = None
-    surfaces: Surfaces | None = None
-    fired: int | None = None
-    lost: dict[str, int]
-
-    @property
-    def is_echo(self) -> Matrix:
-        """(n,) which points are echoes of a surface."""
-        return (self.cloud.status == Status.ECHO) & np.isfinite(_truth(self.cloud, "true_range_m"))
-
-    @property
-    def alarms(self) -> int:
-        """False alarms among the points."""
-        return int(np.count_nonzero(self.cloud.status == Status.FALSE_ALARM))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Grouping:
-    """A way to sort pulses: bins of a truth, or the index into names.
-
-    attribute  of Surfaces and PointCloud
-    edges      of the bins, rising, in the attribute's unit; None with names
-    """
-
-    key: str
-    attribute: str
-    unit: str
-    labels: tuple[str, ...]
-    edges: Matrix | None = None
-
-    def of(self, source: Surfaces | PointCloud) -> Matrix:
-        """(n,) group of each pulse or point, -1 for none. The upper edge of a bin belongs to the next, but the last."""
-        values = _truth(source, self.attribute)
-        if self.edges is None:
-            return values
-        index = np.searchsorted(self.edges, values, side="right") - 1
-        index = np.where(values == self.edges[-1], len(self.labels) - 1, index)
-        return np.where(index < len(self.labels), index, -1)
-
-    @property
-    def middles(self) -> Matrix:
-        """Middles of the bins, in what people read: degrees for angles."""
-        assert self.edges is not None
-        scale = 180.0 / math.pi if self.unit == "deg" else 1.0
-        return scale * 0.5 * (self.edges[1:] + self.edges[:-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,36 +114,6 @@ def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, fl
     return middle - half, middle + half
 
 
-def range_bins(farthest_m: float) -> Grouping:
-    """Bins of 1, 2 or 5 times a power of ten metres, at most 16, from 0 to the farthest surface."""
-    step = 10.0 ** math.floor(math.log10(max(farthest_m, 1e-3) / _MOST_RANGE_BINS))
-    step *= next(f for f in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * f * step)
-    edges = step * np.arange(max(math.ceil(farthest_m / step), 1) + 1)
-    return _bins("range", "true_range_m", "m", edges)
-
-
-def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
-    """By true range, incidence and reflectivity, by class and by body."""
-    farthest = [_truth(one.surfaces or one.cloud, "true_range_m") for one in everything]
-    reach = max((float(far[np.isfinite(far)].max(initial=0.0)) for far in farthest), default=0.0)
-    cloud = everything[0].cloud
-    return (
-        range_bins(reach),
-        _bins("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
-        _bins("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
-        Grouping(key="class", attribute="class_id", unit="", labels=cloud.class_names),
-        Grouping(key="body", attribute="body", unit="", labels=cloud.body_names),
-    )
-
-
-def _bins(
-    key: str, attribute: str, unit: str, edges: Matrix, told: Sequence[float] | None = None
-) -> Grouping:
-    shown = edges if told is None else told
-    labels = tuple(f"{a:g} to {b:g}" for a, b in zip(shown[:-1], shown[1:], strict=True))
-    return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
-
-
 def rate(surfaces: Surfaces) -> Rate:
     """Of all pulses."""
     expected = None if surfaces.probability is None else _mean(surfaces.probability)
@@ -242,7 +126,9 @@ def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
     index, size = grouping.of(surfaces), len(grouping.labels)
     count, found = _counts(index, size), _counts(index[surfaces.found], size)
     known = surfaces.probability is not None
-    weights = surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
+    weights = (
+        surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
+    )
     sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
     return [
         Rate(
@@ -264,9 +150,9 @@ def deviation(surfaces: Surfaces) -> float | None:
 def range_errors(one: Observation, grouping: Grouping | None = None) -> list[RangeError]:
     """Of each group with an echo, or of all echoes together."""
     echoes = one.cloud.select(one.is_echo)
-    error = echoes.range_m.astype(np.float64) - _truth(echoes, "true_range_m")
+    error = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
     if grouping is None:
-        index, labels = np.zeros(len(echoes), dtype=np.int64), ("all",)
+        index, labels = np.zeros(len(echoes), dtype=np.int64), _ALL
     else:
         index, labels = grouping.of(echoes), grouping.labels
     made = []
@@ -282,7 +168,7 @@ def range_errors(one: Observation, grouping: Grouping | None = None) -> list[Ran
 def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
     """Who found what, of the pulses that met a surface for both, sorted by A's truth; empty groups too."""
     _, in_a, in_b = common(a.pulse, b.pulse)
-    index, labels = np.zeros(len(in_a), dtype=np.int64), ("all",)
+    index, labels = np.zeros(len(in_a), dtype=np.int64), _ALL
     if grouping is not None:
         index, labels = grouping.of(a)[in_a], grouping.labels
     kind = 2 * a.found[in_a].astype(np.int64) + b.found[in_b]
@@ -340,12 +226,6 @@ def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Matrix, Matrix, Matrix]:
 def common(a: Matrix, b: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """Numbers in both of two lists without repetition, and where they are in each."""
     return np.intersect1d(a, b, assume_unique=True, return_indices=True)
-
-
-def _truth(source: Surfaces | PointCloud, attribute: str) -> Matrix:
-    values = getattr(source, attribute)
-    assert values is not None
-    return np.asarray(values)
 
 
 def _counts(index: Matrix, size: int) -> Matrix:

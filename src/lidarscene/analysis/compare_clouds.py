@@ -16,7 +16,8 @@ import numpy as np
 
 from ..cloud import PointCloud
 from ..errors import InputError
-from .compare import Observation, Surfaces, common, first_echoes
+from .compare import common, first_echoes
+from .compare_data import Observation, Surfaces
 
 Matrix = np.ndarray[Any, Any]
 
@@ -37,7 +38,9 @@ def read(paths: Sequence[Path]) -> list[Observation]:
 
 def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
     """The same of clouds in memory; equal names get a number."""
-    own = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
+    own = [
+        f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)
+    ]
     named = _same_names(clouds)
     pulses = _numbered(named)
     if not all(_shared(pulses[0], other) for other in pulses[1:]):

@@ -13,23 +13,33 @@ import numpy as np
 from .. import charts, charts_compare
 from ..charts_compare import Series
 from ..sensor import Sensor
-from .compare import (
-    Grouping,
-    Observation,
-    RangeError,
-    paired_snr,
-    range_errors,
-    rates,
-)
+from .compare import RangeError, paired_snr, range_errors, rates
+from .compare_data import Grouping, Observation
 from .compare_run import Sweep
 
 Matrix = np.ndarray[Any, Any]
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
-RATE_HEADER = ("sensor", "group", "low", "high", "surfaces", "found", "rate", "rate_low", "rate_high", "expected")
+RATE_HEADER = (
+    "sensor",
+    "group",
+    "low",
+    "high",
+    "surfaces",
+    "found",
+    "rate",
+    "rate_low",
+    "rate_high",
+    "expected",
+)
 ERROR_HEADER = ("sensor", "group", "points", "bias_m", "bias_interval_m", "sigma_m", "sigma_interval_m")
-_WORDS = {"range": "true range", "incidence": "angle of incidence", "reflectivity": "reflectivity", "class": "class"}
+_WORDS = {
+    "range": "true range",
+    "incidence": "angle of incidence",
+    "reflectivity": "reflectivity",
+    "class": "class",
+}
 _SHOWN_SNR = 12_000  # rows of the scatter plot's table
 _MOST_CLASSES = 30
 
@@ -38,15 +48,23 @@ def rate_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tup
     """By sensor and group, groups without a surface left out; edges in metres, degrees or as shares."""
     rows: list[tuple[Any, ...]] = []
     for one in everything:
-        assert one.surfaces is not None
-        for number, each in enumerate(rates(one.surfaces, grouping)):
+        for number, each in enumerate(rates(one.counted, grouping)):
             if each.surfaces:
-                ends = ("", "")
+                ends: tuple[Any, ...] = ("", "")
                 if grouping.edges is not None:
                     ends = tuple(float(end) for end in grouping.labels[number].split(" to "))
                 expected = "" if each.expected is None else each.expected
                 rows.append(
-                    (one.name, each.group, *ends, each.surfaces, each.found, each.rate, *each.interval, expected)
+                    (
+                        one.name,
+                        each.group,
+                        *ends,
+                        each.surfaces,
+                        each.found,
+                        each.rate,
+                        *each.interval,
+                        expected,
+                    )
                 )
     return rows
 
@@ -55,8 +73,9 @@ def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figu
     """Detection rate over the bins of a truth."""
     series = []
     for one in everything:
-        assert one.surfaces is not None
-        full = [(x, r) for x, r in zip(grouping.middles, rates(one.surfaces, grouping), strict=True) if r.surfaces]
+        full = [
+            (x, r) for x, r in zip(grouping.middles, rates(one.counted, grouping), strict=True) if r.surfaces
+        ]
         series.append(_series(one.name, [x for x, _ in full], [r for _, r in full]))
     what = _WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
@@ -77,8 +96,7 @@ def rate_by_class(everything: Sequence[Observation], grouping: Grouping, of: str
     """Detection rate of each class."""
     every = []
     for one in everything:
-        assert one.surfaces is not None
-        every.append(rates(one.surfaces, grouping))
+        every.append(rates(one.counted, grouping))
     pulses = np.array([[each.surfaces for each in one] for one in every]).max(axis=0)
     kept = [int(n) for n in np.argsort(-pulses, kind="stable")[:_MOST_CLASSES] if pulses[n] > 0]
     series = []
@@ -137,11 +155,11 @@ def _millimetres(name: str, x: Matrix, found: Sequence[RangeError], what: str) -
     return Series(label=name, x=x, y=y, low=y - half, high=y + half)
 
 
-def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]) -> Figure | None:
+def snr(
+    a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]
+) -> Figure | None:
     """Signal-to-noise ratio of B over that of A, pulse by pulse; None where no pulse has both."""
-    assert a.surfaces is not None
-    assert b.surfaces is not None
-    of_a, of_b, kind = paired_snr(a.surfaces, b.surfaces)
+    of_a, of_b, kind = paired_snr(a.counted, b.counted)
     if not len(kind):
         return None
     kinds = ("found by both", f"only by {a.name}", f"only by {b.name}", "by neither")
@@ -170,7 +188,9 @@ def illuminance(swept: Sweep) -> Figure:
         every = [c for crossed in swept.crossings.values() for c in crossed]
         computed |= {c.illuminance_klux: c.expected for c in every if name in (c.ahead_below, c.ahead_above)}
         x = np.array(sorted(computed))
-        lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[e] for e in x]), colour=number))
+        lines.append(
+            charts.Line(label=name, x=x, y=100.0 * np.array([computed[e] for e in x]), colour=number)
+        )
         for lit in course:
             sigma = "" if lit.sigma_m is None else lit.sigma_m
             rows.append((name, lit.illuminance_klux, lit.rate.surfaces, lit.rate.found, lit.rate.rate,

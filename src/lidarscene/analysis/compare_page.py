@@ -18,7 +18,9 @@ from ..io.ply_columns import write_columns
 from ..scene import View
 from . import compare_figures as figures
 from . import compare_report as report
-from .compare import DIFFERENCE, Observation, difference, pairs
+from .compare import DIFFERENCE, difference, pairs
+from .compare_data import Observation
+from .compare_json import as_dict
 from .compare_report import Comparison
 from .fov import slugs
 from .paper_page import Page, csv_text, put_text
@@ -47,7 +49,10 @@ def file_names(
 ) -> list[str]:
     """Everything that `write` may write, by name."""
     own = slugs(names)
-    drawn = [*(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []), "error-range"]
+    drawn = [
+        *(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []),
+        "error-range",
+    ]
     drawn += [f"snr-{slug}" for slug in own[1:]] if matched else []
     drawn += ["illuminance"] if swept else []
     pictures = [f"cloud-{slug}.png" for slug in own]
@@ -98,10 +103,12 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
     if comparison.seed is not None:
         for one, slug in zip(comparison.everything, own, strict=True):
             one.cloud.save(folder / f"{slug}.ply")
-    numbers = json.dumps(report.as_dict(comparison), indent=2, allow_nan=False)
+    numbers = json.dumps(as_dict(comparison), indent=2, allow_nan=False)
     put_text(folder / NUMBERS, numbers + "\n")
     put_text(folder / PAGE, page.as_html())
-    return numbers if as_json else f"{report.as_text(comparison)}\nwrote {folder / PAGE} and the files beside it"
+    return (
+        numbers if as_json else f"{report.as_text(comparison)}\nwrote {folder / PAGE} and the files beside it"
+    )
 
 
 def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
@@ -143,15 +150,21 @@ def _against_first(
 
 def _pair_tables(comparison: Comparison, folder: Path, own: Sequence[str]) -> None:
     for (a, b), slug in _against_first(comparison, own):
-        assert a.surfaces is not None
-        assert b.surfaces is not None
         rows = []
         for group in (None, *comparison.groups):
-            for p in pairs(a.surfaces, b.surfaces, group):
+            for p in pairs(a.counted, b.counted, group):
                 if p.pulses:
                     rows.append(
-                        (group.key if group else "all", p.group, p.both, p.only_a, p.only_b, p.neither, p.difference,
-                         *p.difference_interval)  # fmt: skip
+                        (
+                            group.key if group else "all",
+                            p.group,
+                            p.both,
+                            p.only_a,
+                            p.only_b,
+                            p.neither,
+                            p.difference,
+                            *p.difference_interval,
+                        )
                     )
         put_text(folder / f"pairs-{slug}.csv", csv_text(_PAIR_HEADER, rows))
 
@@ -170,9 +183,8 @@ def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[
         name = f"difference-{slug}"
         _save_difference(output.folder / f"{name}.ply", cloud, kinds, a.name, b.name)
         labels = ("both", f"only {a.name}", f"only {b.name}")
-        sorted_by_kind = dataclasses.replace(
-            cloud, class_id=kinds, class_names=labels, metadata=dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
-        )  # fmt: skip
+        named = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
+        sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=named)
         _picture(sorted_by_kind, output.folder / f"{name}.png", view, colour_by="class")
         counts = ", ".join(f"{label} {np.count_nonzero(kinds == k):,}" for k, label in enumerate(labels))
         page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..sensor import Sensor
-from .compare import (
-    Grouping,
-    Observation,
-    Pair,
-    Rate,
-    deviation,
-    paired_range_difference,
-    pairs,
-    range_errors,
-    rate,
-    rates,
-)
+from .compare import Rate, deviation, paired_range_difference, pairs, range_errors, rate, rates
+from .compare_data import Grouping, Observation
 from .compare_run import Crossing, Sweep
 
 MOST_BODIES = 25  # rows of the page's table
@@ -82,7 +71,14 @@ def fate_rows(comparison: Comparison) -> list[tuple[str, ...]]:
         if one.surfaces is not None and one.fired is not None:
             below, *lost = one.lost.values()
             dark = np.count_nonzero(one.surfaces.snr == 0.0)
-            numbers = (one.fired, len(one.surfaces.pulse), np.count_nonzero(one.surfaces.found), below, dark, *lost)
+            numbers = (
+                one.fired,
+                len(one.surfaces.pulse),
+                np.count_nonzero(one.surfaces.found),
+                below,
+                dark,
+                *lost,
+            )
             cells = [f"{n:,}" for n in numbers]
         rows.append((one.name, *cells, f"{len(one.cloud):,}", f"{one.alarms:,}"))
     return rows
@@ -118,21 +114,30 @@ PAIRS = ("A", "B", "found by both", "A only", "B only", "neither", "rate of A le
 
 def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """The first sensor against each other."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for a, b in comparison.against_first():
-        assert a.surfaces is not None
-        assert b.surfaces is not None
-        (p,) = pairs(a.surfaces, b.surfaces)
+        (p,) = pairs(a.counted, b.counted)
         apart = paired_range_difference(a, b)
         told = "-" if apart is None else f"{1e3 * apart.bias_m:+.2f} mm, {1e3 * apart.sigma_m:.2f} mm"
         rows.append(
-            (a.name, b.name, f"{p.both:,}", f"{p.only_a:,}", f"{p.only_b:,}", f"{p.neither:,}",
-             f"{100.0 * p.difference:+.2f} %", _between(p.difference_interval), told)  # fmt: skip
+            (
+                a.name,
+                b.name,
+                f"{p.both:,}",
+                f"{p.only_a:,}",
+                f"{p.only_b:,}",
+                f"{p.neither:,}",
+                f"{100.0 * p.difference:+.2f} %",
+                _between(p.difference_interval),
+                told,
+            )
         )
     return rows
 
 
-def group_table(comparison: Comparison, key: str, most: int | None = None) -> tuple[list[str], list[list[str]]]:
+def group_table(
+    comparison: Comparison, key: str, most: int | None = None
+) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table by class or body: found by each sensor; by A only and by B only where pulses match.
 
     most  rows at most: those where one sensor found most pulses that the other did not, else those of most pulses
@@ -141,11 +146,7 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> tu
     names = [one.name for one in comparison.everything]
     header = [key, f"pulses, {names[0]}", *(f"found, {name}" for name in names)]
     table = [rates(one.surfaces, grouping) for one in comparison.everything if one.surfaces is not None]
-    between = [
-        pairs(a.surfaces, b.surfaces, grouping)
-        for a, b in comparison.against_first()
-        if a.surfaces is not None and b.surfaces is not None
-    ]
+    between = [pairs(a.counted, b.counted, grouping) for a, b in comparison.against_first()]
     for a, b in comparison.against_first():
         header += [f"only {a.name}", f"only {b.name}"] if len(between) == 1 else [f"{a.name} less {b.name}"]
     order = [n for n in range(len(grouping.labels)) if any(one[n].surfaces for one in table)]
@@ -154,9 +155,17 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> tu
         order.sort(key=lambda n: -sum(p[n].only_a + p[n].only_b for p in between))
     rows = []
     for n in order[:most]:
-        row = [grouping.labels[n] or "unlabelled", f"{table[0][n].surfaces:,}", *(_found(one[n]) for one in table)]
+        row = [
+            grouping.labels[n] or "unlabelled",
+            f"{table[0][n].surfaces:,}",
+            *(_found(one[n]) for one in table),
+        ]
         for p in between:
-            row += [f"{p[n].only_a:,}", f"{p[n].only_b:,}"] if len(between) == 1 else [f"{p[n].only_a - p[n].only_b:+,}"]
+            row += (
+                [f"{p[n].only_a:,}", f"{p[n].only_b:,}"]
+                if len(between) == 1
+                else [f"{p[n].only_a - p[n].only_b:+,}"]
+            )
         rows.append(row)
     return header, rows
 
@@ -188,8 +197,8 @@ def crossing_lines(swept: Sweep, first: str) -> list[str]:
         plane = swept.on_plane_klux[name]
         if plane is not None:
             lines.append(
-                f"On Table 1's target alone, a plane of reflectivity 0.1 in air of transmittance 0.98, {first} and {name} "
-                f"reach equally far at {plane:.3g} klux."
+                "On Table 1's target alone, a plane of reflectivity 0.1 in air of transmittance 0.98, "
+                f"{first} and {name} reach equally far at {plane:.3g} klux."
             )
     return lines
 
@@ -212,82 +221,28 @@ def sweep_table(swept: Sweep) -> tuple[list[str], list[list[str]]]:
         for course in swept.courses.values():
             lit = course[number]
             sigma = "-" if lit.sigma_m is None else f"{1e3 * lit.sigma_m:.1f} mm"
-            row += [_percent(lit.rate.rate), _percent(lit.rate.expected or 0.0), f"{lit.false_alarms:,}", sigma]
+            row += [
+                _percent(lit.rate.rate),
+                _percent(lit.rate.expected or 0.0),
+                f"{lit.false_alarms:,}",
+                sigma,
+            ]
         rows.append(row)
     return header, rows
 
 
-def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """Everything for machines; null where a number is not known."""
-    told: dict[str, Any] = {
-        "title": comparison.title, "matched": comparison.matched, "rates_are_shares_of": comparison.of,
-        "seed": comparison.seed, "notes": list(comparison.notes),
-        "sensors": [_observation(comparison, one) for one in comparison.everything],
-        "pairs": [_pair(comparison, a, b) for a, b in comparison.against_first()],
-    }  # fmt: skip
-    if comparison.swept is not None:
-        swept = comparison.swept
-        told["sweep"] = {
-            "illuminances_klux": list(swept.illuminances_klux),
-            "courses": {
-                name: [
-                    {"illuminance_klux": lit.illuminance_klux, **_rate(lit.rate), "false_alarms": lit.false_alarms,
-                     "sigma_m": lit.sigma_m}
-                    for lit in course
-                ]
-                for name, course in swept.courses.items()
-            },
-            "crossings": {name: [asdict(c) for c in crossed] for name, crossed in swept.crossings.items()},
-            "on_plane_klux": swept.on_plane_klux,
-        }  # fmt: skip
-    return told
-
-
-def _observation(comparison: Comparison, one: Observation) -> dict[str, Any]:
-    total = range_errors(one)
-    told: dict[str, Any] = {
-        "name": one.name, "pulses": one.fired, "points": len(one.cloud), "false_alarms": one.alarms,
-        "lost": {key.replace(" ", "_"): n for key, n in one.lost.items()},
-        "range_error": asdict(total[0]) if total else None,
-        "range_error_by_range": [asdict(e) for e in range_errors(one, comparison.group("range"))],
-    }  # fmt: skip
-    if one.surfaces is not None:
-        told |= {"rate": _rate(rate(one.surfaces)), "deviation_from_expected": deviation(one.surfaces)}
-        told["rates"] = {
-            group.key: [_rate(r) for r in rates(one.surfaces, group) if r.surfaces] for group in comparison.groups
-        }
-    return told
-
-
-def _pair(comparison: Comparison, a: Observation, b: Observation) -> dict[str, Any]:
-    assert a.surfaces is not None
-    assert b.surfaces is not None
-    (total,) = pairs(a.surfaces, b.surfaces)
-    apart = paired_range_difference(a, b)
-    return {
-        "a": a.name, "b": b.name, **_pairing(total), "range_difference": asdict(apart) if apart else None,
-        "by": {
-            group.key: [_pairing(p) for p in pairs(a.surfaces, b.surfaces, group) if p.pulses]
-            for group in comparison.groups
-        },
-    }  # fmt: skip
-
-
-def _rate(one: Rate) -> dict[str, Any]:
-    return asdict(one) | {"rate": one.rate, "interval": list(one.interval)}
-
-
-def _pairing(one: Pair) -> dict[str, Any]:
-    return asdict(one) | {"difference": one.difference, "interval": list(one.difference_interval)}
-
-
 def as_text(comparison: Comparison) -> str:
     """For people: a table of the sensors, a line for each pair and crossing."""
-    lines = _columns([("", *FATE[1:4], "points", "false alarms"), *((*r[:4], *r[8:]) for r in fate_rows(comparison))])
-    lines += _columns([("", *RATES[1:4], *RATES[5:]), *((*r[:4], *r[5:]) for r in rate_summary_rows(comparison))])
+    lines = _columns(
+        [("", *FATE[1:4], "points", "false alarms"), *((*r[:4], *r[8:]) for r in fate_rows(comparison))]
+    )
+    lines += _columns(
+        [("", *RATES[1:4], *RATES[5:]), *((*r[:4], *r[5:]) for r in rate_summary_rows(comparison))]
+    )
     for row in pair_rows(comparison):
         lines.append(
-            f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, neither {row[5]}"
+            f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, "
+            f"neither {row[5]}"
         )
     if comparison.swept is not None:
         lines += crossing_lines(comparison.swept, comparison.everything[0].name)
@@ -297,6 +252,7 @@ def as_text(comparison: Comparison) -> str:
 def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return [
-        row[0].ljust(widths[0]) + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        row[0].ljust(widths[0])
+        + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
         for row in rows
     ]

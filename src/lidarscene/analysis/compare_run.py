@@ -1,10 +1,11 @@
-"""Comparison of sensors, simulated: a scene and sensors in, what each made of it, and how that goes with the light, out.
+"""Comparison of sensors, simulated: a scene and sensors in; what each made of it, also under other light, out.
 
 The one part of a comparison that traces. A scene is compiled once for each wavelength.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,8 @@ from ..returns import Outcome
 from ..scene import Scene
 from ..sensor import Sensor
 from ..simulate import DEFAULT_CHUNK, Simulator, Summary
-from .compare import Observation, Rate, Surfaces, range_errors, rate
+from .compare import Rate, range_errors, rate
+from .compare_data import Observation, Surfaces
 from .ranging import Target, equal_range_illuminance_klux
 
 Matrix = np.ndarray[Any, Any]
@@ -135,10 +137,9 @@ class Lit:
     @classmethod
     def of(cls, one: Observation, illuminance_klux: float) -> Lit:
         """What matters of an observation."""
-        assert one.surfaces is not None
         errors = range_errors(one)
         return cls(
-            illuminance_klux=illuminance_klux, rate=rate(one.surfaces), false_alarms=one.alarms,
+            illuminance_klux=illuminance_klux, rate=rate(one.counted), false_alarms=one.alarms,
             sigma_m=errors[0].sigma_m if errors else None,
         )  # fmt: skip
 
@@ -190,7 +191,7 @@ def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[
 
     found = []
     steps = list(zip(courses[a[0]], courses[b[0]], strict=True))
-    for (low_a, low_b), (high_a, high_b) in zip(steps[:-1], steps[1:], strict=True):
+    for (low_a, low_b), (high_a, high_b) in itertools.pairwise(steps):
         at_low, at_high = _expected(low_a) - _expected(low_b), _expected(high_a) - _expected(high_b)
         if at_low * at_high >= 0.0:
             continue

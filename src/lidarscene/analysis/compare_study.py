@@ -11,7 +11,7 @@ from ..geometry import Pose
 from ..scene import Scene
 from ..simulate import DEFAULT_CHUNK
 from . import compare_clouds
-from .compare import groupings
+from .compare_data import groupings
 from .compare_page import Output, file_names, require_files, write
 from .compare_report import Comparison
 from .compare_run import Bench, Named, fires_alike, sweep, with_beams_of
@@ -86,13 +86,13 @@ def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> 
 
 _RATES_NOTE = (
     "A pulse found its surface when an echo of it is a point. Expected is the mean of the computed detection "
-    "probabilities, over the same pulses; found less expected counts every echo that tripped the comparator, also out of "
-    "its window or hidden, against the sum of the probabilities, in standard deviations of independent draws."
+    "probabilities, over the same pulses; found less expected counts every echo that tripped the comparator, also out "
+    "of its window or hidden, against the sum of the probabilities, in standard deviations of independent draws."
 )
 _MATCHED_CLOUDS = (
-    "The clouds came as files. Points are of one pulse where time, channel, azimuth and elevation agree to the last bit. "
-    "The files do not say what the sensors missed, so rates are shares of the pulses with which any of the clouds has an "
-    "echo, and there is no expected rate; truth is that of the first cloud that has it."
+    "The clouds came as files. Points are of one pulse where time, channel, azimuth and elevation agree to the last "
+    "bit. The files do not say what the sensors missed, so rates are shares of the pulses with which any of the clouds "
+    "has an echo, and there is no expected rate; truth is that of the first cloud that has it."
 )
 _UNMATCHED_CLOUDS = (
     "The clouds came as files that share no pulses: time, channel, azimuth and elevation of their points do not agree. "
@@ -105,11 +105,11 @@ def _beams_note(scene: Scene, seed: int, *, matched: bool, same_beams: bool) -> 
     if matched:
         how = "All run with the scanner and the mounting of the first: the" if same_beams else "The"
         return (
-            f"{light}{how} sensors fire the same pulses, which are matched by their number; each pulse's random numbers "
-            "are the same for all sensors."
+            f"{light}{how} sensors fire the same pulses, which are matched by their number; each pulse's random "
+            "numbers are the same for all sensors."
         )
     return (
-        f"{light}The sensors do not fire the same pulses: their scanners, or mountings, differ. So pulses are not matched; "
-        "rates are compared by bins and bodies, of each sensor's own pulses. With --same-beams all run with the first's "
-        "scanner and mounting."
+        f"{light}The sensors do not fire the same pulses: their scanners, or mountings, differ. So pulses are not "
+        "matched; rates are compared by bins and bodies, of each sensor's own pulses. With --same-beams all "
+        "run with the first's scanner and mounting."
     )

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .. import charts
-from ..io.files import atomic_output, require_writable
+from ..io.files import require_writable
 from .paper_claims_model import HOLDS, Claim, claims_of_the_model
 from .paper_claims_results import claims_of_the_results
 from .paper_errata import Erratum, errata

@@ -67,7 +67,7 @@ class Page:
         self.body.append(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(told)}"{size}>'
             f"<figcaption><b>{html.escape(told)}</b> {html.escape(caption)} "
-            f'{linked}<a {self._link(f"{name}.csv")}>CSV</a></figcaption></figure>'
+            f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
 
     def pictures(self, shown: Sequence[tuple[str, str]]) -> None:
