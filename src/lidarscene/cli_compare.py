@@ -43,10 +43,10 @@ def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], st
         help="catalogue names or sensor files; the first is compared with each other",
     )
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    add("--same-beams", action="store_true", help="run all with the first sensor's scanner and mounting")
+    add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
     add("--illuminance", metavar="KLUX,KLUX,...", type=rising("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other")  # fmt: skip
-    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
+    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=None, dest="overrides",
         help="change a value of the sensor files, may be repeated")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
@@ -87,10 +87,10 @@ def _sensors(arguments: argparse.Namespace) -> str:
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].require("--illuminance", value)
     scene = load_scene(arguments.inputs[0])
-    sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides)]
+    sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
     return compare_study.of_sensors(
         scene, sensors, arguments.output, seed=arguments.seed or 0, pose=arguments.pose,
-        chunk=arguments.chunk or DEFAULT_CHUNK, same_beams=arguments.same_beams,
+        chunk=arguments.chunk or DEFAULT_CHUNK, same_beams=bool(arguments.same_beams),
         illuminances_klux=arguments.illuminance, as_json=arguments.json,
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def _clouds(arguments: argparse.Namespace) -> str:
     from .analysis import compare_study
 
     for option in ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk"):
-        if getattr(arguments, option) not in (None, False, []):
+        if getattr(arguments, option) is not None:
             word = "set" if option == "overrides" else option.replace("_", "-")
             raise InputError(f"--{word}: goes with a scene and --sensors, not with clouds")
     if len(arguments.inputs) == 1:

@@ -47,7 +47,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeError:
-    """Reported less true range of the echoes of one group: mean and standard deviation."""
+    """Reported less true range of the echoes of one group: mean and standard deviation, 0 of a single one."""
 
     group: str
     points: int

@@ -134,13 +134,13 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
     middle = dict(zip(grouping.labels, grouping.middles, strict=True))
     bias, sigma = [], []
     for one in everything:
-        found = range_errors(one, grouping)
+        found = [e for e in range_errors(one, grouping) if e.points > 1]  # one point has no deviation
         x = np.array([middle[e.group] for e in found], dtype=np.float64)
         bias.append(_millimetres(one.name, x, found, "bias"))
         sigma.append(_millimetres(one.name, x, found, "sigma"))
     told = (
         "Reported less true range of the echoes, by true range: mean (above) and standard deviation (below), with 95 % "
-        "intervals that take the errors for independent and Gaussian."
+        "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
     )
     draw = partial(
         charts_compare.save_panels, panels=(("mean error [mm]", bias), ("deviation [mm]", sigma)),
