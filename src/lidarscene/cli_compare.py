@@ -43,7 +43,12 @@ def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], st
         help="catalogue names or sensor files; the first is compared with each other",
     )
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
+    add(
+        "--same-beams",
+        action="store_true",
+        default=None,
+        help="run all with the first sensor's scanner and mounting",
+    )
     add("--illuminance", metavar="KLUX,KLUX,...", type=rising("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other")  # fmt: skip
     add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=None, dest="overrides",

@@ -6,7 +6,7 @@ A rate is a share of the pulses in `Surfaces`, found or not. Its interval is Wil
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -202,14 +202,22 @@ def paired_range_difference(a: Observation, b: Observation) -> RangeError | None
 def difference(a: Observation, b: Observation) -> tuple[PointCloud, Matrix]:
     """The difference cloud and which of DIFFERENCE each point is, in the order of pulses.
 
-    The first echo of each pulse that has one: A's point where A has one, else B's. False alarms are left out.
+    The first echo of each pulse that has one: A's point where A has one, else B's, with the sensor's index 0 or 1.
+    False alarms are left out.
     """
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
     kind_a = np.where(np.isin(pulse_a, pulse_b, assume_unique=True), 0, 1)
     alone = ~np.isin(pulse_b, pulse_a, assume_unique=True)
     order = np.argsort(np.concatenate([pulse_a, pulse_b[alone]]), kind="stable")
-    together = PointCloud.concatenate([a.cloud.select(first_a), b.cloud.select(first_b[alone])])
+    parts = [a.cloud.select(first_a), b.cloud.select(first_b[alone])]
+    names = (a.name, b.name)
+    together = PointCloud.concatenate(
+        [
+            replace(p, sensor_index=np.full(len(p), i, np.uint8), sensor_names=names)
+            for i, p in enumerate(parts)
+        ]
+    )
     kinds = np.concatenate([kind_a, np.full(int(alone.sum()), 2)]).astype(np.uint8)
     return together.select(order), kinds[order]
 

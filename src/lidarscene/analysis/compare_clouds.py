@@ -95,7 +95,7 @@ def _numbered(clouds: Sequence[PointCloud]) -> list[Matrix]:
         # + 0.0 makes one zero of the two.
         return np.concatenate([getattr(cloud, attribute) + 0 for cloud in clouds])
 
-    keys = [joined(name) for name in ("elevation_rad", "azimuth_rad", "channel", "time_s")]
+    keys = [joined(name) for name in ("elevation_rad", "azimuth_rad", "channel", "sensor_index", "time_s")]
     order = np.lexsort(keys)
     new = np.zeros(len(order), bool)
     for key in keys:
