@@ -77,8 +77,8 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
     page = Page(comparison.title, folder=folder)
     for note in comparison.notes:
         page.paragraph(note)
-    page.table(report.FATE, report.fate_rows(comparison))
-    page.table(report.RATES, report.rate_summary_rows(comparison))
+    page.table(*report.fate(comparison))
+    page.table(*report.summary(comparison))
     if comparison.matched:
         page.heading("Who found what")
         page.table(report.PAIRS, report.pair_rows(comparison))

@@ -59,38 +59,45 @@ def _between(ends: tuple[float, float]) -> str:
     return f"{100.0 * ends[0]:.2f} to {100.0 * ends[1]:.2f} %"
 
 
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+"""Header and rows."""
+
+_FATE_SHORT = ("sensor", "pulses", "met a surface", "kept", "points", "false alarms")
+_RATES_SHORT = (
+    "sensor",
+    "found",
+    "95 % interval",
+    "expected",
+    "mean range error",
+    "deviation of range error",
+)
+
 FATE = ("sensor", "pulses", "met a surface", "kept", "lost: below threshold", "of these without any light",
         "lost: out of window", "lost: hidden by a false alarm", "points", "false alarms")  # fmt: skip
 
 
-def fate_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """What became of each sensor's pulses; "-" where a cloud does not tell."""
-    rows = []
+def fate(comparison: Comparison) -> Table:
+    """What became of each sensor's pulses."""
+    rows: list[Sequence[str]] = []
     for one in comparison.everything:
         cells = ["-"] * 7
         if one.surfaces is not None and one.fired is not None:
             below, *lost = one.lost.values()
             dark = np.count_nonzero(one.surfaces.snr == 0.0)
-            numbers = (
-                one.fired,
-                len(one.surfaces.pulse),
-                np.count_nonzero(one.surfaces.found),
-                below,
-                dark,
-                *lost,
-            )
+            met, found = len(one.surfaces.pulse), np.count_nonzero(one.surfaces.found)
+            numbers = (one.fired, met, found, below, dark, *lost)
             cells = [f"{n:,}" for n in numbers]
         rows.append((one.name, *cells, f"{len(one.cloud):,}", f"{one.alarms:,}"))
-    return rows
+    return _known(FATE, rows)
 
 
 RATES = ("sensor", "found", "95 % interval", "expected", "found less expected", "mean range error",
          "deviation of range error")  # fmt: skip
 
 
-def rate_summary_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+def summary(comparison: Comparison) -> Table:
     """Rates and range errors over all pulses."""
-    rows = []
+    rows: list[Sequence[str]] = []
     for one in comparison.everything:
         cells = ["-", "-", "-", "-"]
         if one.surfaces is not None:
@@ -105,7 +112,13 @@ def rate_summary_rows(comparison: Comparison) -> list[tuple[str, ...]]:
             told = (f"{1e3 * e.bias_m:+.2f} ± {1e3 * e.bias_interval_m:.2f} mm",
                     f"{1e3 * e.sigma_m:.2f} ± {1e3 * e.sigma_interval_m:.2f} mm")  # fmt: skip
         rows.append((one.name, *cells, *told))
-    return rows
+    return _known(RATES, rows)
+
+
+def _known(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """The columns of which something is known."""
+    kept = [i for i in range(len(header)) if any(row[i] != "-" for row in rows)]
+    return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
 
 PAIRS = ("A", "B", "found by both", "A only", "B only", "neither", "rate of A less B", "95 % interval",
@@ -135,9 +148,7 @@ def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     return rows
 
 
-def group_table(
-    comparison: Comparison, key: str, most: int | None = None
-) -> tuple[list[str], list[list[str]]]:
+def group_table(comparison: Comparison, key: str, most: int | None = None) -> Table:
     """Header and rows of a table by class or body: found by each sensor; by A only and by B only where pulses match.
 
     most  rows at most: those where one sensor found most pulses that the other did not, else those of most pulses
@@ -174,7 +185,7 @@ def _found(one: Rate) -> str:
     return f"{_percent(one.rate)} ({_between(one.interval)})" if one.surfaces else "-"
 
 
-def counts_table(comparison: Comparison, key: str) -> tuple[list[str], list[list[str]]]:
+def counts_table(comparison: Comparison, key: str) -> Table:
     """Echoes by group, where there are no rates."""
     grouping = comparison.group(key)
     counted = [{e.group: e.points for e in range_errors(one, grouping)} for one in comparison.everything]
@@ -183,7 +194,8 @@ def counts_table(comparison: Comparison, key: str) -> tuple[list[str], list[list
         for label in dict.fromkeys(grouping.labels)
         if any(label in one for one in counted)
     ]
-    return [key, *(f"echoes, {one.name}" for one in comparison.everything)], rows
+    named = f"{key} [{grouping.unit}]" if grouping.unit else key
+    return [named, *(f"echoes, {one.name}" for one in comparison.everything)], rows
 
 
 def crossing_lines(swept: Sweep, first: str) -> list[str]:
@@ -210,7 +222,7 @@ def _crossed(one: Crossing) -> str:
     )
 
 
-def sweep_table(swept: Sweep) -> tuple[list[str], list[list[str]]]:
+def sweep_table(swept: Sweep) -> Table:
     """Each sensor under each illuminance."""
     header = ["illuminance"]
     for name in swept.courses:
@@ -233,12 +245,10 @@ def sweep_table(swept: Sweep) -> tuple[list[str], list[list[str]]]:
 
 def as_text(comparison: Comparison) -> str:
     """For people: a table of the sensors, a line for each pair and crossing."""
-    lines = _columns(
-        [("", *FATE[1:4], "points", "false alarms"), *((*r[:4], *r[8:]) for r in fate_rows(comparison))]
-    )
-    lines += _columns(
-        [("", *RATES[1:4], *RATES[5:]), *((*r[:4], *r[5:]) for r in rate_summary_rows(comparison))]
-    )
+    lines: list[str] = []
+    for short, (header, rows) in ((_FATE_SHORT, fate(comparison)), (_RATES_SHORT, summary(comparison))):
+        kept = [i for i, name in enumerate(header) if name in short]
+        lines += _columns([[row[i] for i in kept] for row in (("", *header[1:]), *rows)])
     for row in pair_rows(comparison):
         lines.append(
             f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, "
