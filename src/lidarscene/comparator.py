@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from . import noise
+from . import interference, noise
 from .arrays import Array, xp
 from .detectors import WorkingPoint
+from .echoes import Interference
 from .physics import pulse as pulse_shape
 from .physics import tdc
 from .physics.special import normal_tail
@@ -48,6 +49,8 @@ def trip(
     level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
     # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
     tripped = normal_tail(deviate) < probability if point.exact else signal >= level
+    if point.saturation is not None:
+        tripped = tripped & (threshold < point.saturation)
     return Trip(
         signal=signal, sigma=sigma, deviate=deviate, of_peak=of_peak,
         level=level, probability=probability, tripped=tripped,
@@ -61,12 +64,12 @@ def probability(point: WorkingPoint, threshold: Array, signal: Array) -> Array:
     return point.detection_probability(threshold, signal, sigma)
 
 
-def amplitude(tripped: Trip, sensor: Sensor, threshold: Array, *, lag_s: Array) -> Array:
+def amplitude(tripped: Trip, sensor: Sensor, point: WorkingPoint, threshold: Array, *, lag_s: Array) -> Array:
     """Measured peak: the edge's noise ``lag_s`` later, and the peak's own for what has been forgotten by then."""
     ops = xp(tripped.signal)
     kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
     peak_noise = kept * tripped.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * tripped.of_peak
-    return ops.maximum(tripped.signal + peak_noise * tripped.sigma, threshold)
+    return point.measured(ops.maximum(tripped.signal + peak_noise * tripped.sigma, threshold))
 
 
 def reported_s(
@@ -106,38 +109,86 @@ def converted(sensor: Sensor, time_s: Array, *, seed: Array, pulse: Array, draw:
     return tdc.quantised(time_s=jittered, least_significant_bit_s=sensor.tdc.least_significant_bit_s)
 
 
-def false_alarms(
-    sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
-) -> list[tuple[Array, Array]]:
-    """Time and amplitude of noise crossings of each pulse, one for every stop: those that the converter keeps.
+Alarm = tuple[Array, Array, Array]
+"""Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: there is none)."""
 
-    Crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction of
-    time; ordered by height, the shares of the window's expected crossings that are as high are such a process
-    too. Where none can come the time is far beyond any window.
+
+def false_alarms(
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    sources: tuple[Interference, ...],
+    *,
+    seed: Array,
+    pulse: Array,
+) -> list[Alarm]:
+    """Crossings of each pulse without an echo of ours, at least as many as stops: those that the converter keeps.
+
+    Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction
+    of time. Where none can come the time is far beyond any window.
     """
-    ops = xp(threshold)
-    window = sensor.tdc.window_s
+    ops, window = xp(threshold), sensor.tdc.window_s
+    others = interference.crossings(sources, point, threshold)
     p_false = point.false_alarm_probability(threshold)
-    rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    if sensor.tdc.keep == "strongest":
+        return _strongest_alarms(sensor, point, threshold, noise_rate, others, seed=seed, pulse=pulse)
+    rate = sum((one.rate_hz for one in others), noise_rate)
     never = rate <= 0.0
-    rate = ops.where(never, 1.0, rate)
-    # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-    mean_excess = point.noise * point.noise / threshold
-    arrivals = []
+    arrivals: list[Alarm] = []
     elapsed: Array = 0.0
     for draw in range(sensor.tdc.stops):
         first, second = noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw)
-        elapsed = elapsed + noise.exponential((first, second))
-        words = noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
-        if sensor.tdc.keep == "strongest":
-            expected = rate * window
-            time_s = ops.where(elapsed < expected, noise.open_uniform(words[0]) * window, NEVER_S)
-            excess = ops.log(ops.maximum(expected / elapsed, 1.0)) * mean_excess
-        else:
-            time_s = elapsed / rate
-            if sensor.tdc.keep == "last":
-                time_s = ops.where(time_s < window, window - time_s, NEVER_S)
-            excess = noise.exponential(words) * point.noise * point.noise / threshold
-        time_s = ops.where(never, NEVER_S, time_s)
-        arrivals.append((ops.minimum(time_s, NEVER_S), threshold + excess))
+        wait = noise.exponential((first, second))
+        elapsed = elapsed + wait
+        height = noise.exponential(
+            noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
+        )
+        # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
+        amplitude = threshold + height * point.noise * point.noise / threshold
+        theirs: Array = False
+        if others:
+            theirs, amplitude = interference.assigned(
+                others, point, noise_rate_hz=noise_rate, noise_amplitude=amplitude, threshold=threshold,
+                seed=seed, pulse=pulse, draw=draw,
+            )  # fmt: skip
+        time_s = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
+        if sensor.tdc.keep == "last":
+            time_s = ops.where(time_s < window, window - time_s, NEVER_S)
+        arrivals.append((ops.minimum(time_s, NEVER_S), amplitude, theirs))
     return arrivals
+
+
+def _strongest_alarms(
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    noise_rate_hz: Array,
+    others: tuple[interference.Crossings, ...],
+    *,
+    seed: Array,
+    pulse: Array,
+) -> list[Alarm]:
+    """The highest crossings of noise and of each other lidar, at any time of the window.
+
+    Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
+    """
+    ops, window = xp(threshold), sensor.tdc.window_s
+    alarms: list[Alarm] = []
+    for number, one in enumerate((None, *others)):
+        expected = (noise_rate_hz if one is None else one.rate_hz) * window
+        stage = noise.STAGE_FALSE_ALARM if one is None else noise.STAGE_INTERFERENCE
+        higher: Array = 0.0
+        for draw in range(sensor.tdc.stops):
+            at = 2 * (max(number - 1, 0) * sensor.tdc.stops + draw)
+            higher = higher + noise.exponential(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at))
+            place = noise.open_uniform(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at + 1)[0])
+            there = higher < expected
+            share = ops.where(there, higher / ops.where(there, expected, 1.0), 1.0)
+            if one is None:
+                amplitude = threshold - ops.log(share) * point.noise * point.noise / threshold
+            else:
+                amplitude = interference.amplitude_of(one, point, threshold, uniform=share)
+            theirs: Array = (there if one is not None else there & False) if others else False
+            alarms.append((ops.where(there, place * window, NEVER_S), amplitude, theirs))
+    return alarms

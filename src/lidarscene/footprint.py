@@ -48,7 +48,9 @@ class Footprint:
 
 def footprint(laser: Laser, rays: int) -> Footprint:
     """A beam as so many rays; a single one is its axis."""
-    second = laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
+    second = (
+        laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
+    )
     return Footprint(
         points=Table(points(laser.profile, rays)),
         exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),

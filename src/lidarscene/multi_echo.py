@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from . import comparator
+from . import ambient, comparator, intensity
 from .arrays import Array, State, xp
-from .echoes import EchoTrain
+from .echoes import EchoTrain, Interference
 from .physics import radiometry
 from .physics.waveform import crossing
-from .returns import Detection, Outcome, Returns, Status
+from .returns import Detection, Outcome, Returns, Status, alarm_status
 from .rises import Rise, visit_all
 from .samplers import Shots, read
 from .sensor import Sensor
@@ -40,11 +40,11 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
     )  # fmt: skip
     found = converter.search()
     stops = found.stops
-    for alarm in converter.alarms():
+    for alarm in converter.alarms(train.interference):
         stops = _inserted(stops, alarm)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
-    return converter.detection(found, stops)
+    return converter.detection(train, found, stops)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,9 @@ class _Converter(Shots):
         place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
-    def _stop(self, rise: Rise, trip: comparator.Trip, taken: Array, place: Array, crossing_s: Array) -> State:
+    def _stop(
+        self, rise: Rise, trip: comparator.Trip, taken: Array, place: Array, crossing_s: Array
+    ) -> State:
         """What the converter would report of a crossing; not taken, it has the lowest key."""
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
@@ -144,7 +146,7 @@ class _Converter(Shots):
         of_air = wave.at(place)[0] > 2.0 * total
         return ops.where(of_air, -1, lane), ops.where(of_air, wave.range_m(place), mean)
 
-    def alarms(self) -> list[State]:
+    def alarms(self, sources: tuple[Interference, ...]) -> list[State]:
         """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
         ops, wave = self.ops, self.wave
         number, strongest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
@@ -154,19 +156,19 @@ class _Converter(Shots):
             place = ops.where(height > strongest, centre, place)
             strongest = ops.maximum(height, strongest)
         lane = ops.index(place) * len(wave.centres) + number
-        zero, status = ops.full(place, 0.0), ops.full(lane, int(Status.FALSE_ALARM))
+        zero, kind = ops.full(place, 0.0), ops.full(lane, 0)
         found = comparator.false_alarms(
-            self.sensor, self.point, self.threshold, seed=self.seed, pulse=self.pulse
+            self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
         )
         return [
             (
                 ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, zero, zero, zero, lane, wave.range_m(place), status,
+                time_s, amplitude, zero, zero, zero, lane, wave.range_m(place), kind + alarm_status(theirs),
             )
-            for time_s, amplitude in found
+            for time_s, amplitude, theirs in found
         ]  # fmt: skip
 
-    def detection(self, found: _Found, stops: list[State]) -> Detection:
+    def detection(self, train: EchoTrain, found: _Found, stops: list[State]) -> Detection:
         """All that is known of the pulses."""
         ops = self.ops
         returns = []
@@ -174,12 +176,16 @@ class _Converter(Shots):
         for key, _, reported_s, amplitude, width_s, snr, probability, lane, true_range, status in stops:
             used = key > _EMPTY
             kept = kept | (used & (status == int(Status.ECHO)))
+            range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
             returns.append(
                 Returns(
                     reported=used,
                     status=status,
-                    range_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s),
+                    range_m=range_m,
                     amplitude=amplitude,
+                    intensity=intensity.reported(
+                        train, self.sensor, self.point, amplitude=amplitude, range_m=range_m
+                    ),
                     width_s=width_s,
                     snr=snr,
                     detection_probability=probability,
@@ -197,6 +203,7 @@ class _Converter(Shots):
             snr=ops.where(lit, self.snr(signal), 0.0),
             detection_probability=ops.where(lit, probability, 0.0),
             outcome=outcome,
+            ambient=ambient.counts(train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
             stops=tuple(returns),
         )
 

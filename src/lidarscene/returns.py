@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import Any
 
-from . import comparator
+from . import ambient, comparator, intensity
 from .arrays import Array, xp
 from .detectors import WorkingPoint
 from .echoes import Echoes
@@ -20,6 +20,7 @@ class Status(enum.IntEnum):
 
     ECHO = 0
     FALSE_ALARM = 1
+    INTERFERENCE = 2  # another lidar's pulse
 
 
 class Outcome(enum.IntEnum):
@@ -40,6 +41,7 @@ class Returns:
     status     (n,) int32, a `Status`
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
+    intensity  (n,) on the maker's scale, `intensity.reported`
 
     Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
 
@@ -53,6 +55,7 @@ class Returns:
     status: Array
     range_m: Array
     amplitude: Array
+    intensity: Array
     snr: Array | None = None
     detection_probability: Array | None = None
     lane: Array | None = None
@@ -68,12 +71,14 @@ class Detection:
     detection_probability  (n,) that this echo trips the comparator; 0 without an echo
                            Of several echoes the strongest counts.
     outcome                (n,) int32, an `Outcome`
+    ambient                (n,) background counts, `ambient.counts`
     stops                  one `Returns` for each stop, first crossing first
     """
 
     snr: Array
     detection_probability: Array
     outcome: Array
+    ambient: Array
     stops: tuple[Returns, ...]
 
 
@@ -99,23 +104,32 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     threshold = sensor.threshold(point)
     edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
     in_window = edge.found & (edge.crossing_s < sensor.tdc.window_s)
-    alarms = comparator.false_alarms(sensor, point, threshold, seed=seed, pulse=pulse)
+    alarms = [
+        (time_s, height, alarm_status(theirs))
+        for time_s, height, theirs in comparator.false_alarms(
+            sensor, point, threshold, echoes.interference, seed=seed, pulse=pulse
+        )
+    ]
 
     echo_left = in_window
     stops = []
     for stop in range(sensor.tdc.stops):
         # Alarms come in order, so this stop holds the echo if it is still unreported and comes next.
         used = stop - _as_int(ops, in_window & ~echo_left)
-        alarm_s, alarm_amplitude = _nth(ops, alarms, used)
+        alarm_s, alarm_amplitude, status = _nth(ops, alarms, used)
         alarm = alarm_s < sensor.tdc.window_s
         echo_now = echo_left & ~(alarm & (alarm_s < edge.crossing_s))
         echo_left = echo_left & ~echo_now
+        reported_s = ops.where(echo_now, edge.reported_s, alarm_s)
+        range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
+        amplitude = ops.where(echo_now, edge.amplitude, alarm_amplitude)
         stops.append(
             Returns(
                 reported=echo_now | alarm,
-                status=ops.where(echo_now, int(Status.ECHO), int(Status.FALSE_ALARM)),
-                range_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=ops.where(echo_now, edge.reported_s, alarm_s)),
-                amplitude=ops.where(echo_now, edge.amplitude, alarm_amplitude),
+                status=ops.where(echo_now, int(Status.ECHO), status),
+                range_m=range_m,
+                amplitude=amplitude,
+                intensity=intensity.reported(echoes, sensor, point, amplitude=amplitude, range_m=range_m),
             )
         )
     outcome = ops.where(echo_left, int(Outcome.HIDDEN), int(Outcome.KEPT))
@@ -128,6 +142,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
         snr=ops.where(echoes.found, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
         detection_probability=ops.where(echoes.found, edge.probability, 0.0),
         outcome=outcome,
+        ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
         stops=tuple(stops),
     )
 
@@ -146,7 +161,7 @@ def _edge(
     share = ops.where(found & (own.level < own.signal), point.power_w(own.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
-    measured = comparator.amplitude(own, sensor, threshold, lag_s=early)
+    measured = comparator.amplitude(own, sensor, point, threshold, lag_s=early)
     return _Edge(
         found=found,
         crossing_s=crossing,
@@ -158,14 +173,22 @@ def _edge(
     )
 
 
-def _nth(ops: Any, alarms: list[tuple[Array, Array]], index: Array) -> tuple[Array, Array]:
+def alarm_status(theirs: Array) -> Array:
+    """Noise, or another lidar's pulse; ``theirs`` is False where there is no other lidar."""
+    if theirs is False:
+        return int(Status.FALSE_ALARM)
+    return xp(theirs).where(theirs, int(Status.INTERFERENCE), int(Status.FALSE_ALARM))
+
+
+def _nth(ops: Any, alarms: list[tuple[Array, Array, Array]], index: Array) -> tuple[Array, Array, Array]:
     """The index-th alarm of each pulse (index differs by pulse)."""
-    time_s, amplitude = alarms[0]
-    for number, (later_s, later_amplitude) in enumerate(alarms[1:], start=1):
+    time_s, amplitude, status = alarms[0]
+    for number, (later_s, later_amplitude, later_status) in enumerate(alarms[1:], start=1):
         chosen = index >= number
         time_s = ops.where(chosen, later_s, time_s)
         amplitude = ops.where(chosen, later_amplitude, amplitude)
-    return time_s, amplitude
+        status = ops.where(chosen, later_status, status)
+    return time_s, amplitude, status
 
 
 def _as_int(ops: Any, flag: Array) -> Array:

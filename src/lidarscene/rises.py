@@ -84,7 +84,7 @@ def visit_all(wave: Waveform, visit: Visit, state: State) -> State:
     start = following(ops.full(wave.origin_m, -_END))
     place = ops.where(start < _END, start, 0.0)
     begin = (place, ops.full(place, 1.0), ops.full(place, 0.0), start, ops.full(place, 0))
-    return ops.loop((*begin, *state), going, step)[len(begin):]
+    return ops.loop((*begin, *state), going, step)[len(begin) :]
 
 
 def _march(

@@ -77,7 +77,7 @@ def read(shots: Shots, rise: Rise, trip: Trip, place: Array, *, wanted: Array) -
     if isinstance(sampler, Adc):
         return _by_samples(shots, sampler, rise, place, wanted)
     amplitude = comparator.amplitude(
-        trip, shots.sensor, shots.threshold, lag_s=(place - rise.peak) * shots.sigma_s
+        trip, shots.sensor, shots.point, shots.threshold, lag_s=(place - rise.peak) * shots.sigma_s
     )
     reported_s = comparator.reported_s(
         shots.sensor, shots.point, shots.threshold, shots.time_s(place),
@@ -100,7 +100,9 @@ def _by_levels(
     kept = tdc.noise_correlation(
         lag_s=2.0 * (rise.peak - place) * shots.sigma_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz
     )
-    trailing = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * noise.normal_pair(words)[0]
+    trailing = (
+        kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * noise.normal_pair(words)[0]
+    )
     own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     width, amplitude = ops.full(place, 0.0), shots.threshold
     for number, factor in enumerate(sampler.levels):
@@ -110,6 +112,8 @@ def _by_levels(
             for deviate in (trip.deviate, trailing)
         )
         reached = wanted & (up < trip.signal) & (down < trip.signal)
+        if point.saturation is not None:
+            reached = reached & (level < point.saturation)
         start = place
         if number > 0:
             start = crossing(
@@ -148,7 +152,11 @@ def _falling(shots: Shots, level_w: Array, rise: Rise, wanted: Array) -> Array:
     def step(place: Array, above: Array, steps: Array) -> State:
         return place + STEP, shots.wave.at(place + STEP)[0] > level_w, steps + 1
 
-    start = (rise.peak + ops.full(rise.peak, 0.0), wanted & (rise.peak == rise.peak), ops.full(rise.number, 0))
+    start = (
+        rise.peak + ops.full(rise.peak, 0.0),
+        wanted & (rise.peak == rise.peak),
+        ops.full(rise.number, 0),
+    )
     far, _, _ = ops.loop(start, going, step)
     return crossing(shots.wave.at, level_w, far=far, peak=far - STEP, top=rise.top, wanted=wanted)
 
@@ -210,14 +218,19 @@ class _Window:
 
         def step(number: Array, deviate: Array, *sums: Array) -> State:
             words = noise.words(
-                seed=shots.seed, stage=noise.STAGE_SAMPLES, pulse=shots.pulse, draw=before + ops.uint32(number)
+                seed=shots.seed,
+                stage=noise.STAGE_SAMPLES,
+                pulse=shots.pulse,
+                draw=before + ops.uint32(number),
             )
             own = noise.normal_pair(words)[0]
             deviate = ops.where(number == 0, own, kept * deviate + fresh * own)
             place = self.start + ops.float32(number) * self.spacing
             signal = shots.point.signal(shots.wave.at(place)[0])
             sample = sampling.quantised(
-                signal=signal + deviate * shots.noise_at(signal), step=adc.step, full_scale=adc.full_scale
+                signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
+                step=adc.step,
+                full_scale=adc.full_scale,
             )
             return number + 1, deviate, *add(place, sample, *sums)
 
@@ -234,7 +247,13 @@ class _Window:
         nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
 
         def add(
-            place: Array, sample: Array, total: Array, moment: Array, over: Array, highest: Array, closed: Array
+            place: Array,
+            sample: Array,
+            total: Array,
+            moment: Array,
+            over: Array,
+            highest: Array,
+            closed: Array,
         ) -> State:
             above = (sample >= threshold) & ~closed
             part = ops.where(above, sample, 0.0)

@@ -130,7 +130,9 @@ def _volume_w(air: Volume, range_m: Array, sigma_m: Array, *, pulse: Any = ...) 
 
     pulse  index that makes the pulses' numbers fit the ranges
     """
-    scale, end_m = (values if pulse is ... else np.asarray(values)[pulse] for values in (air.scale, air.end_m))
+    scale, end_m = (
+        values if pulse is ... else np.asarray(values)[pulse] for values in (air.scale, air.end_m)
+    )
     ops = xp(range_m, scale)
     left = normal_tail(ops.maximum((range_m - end_m) / sigma_m, -8.0))
     inside = (range_m > 0.0) & (range_m < air.far_m)

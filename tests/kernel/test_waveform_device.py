@@ -45,7 +45,8 @@ def fetched(light, equipped, mi, *, seed=0):
 @pytest.mark.parametrize("case", CASES)
 def test_device_and_numpy_agree(case, mi):
     """Single precision: a picosecond or two of 400 ns, and 1e-5 of a probability. A sample on a step's edge or a tick
-    of the clock may fall on the other side: of the ADC's times 1 % may differ, by what its noise does."""
+    of the clock may fall on the other side: of the ADC's times 1 % may differ, by what its noise does.
+    """
     equipped = trains.sensor(*CASES[case])
     range_m, power = trains.random_trains(COUNT, 7, equipped, seed=9)
     light = trains.train(range_m.astype(np.float32), power.astype(np.float32))
@@ -96,7 +97,13 @@ def test_a_second_frame_compiles_nothing(case, mi):
 
     equipped = trains.sensor(*CASES[case])
     fetched(trains.train(*trains.random_trains(500, 7, equipped, seed=1)), equipped, mi)
-    other = trains.sensor(*CASES[case], "tdc.bandwidth_mhz=150", "tdc.dead_time_ns=3", "detector.gain=70", "laser.pulse_fwhm_ns=5.9")
+    other = trains.sensor(
+        *CASES[case],
+        "tdc.bandwidth_mhz=150",
+        "tdc.dead_time_ns=3",
+        "detector.gain=70",
+        "laser.pulse_fwhm_ns=5.9",
+    )
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         fetched(trains.train(*trains.random_trains(500, 7, other, seed=2)), other, mi, seed=5)
@@ -109,9 +116,14 @@ def test_a_second_frame_compiles_nothing(case, mi):
 @pytest.mark.parametrize("profile", ["gaussian", "top_hat"])
 def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     """The rays' powers together, at the sum's peak. 1e-4 is asked; a ray theta / 2 off the axis is longer by
-    theta^2 / 8 and sees cos(theta / 2): 1e-6 at 2 mrad."""
+    theta^2 / 8 and sees cos(theta / 2): 1e-6 at 2 mrad.
+    """
     equipped = chain.sensor(
-        "table1-apd", *chain.NARROW, "laser.divergence_mrad=2", "laser.exit_diameter_mm=5", f"laser.beam_profile='{profile}'"
+        "table1-apd",
+        *chain.NARROW,
+        "laser.divergence_mrad=2",
+        "laser.exit_diameter_mm=5",
+        f"laser.beam_profile='{profile}'",
     )
     described = chain.scene(chain.facing(range_m=60.0))
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=np.zeros(3))

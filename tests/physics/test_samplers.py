@@ -51,7 +51,9 @@ def test_matched_filter_reaches_the_cramer_rao_bound(snr):
     assert low * bound < error.std() < 1.05 * high * bound
     assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(count)
     # Of the amplitude: sigma over the root of the sum of g^2, rate sqrt(pi) sigma_p samples.
-    assert amplitude.std() == pytest.approx(1.0 / snr / math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S), rel=0.05)
+    assert amplitude.std() == pytest.approx(
+        1.0 / snr / math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S), rel=0.05
+    )
 
 
 def test_the_bound_is_that_of_the_sum_over_samples():
@@ -78,7 +80,10 @@ def test_quantisation_noise():
     8 bits of 2560 sigma are steps of 10 sigma, 2.9 sigma of noise; the pulse's 30 sigma per sample move it over many
     steps, so that errors are evenly spread: 10 % for what is left of the steps' own pattern.
     """
-    snr, sigma = 300.0, float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0])
+    snr, sigma = (
+        300.0,
+        float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0]),
+    )
     coarse = ["sampler.bits=8", f"sampler.full_scale={2560.0 * sigma!r}"]
     _, amplitude, _ = readings(snr, *WHITE, *ADC, *coarse)
     noise = math.hypot(1.0, sampling.quantisation_noise(step=10.0))
@@ -86,7 +91,9 @@ def test_quantisation_noise():
     assert amplitude.std() == pytest.approx(noise / snr / gain, rel=0.1)
     steps = np.random.default_rng(2).uniform(-50.0, 50.0, 1_000_000)
     error = sampling.quantised(signal=steps, step=1.0, full_scale=100.0) - steps
-    assert error.std() == pytest.approx(sampling.quantisation_noise(step=1.0), rel=2e-3)  # 1e6 errors: 1e-3 / sqrt(2)
+    assert error.std() == pytest.approx(
+        sampling.quantisation_noise(step=1.0), rel=2e-3
+    )  # 1e6 errors: 1e-3 / sqrt(2)
 
 
 def test_an_adc_that_is_full_clips():
@@ -102,7 +109,8 @@ def test_an_adc_that_is_full_clips():
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
 def test_levels_know_width_amplitude_and_walk(name):
     """Far above the noise: the width over the threshold is 2 sigma_p sqrt(2 ln(P / P_U)), the middle of it the peak,
-    whatever the height: the walk error is gone. Means over 20 000 shots, to five of their deviations and 1 %."""
+    whatever the height: the walk error is gone. Means over 20 000 shots, to five of their deviations and 1 %.
+    """
     quiet = [f"detector.circuit_noise_na={1e3}"] if name == "table1-apd" else []
     for snr in (15.0, 30.0):
         error, amplitude, width = readings(snr, *quiet, *LEVELS, "tdc.threshold_to_noise=6", name=name)
@@ -134,7 +142,9 @@ def test_levels_tell_a_broad_echo_from_a_tall_one():
 def test_levels_without_walk_correction_are_the_tdc(walk):
     """Raw and known walks are those of the first comparator, shot by shot."""
     for one, other in zip(
-        readings(50.0, *LEVELS, f"tdc.walk='{walk}'")[:1], readings(50.0, f"tdc.walk='{walk}'")[:1], strict=True
+        readings(50.0, *LEVELS, f"tdc.walk='{walk}'")[:1],
+        readings(50.0, f"tdc.walk='{walk}'")[:1],
+        strict=True,
     ):
         np.testing.assert_allclose(one, other, atol=1e-9)
 

@@ -44,7 +44,9 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     random = np.random.default_rng(3)
     count = 4000
     range_m = random.uniform(2.0, 500.0, count)
-    power = np.minimum(power_at_snr(equipped, 60.0) * random.uniform(0.3, 3.0, count) * (100.0 / range_m) ** 2, 1e-3)
+    power = np.minimum(
+        power_at_snr(equipped, 60.0) * random.uniform(0.3, 3.0, count) * (100.0 / range_m) ** 2, 1e-3
+    )
     power[::17] = 0.0
     weight = random.dirichlet(np.ones(sub_echoes), count)
     light = train(range_m[:, None], power[:, None] * weight)
@@ -98,7 +100,11 @@ def two_boards(separation, *, weights=(0.5, 0.5)):
     peak = power_at_snr(equipped, 1e7)
     light = train(np.array([[100.0, 100.0 + separation * SIGMA_M]]), peak * np.array([weights]))
     point = equipped.working_point(light.background_power_w)
-    return equipped, light, float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak))
+    return (
+        equipped,
+        light,
+        float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak)),
+    )
 
 
 def at_level(equipped, share, full):
@@ -159,7 +165,8 @@ def test_derivatives_of_the_sum():
 
 def test_energy_is_conserved():
     """The waveform's integral is the sum of the pulses' energies, wherever they are (a sum over steps of sigma / 5
-    of Gaussians is exact to rounding)."""
+    of Gaussians is exact to rounding).
+    """
     equipped = sensor("table1-apd")
     range_m, power = trains.random_trains(50, 9, equipped, seed=1)
     time_s = np.arange(-10.0 * SIGMA_S, 2.0 * 120.0 / SPEED_OF_LIGHT_M_S, SIGMA_S / 5.0)
@@ -181,7 +188,9 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     across = points("gaussian", rays)[:, 0] * radius
     equipped = sensor("table1-apd")
     time_s = 2.0 * 100.0 / SPEED_OF_LIGHT_M_S + np.arange(-60.0, 60.0, 0.02) * SIGMA_S
-    watts = sampled(train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s)[0][0]
+    watts = sampled(
+        train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s
+    )[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
     wanted = waveform.broadened_fwhm_s(
@@ -203,7 +212,9 @@ def test_each_return_has_its_own_probability(snr):
     for echo, range_m in enumerate((100.0, 140.0)):
         here = [s.reported & (s.status == 0) & (np.abs(s.range_m - range_m) < 10.0) for s in found.stops]
         tripped.append(here[0] | here[1])
-        probability = {float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]}
+        probability = {
+            float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]
+        }
         assert max(probability) - min(probability) < 1e-12
         assert binomtest(int(tripped[echo].sum()), count, max(probability)).pvalue > 1e-4
     both = int((tripped[0] & tripped[1]).sum())

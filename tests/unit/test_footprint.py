@@ -143,7 +143,9 @@ def test_axes_are_azimuth_and_elevation():
     assert np.ptp(direction[:, 2]) < 1e-5
     assert np.ptp(direction[:, 0]) > 3e-3
     # Standing on its nose, x down and z forward: level is now the world's y-z plane.
-    _, direction = fan(shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0))
+    _, direction = fan(
+        shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
+    )
     assert np.ptp(direction[:, 0]) < 1e-5
     assert np.ptp(direction[:, 2]) > 3e-3
 
@@ -180,7 +182,9 @@ def test_a_beam_finer_than_light_is_refused():
     """905 nm from 1 mm spread by 4 lambda / (pi d) = 1.152 mrad."""
     with pytest.raises(InputError, match=r"laser.*a beam of 1 mm spreads by 1\.15 mrad at least.*0\.5 came"):
         laser("exit_diameter_mm=1", "divergence_mrad=0.5")
-    quality = beam.beam_quality(exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9)
+    quality = beam.beam_quality(
+        exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9
+    )
     assert quality == pytest.approx(1.0, rel=1e-12)
     assert laser("exit_diameter_mm=1", "divergence_mrad=1.16").divergence_rad == pytest.approx(1.16e-3)
 

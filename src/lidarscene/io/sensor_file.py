@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,8 @@ from ..geometry import Pose
 from ..physics import beam
 from ..scan import Scanner
 from ..sensor import Adc, Laser, MultiLevel, Optics, Sensor, Tdc
-from .filter_file import FilterFile
+from .intensity_file import AnyIntensityFile
+from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
 from .scanner_model import Surroundings
@@ -42,7 +44,8 @@ class LaserFile(FileModel):
     pulse_fwhm_ns: Positive
     repetition_rate_khz: Positive
     divergence_mrad: NotNegative = Field(
-        default=0.0, description="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse"
+        default=0.0,
+        description="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
     )
     beam_profile: Literal["gaussian", "top_hat"] = "gaussian"
     divergence_elevation_mrad: Positive | None = Field(
@@ -76,36 +79,6 @@ class LaserFile(FileModel):
         return self
 
 
-class OpticsFile(FileModel):
-    """[optics]: the receiver."""
-
-    aperture_radius_mm: Positive
-    focal_length_mm: Positive
-    efficiency_laser: Share
-    efficiency_sun: Share
-    sun_irradiance_w_m2: NotNegative | None = Field(
-        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
-    )
-    filter: FilterFile | None = None
-
-    @model_validator(mode="after")
-    def _one_sun(self) -> OpticsFile:
-        if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
-            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
-        return self
-
-    def build(self, folder: Path) -> Optics:
-        """In SI units; a filter's transmittance file lies in ``folder``."""
-        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return Optics(
-            aperture_radius_m=self.aperture_radius_mm * 1e-3,
-            focal_length_m=self.focal_length_mm * 1e-3,
-            efficiency_laser=self.efficiency_laser,
-            efficiency_sun=self.efficiency_sun,
-            sun_irradiance_w_m2=sun,
-        )
-
-
 class ApdFile(FileModel):
     """[detector] type = "apd"."""
 
@@ -121,6 +94,10 @@ class ApdFile(FileModel):
     temperature_k: Positive = 300.0
     circuit_noise_na: NotNegative = 0.0
     tail: Literal["gaussian", "mcintyre"] = "gaussian"
+    saturation_ua: Positive | None = Field(
+        default=None,
+        description="current at which the amplifier clips, after multiplication; never if left out",
+    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -142,6 +119,7 @@ class ApdFile(FileModel):
             temperature_k=self.temperature_k,
             circuit_noise_a=self.circuit_noise_na * 1e-9,
             tail=self.tail,
+            saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
         )
 
 
@@ -191,6 +169,9 @@ class TdcFile(FileModel):
         default=0.0, description="from an echo's crossing to the next that can be taken"
     )
     walk: Literal["none", "raw", "corrected"] = "corrected"
+    ambient_window_us: Positive | None = Field(
+        default=None, description="time in which the background is counted; the window if left out"
+    )
 
     @model_validator(mode="after")
     def _one_threshold(self) -> TdcFile:
@@ -271,9 +252,13 @@ class SensorFile(FileModel):
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
     sampler: Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")] | None = Field(
-        default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
+        default=None,
+        description="what measures the pulses that trip the comparator; the TDC alone if left out",
     )
     mounting: PoseFile = PoseFile()
+    intensity: AnyIntensityFile | None = Field(
+        default=None, description="the maker's scale; the amplitude if left out"
+    )
     published: PublishedFile | None = Field(
         default=None, description="for comparison; not used by the simulation"
     )
@@ -291,17 +276,23 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.build()
-        optics = self.optics.build(folder)
+        laser, optics = _laser(self.laser), self.optics.build(folder)
+        if self.optics.overlap is not None:
+            overlap = self.optics.overlap.build(
+                optics=optics, laser=laser, detector_radius_m=self.detector.radius_mm * 1e-3
+            )
+            optics = replace(optics, overlap=overlap)
         return Sensor(
             name=self.name,
             description=self.description,
-            laser=_laser(self.laser),
+            laser=laser,
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
             tdc=_tdc(self.tdc),
             sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
+            intensity=None if self.intensity is None else self.intensity.build(),
             sources=dict(self.sources),
         )
 
@@ -344,6 +335,7 @@ def _tdc(tdc: TdcFile) -> Tdc:
         keep="first" if tdc.keep == "all" else tdc.keep,
         dead_time_s=tdc.dead_time_ns * 1e-9,
         walk=tdc.walk,
+        ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
     )
 
 
