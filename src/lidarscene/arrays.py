@@ -64,6 +64,11 @@ class NumpyOps:
         return np.full(np.shape(like), value)
 
     @staticmethod
+    def width(values: Array) -> int:
+        """How many numbers these are."""
+        return int(np.size(values))
+
+    @staticmethod
     def index(like: Array) -> Array:
         """Number of each lane."""
         return np.arange(len(like), dtype=np.int32)
@@ -129,6 +134,10 @@ class DrjitOps:
         """As many times this number as ``like`` is long."""
         kinds = {bool: self._dr.mask_t, int: self._dr.int32_array_t, float: self._dr.float32_array_t}
         return self._dr.full(kinds[type(value)](type(like)), value, self._dr.width(like))
+
+    def width(self, values: Array) -> int:
+        """How many numbers these are."""
+        return int(self._dr.width(values))
 
     def index(self, like: Array) -> Array:
         """Number of each lane."""

@@ -102,22 +102,35 @@ def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EchoTrain:
-    """Light on the detector, pulses of several sub-echoes; lane = pulse lane * sub-echoes + sub-echo.
+class SubEchoes:
+    """Sub-echoes of n pulses, equally many of each; lane = pulse lane * count + number.
 
-    range_m             (n m,) anything where there is no echo
-    peak_power_w        (n m,) peak of the sub-echo, 0 where there is none
+    range_m       (n count,) anything where there is no echo
+    peak_power_w  (n count,) peak of the sub-echo, 0 where there is none
+    """
+
+    range_m: Array
+    peak_power_w: Array
+    count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoTrain:
+    """Light on the detector, pulses of several sub-echoes, which are numbered through all parts.
+
+    parts               sub-echoes of one kind each
+    surfaces            how many of them are of surfaces, the first ones; the others are of the air
+    found               (n,) bool, whether any of those met a surface
     background_power_w  (n,) sun and sky
-    sub_echoes          m
     volume              backscatter of the air, or None
     interference        other lidars, as in `Echoes`
     white_w_m2          (n,) as in `Echoes`
     """
 
-    range_m: Array
-    peak_power_w: Array
+    parts: tuple[SubEchoes, ...]
+    surfaces: int
+    found: Array
     background_power_w: Array
-    sub_echoes: int
     volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
     white_w_m2: Array = 1.0

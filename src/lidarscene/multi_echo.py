@@ -23,7 +23,7 @@ from .waveform import waveform
 _EMPTY = -1e30
 """Key of a stop that nothing uses yet."""
 
-# Of a stop: key, time of the crossing, reported time, amplitude, width, SNR, P_d, lane, true range; in the end its status.
+# Of a stop: key, time of the crossing, reported time, amplitude, width, SNR, P_d, source, true range; in the end its status.
 _FIELDS = 9
 
 
@@ -40,11 +40,12 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
     )  # fmt: skip
     found = converter.search()
     stops = found.stops
-    for alarm in converter.alarms(train.interference):
+    strongest = converter.strongest(train.surfaces)
+    for alarm in converter.alarms(train.interference, *strongest):
         stops = _inserted(stops, alarm)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
-    return converter.detection(train, found, stops)
+    return converter.detection(train, found, stops, strongest[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,10 +119,10 @@ class _Converter(Shots):
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
         key = ops.where(taken, self.key(crossing_s, reading.amplitude), _EMPTY)
-        lane, true_range = self._source(rise.peak)
+        source, true_range = self._source(rise.peak)
         return (
             key, crossing_s, reading.reported_s, reading.amplitude, reading.width_s,
-            self.snr(trip.signal), trip.probability, lane, true_range,
+            self.snr(trip.signal), trip.probability, source, true_range,
         )  # fmt: skip
 
     def snr(self, signal: Array) -> Array:
@@ -129,7 +130,7 @@ class _Converter(Shots):
         return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
 
     def _source(self, place: Array) -> tuple[Array, Array]:
-        """Lane of the sub-echo that gives most light at a place, and the mean range by that light; -1 for the air."""
+        """Number of the sub-echo that gives most light at a place, and the mean range by that light; -1 for the air."""
         ops, wave = self.ops, self.wave
         strongest, number, total, moment = ops.full(place, -1.0), ops.full(place, 0), 0.0, 0.0
         for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
@@ -138,43 +139,48 @@ class _Converter(Shots):
             number = ops.where(part > strongest, k, number)
             strongest = ops.maximum(part, strongest)
             total, moment = total + part, moment + part * ahead
-        lane = ops.index(place) * len(wave.centres) + number
         lit = total > 0.0
         mean = wave.range_m(place + ops.where(lit, moment / ops.where(lit, total, 1.0), 0.0))
         if wave.volume is None:
-            return lane, mean
+            return number, mean
         of_air = wave.at(place)[0] > 2.0 * total
-        return ops.where(of_air, -1, lane), ops.where(of_air, wave.range_m(place), mean)
+        return ops.where(of_air, -1, number), ops.where(of_air, wave.range_m(place), mean)
 
-    def alarms(self, sources: tuple[Interference, ...]) -> list[State]:
-        """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
+    def strongest(self, surfaces: int) -> tuple[Array, Array]:
+        """Number and range of each pulse's strongest sub-echo of a surface."""
         ops, wave = self.ops, self.wave
-        number, strongest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
+        number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
         place = ops.full(wave.origin_m, 0.0)
-        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
-            number = ops.where(height > strongest, k, number)
-            place = ops.where(height > strongest, centre, place)
-            strongest = ops.maximum(height, strongest)
-        lane = ops.index(place) * len(wave.centres) + number
-        zero, kind = ops.full(place, 0.0), ops.full(lane, 0)
+        for k, (centre, height) in enumerate(zip(wave.centres[:surfaces], wave.heights, strict=False)):
+            number = ops.where(height > highest, k, number)
+            place = ops.where(height > highest, centre, place)
+            highest = ops.maximum(height, highest)
+        return number, wave.range_m(place)
+
+    def alarms(self, sources: tuple[Interference, ...], number: Array, range_m: Array) -> list[State]:
+        """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
+        ops, place = self.ops, self.wave.origin_m
+        zero, kind = ops.full(place, 0.0), ops.full(number, 0)
         found = comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
         )
         return [
             (
                 ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, zero, zero, zero, lane, wave.range_m(place), kind + alarm_status(theirs),
+                time_s, amplitude, zero, zero, zero, number, range_m, kind + alarm_status(theirs),
             )
             for time_s, amplitude, theirs in found
         ]  # fmt: skip
 
-    def detection(self, train: EchoTrain, found: _Found, stops: list[State]) -> Detection:
+    def detection(self, train: EchoTrain, found: _Found, stops: list[State], strongest: Array) -> Detection:
         """All that is known of the pulses."""
         ops = self.ops
         returns = []
         kept = ops.full(self.wave.origin_m, False)
-        for key, _, reported_s, amplitude, width_s, snr, probability, lane, true_range, status in stops:
+        for key, _, reported_s, amplitude, width_s, snr, probability, source, true_range, status in stops:
             used = key > _EMPTY
+            of_air = (status == int(Status.ECHO)) & ((source < 0) | (source >= train.surfaces))
+            status = ops.where(of_air, int(Status.WEATHER), status)
             kept = kept | (used & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
             returns.append(
@@ -189,14 +195,14 @@ class _Converter(Shots):
                     width_s=width_s,
                     snr=snr,
                     detection_probability=probability,
-                    lane=lane,
+                    source=source,
                     true_range_m=true_range,
                 )
             )
         outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
-        outcome = ops.where(found.highest_w > 0.0, outcome, int(Outcome.NO_SURFACE))
+        outcome = ops.where(train.found, outcome, int(Outcome.NO_SURFACE))
         signal, lit = self.point.signal(found.highest_w), found.highest_w > 0.0
         probability = comparator.probability(self.point, self.threshold, signal)
         return Detection(
@@ -205,6 +211,7 @@ class _Converter(Shots):
             outcome=outcome,
             ambient=ambient.counts(train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
             stops=tuple(returns),
+            source=strongest,
         )
 
 

@@ -21,6 +21,7 @@ class Status(enum.IntEnum):
     ECHO = 0
     FALSE_ALARM = 1
     INTERFERENCE = 2  # another lidar's pulse
+    WEATHER = 3  # light from fog, rain or snow
 
 
 class Outcome(enum.IntEnum):
@@ -46,7 +47,8 @@ class Returns:
     Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
 
     snr, detection_probability  (n,) as there; 0 for a false alarm
-    lane                        (n,) of the sub-echo that gives most of it; the pulse's strongest for a false alarm
+    source                      (n,) number of the sub-echo that gives most of it, -1: the air; the pulse's strongest
+                                for a false alarm
     true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak
     width_s                     (n,) time over the threshold; 0 where the sampler does not know
     """
@@ -58,7 +60,7 @@ class Returns:
     intensity: Array
     snr: Array | None = None
     detection_probability: Array | None = None
-    lane: Array | None = None
+    source: Array | None = None
     true_range_m: Array | None = None
     width_s: Array | None = None
 
@@ -73,6 +75,7 @@ class Detection:
     outcome                (n,) int32, an `Outcome`
     ambient                (n,) background counts, `ambient.counts`
     stops                  one `Returns` for each stop, first crossing first
+    source                 (n,) number of the strongest sub-echo of a surface, or None: there is only one
     """
 
     snr: Array
@@ -80,6 +83,7 @@ class Detection:
     outcome: Array
     ambient: Array
     stops: tuple[Returns, ...]
+    source: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

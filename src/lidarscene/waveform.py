@@ -76,10 +76,15 @@ class Waveform:
 
 def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
     """The sub-echoes of each pulse, taken apart into one array for each."""
-    ops = xp(train.range_m)
-    count = train.sub_echoes
-    ranges = [ops.column(train.range_m, number, count) for number in range(count)]
-    heights = [ops.column(train.peak_power_w, number, count) for number in range(count)]
+    ops = xp(train.parts[0].range_m)
+    ranges, heights = (
+        [
+            ops.column(getattr(part, name), number, part.count)
+            for part in train.parts
+            for number in range(part.count)
+        ]
+        for name in ("range_m", "peak_power_w")
+    )
     unit = _sigma_m(sensor)
     nearest = ops.full(heights[0], _FAR)
     for distance, height in zip(ranges, heights, strict=True):
@@ -98,15 +103,16 @@ def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarra
     times_s  (times,) after the pulse left
     """
     times = np.asarray(times_s, dtype=np.float64)
-    arrival = radiometry.time_of_flight_s(range_m=np.asarray(train.range_m, dtype=np.float64))
-    peak = np.asarray(train.peak_power_w)
-    power = np.zeros((len(peak) // train.sub_echoes, len(times)))
-    for first in range(train.sub_echoes):
-        lanes = slice(first, None, train.sub_echoes)
-        pulses = pulse_shape.gaussian_pulse(
-            time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
-        )
-        power += peak[lanes, None] * pulses
+    power = np.zeros((len(train.background_power_w), len(times)))
+    for part in train.parts:
+        arrival = radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64))
+        peak = np.asarray(part.peak_power_w)
+        for first in range(part.count):
+            lanes = slice(first, None, part.count)
+            pulses = pulse_shape.gaussian_pulse(
+                time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
+            )
+            power += peak[lanes, None] * pulses
     if train.volume is not None:
         power += _volume_w(
             train.volume,

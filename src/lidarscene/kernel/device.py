@@ -9,8 +9,8 @@ from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
 _KEPT_STATIC = frozenset(
-    {"stops", "samples"}
-)  # decide how many outputs and how much of its work a kernel has
+    {"stops", "samples", "count"}
+)  # decide how many outputs, or how much work, a kernel has
 
 
 def opaque(value: Any) -> Any:
@@ -56,11 +56,28 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
+def repeated(values: Any, times: int) -> tuple[Any, Any]:
+    """Each of (n,) numbers on ``times`` lanes, lane after lane; and which of its lanes each is."""
+    import drjit as dr
+
+    mi = mitsuba()
+    lane = dr.arange(mi.UInt32, dr.width(values) * times)
+    number = lane // times
+    return dr.gather(type(values), values, number), lane - number * times
+
+
 def from_numpy(values: Any) -> Any:
     """(n,) numbers in single precision."""
     import numpy as np
 
     return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def whole_numbers(values: Any) -> Any:
+    """(n,) signed numbers."""
+    import numpy as np
+
+    return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
 def start(arrays: list[Any]) -> None:
