@@ -79,8 +79,8 @@ def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
     if rays < 3:
         return spiral
     variance, axes = np.linalg.eigh(spiral.T @ spiral / rays)
-    stretched: np.ndarray[Any, Any] = 0.5 * spiral @ (axes / np.sqrt(variance)) @ axes.T
-    return stretched
+    stretched = 0.5 * spiral @ (axes / np.sqrt(variance)) @ axes.T
+    return np.asarray(stretched)
 
 
 def spread(rays: Beams, shape: Footprint, *, ray: Array, rotation: tuple[Array, ...]) -> Beams:
