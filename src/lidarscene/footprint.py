@@ -74,7 +74,7 @@ def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
     number = np.arange(rays)
     radius = np.sqrt(ring(inside=number / rays, outside=(number + 1) / rays))
     angle = _GOLDEN_ANGLE * number
-    spiral = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    spiral: np.ndarray[Any, Any] = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     spiral -= spiral.mean(axis=0)
     if rays < 3:
         return spiral

@@ -8,9 +8,7 @@ from typing import Any
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset(
-    {"stops", "samples"}
-)  # decide how many outputs and how much of its work a kernel has
+_KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
 
 
 def opaque(value: Any) -> Any:
