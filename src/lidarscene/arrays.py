@@ -152,8 +152,9 @@ class DrjitOps:
         return self._dr.gather(type(lanes), lanes, index)
 
     def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
-        """Step every lane of the state (a tuple of arrays) for as long as it is going; one kernel, whatever the count."""
-        return self._dr.while_loop(state, going, step, mode="symbolic")
+        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel."""
+        done: State = self._dr.while_loop(state, going, step, mode="symbolic")
+        return done
 
 
 @dataclass(frozen=True, eq=False)

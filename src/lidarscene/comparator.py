@@ -1,4 +1,4 @@
-"""Comparator: a peak and its noise in, whether and at which level it trips, how high it looks and when it is reported."""
+"""Comparator: a peak and its noise in, whether and where it trips, how high it looks, when it is reported."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def converted(sensor: Sensor, time_s: Array, *, seed: Array, pulse: Array, draw:
 
 
 Alarm = tuple[Array, Array, Array]
-"""Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: there is none)."""
+"""Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: no such)."""
 
 
 def false_alarms(

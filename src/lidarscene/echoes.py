@@ -76,11 +76,13 @@ class Echoes:
 class Volume:
     """Light of the air itself: one course over range for all pulses, as much of it as each pulse has.
 
-    shape    (samples,) W at a scale of one, from 0 to far_m in even steps; already as broad as the pulse makes it
-    far_m    of the last sample; nothing comes from behind that
-    hump_m   (from, to): outside of it the course is nowhere concave (`hump_of`)
-    scale    (n,) of each pulse
-    end_m    (n,) where the last of a pulse's light meets a surface: nothing comes from behind that
+    shape             (samples,) W at a scale of one, from 0 to far_m in even steps; already as broad as the pulse
+                      makes it
+    far_m             of the last sample; nothing comes from behind that
+    hump_m            (from, to): outside of it the course is nowhere concave (`hump_of`)
+    scale             (n,) of each pulse
+    end_m             (n,) where the last of a pulse's light meets a surface: nothing comes from behind that
+    extinction_per_m  alpha, for how the course ends there (T37)
     """
 
     shape: Table
@@ -88,6 +90,7 @@ class Volume:
     hump_m: tuple[Array, Array]
     scale: Array
     end_m: Array
+    extinction_per_m: Array
 
 
 def hump_of(shape: Table, far_m: float) -> tuple[float, float]:

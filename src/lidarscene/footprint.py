@@ -74,13 +74,13 @@ def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
     number = np.arange(rays)
     radius = np.sqrt(ring(inside=number / rays, outside=(number + 1) / rays))
     angle = _GOLDEN_ANGLE * number
-    spiral = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    spiral: np.ndarray[Any, Any] = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     spiral -= spiral.mean(axis=0)
     if rays < 3:
         return spiral
     variance, axes = np.linalg.eigh(spiral.T @ spiral / rays)
-    stretched: np.ndarray[Any, Any] = 0.5 * spiral @ (axes / np.sqrt(variance)) @ axes.T
-    return stretched
+    stretched = 0.5 * spiral @ (axes / np.sqrt(variance)) @ axes.T
+    return np.asarray(stretched)
 
 
 def spread(rays: Beams, shape: Footprint, *, ray: Array, rotation: tuple[Array, ...]) -> Beams:

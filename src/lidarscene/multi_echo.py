@@ -23,7 +23,7 @@ from .waveform import waveform
 _EMPTY = -1e30
 """Key of a stop that nothing uses yet."""
 
-# Of a stop: key, time of the crossing, reported time, amplitude, width, SNR, P_d, source, true range; in the end its status.
+# Of a stop: key, time of the crossing, reported time, amplitude, width, SNR, P_d, source, true range; later its status.
 _FIELDS = 9
 
 

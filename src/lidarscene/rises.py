@@ -84,7 +84,8 @@ def visit_all(wave: Waveform, visit: Visit, state: State) -> State:
     start = following(ops.full(wave.origin_m, -_END))
     place = ops.where(start < _END, start, 0.0)
     begin = (place, ops.full(place, 1.0), ops.full(place, 0.0), start, ops.full(place, 0))
-    return ops.loop((*begin, *state), going, step)[len(begin) :]
+    done: State = ops.loop((*begin, *state), going, step)
+    return done[len(begin) :]
 
 
 def _march(
@@ -116,4 +117,5 @@ def _march(
 
     nothing = ops.full(place, 0.0)
     state = (place, place, slope, bend, ahead, nothing, nothing, ops.full(place, False))
-    return ops.loop(state, going, step)
+    done: State = ops.loop(state, going, step)
+    return done

@@ -211,7 +211,7 @@ class _Window:
         shots, adc, ops = self.shots, self.adc, self.shots.ops
         kept = tdc.noise_correlation(lag_s=1.0 / adc.rate_hz, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
         fresh = ops.sqrt(1.0 - kept * kept)
-        before = self.rise.number * adc.samples
+        before = self.rise.number * ops.uint32(adc.samples)
 
         def going(number: Array, deviate: Array, *sums: Array) -> Array:
             return wanted & (number < adc.samples)
@@ -235,7 +235,8 @@ class _Window:
             return number + 1, deviate, *add(place, sample, *sums)
 
         start = (ops.full(self.rise.number, 0), ops.full(self.start, 0.0), *sums)
-        return ops.loop(start, going, step)[2:]
+        done: State = ops.loop(start, going, step)
+        return done[2:]
 
     def centroid(self, wanted: Array) -> State:
         """Sum, first moment, number and highest of the first samples above the threshold.

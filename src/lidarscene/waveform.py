@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,7 @@ import numpy as np
 from .arrays import Array, xp
 from .echoes import EchoTrain, Volume
 from .physics import pulse as pulse_shape
-from .physics import radiometry
-from .physics.special import normal_tail
+from .physics import radiometry, soft_target
 from .physics.waveform import SIGMAS_PER_FWHM, Shape, sum_of_pulses
 from .sensor import Sensor
 
@@ -20,7 +19,7 @@ _FAR = 1e30
 """Place of an interval that a pulse does not have; beyond every window."""
 
 _HALF_STEP = 0.5
-"""Over which the slope of a volume's course is taken, in sigma_p: within it a course as broad as the pulse bends little."""
+"""Over which the slope of a volume's course is taken, in sigma_p: a course bends little over that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +27,14 @@ class Waveform:
     """What comes back of each pulse, in units of the pulse's width around the pulse's first sub-echo.
 
     origin_m, unit_m  a place u is at the range origin_m + u unit_m; unit_m is c sigma_p / 2
+    fwhm_s            of the laser's pulse
     centres, heights  of each sub-echo, (n,) places and powers; height 0 where there is none
     volume            backscatter of the air, or None
     """
 
     origin_m: Array
     unit_m: Array
+    fwhm_s: Array
     centres: Sequence[Array]
     heights: Sequence[Array]
     volume: Volume | None
@@ -44,7 +45,7 @@ class Waveform:
         if self.volume is None:
             return value, slope, bend
         before, here, after = (
-            _volume_w(self.volume, self.range_m(place + step), self.unit_m)
+            _volume_w(self.volume, self.range_m(place + step), self.fwhm_s)
             for step in (-_HALF_STEP, 0.0, _HALF_STEP)
         )
         return (
@@ -85,7 +86,9 @@ def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
         ]
         for name in ("range_m", "peak_power_w")
     )
-    unit = _sigma_m(sensor)
+    unit = radiometry.range_from_time_of_flight_m(
+        time_of_flight_s=sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+    )
     nearest = ops.full(heights[0], _FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
@@ -94,7 +97,10 @@ def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
         for distance, height in zip(ranges, heights, strict=True)
     ]
-    return Waveform(origin_m=origin, unit_m=unit, centres=centres, heights=heights, volume=train.volume)
+    return Waveform(
+        origin_m=origin, unit_m=unit, fwhm_s=sensor.laser.pulse_fwhm_s,
+        centres=centres, heights=heights, volume=train.volume,
+    )  # fmt: skip
 
 
 def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarray[Any, Any], ...]:
@@ -114,32 +120,20 @@ def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarra
             )
             power += peak[lanes, None] * pulses
     if train.volume is not None:
+        scale, end_m = (np.asarray(values)[:, None] for values in (train.volume.scale, train.volume.end_m))
+        range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
         power += _volume_w(
-            train.volume,
-            radiometry.range_from_time_of_flight_m(time_of_flight_s=times),
-            _sigma_m(sensor),
-            pulse=(slice(None), None),
+            replace(train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
         )
     point = sensor.working_point(np.asarray(train.background_power_w)[:, None])
     return power, point.signal(power)
 
 
-def _sigma_m(sensor: Sensor) -> Array:
-    """c sigma_p / 2."""
-    return radiometry.range_from_time_of_flight_m(
-        time_of_flight_s=sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+def _volume_w(air: Volume, range_m: Array, fwhm_s: Array) -> Array:
+    """Backscatter of the air; it ends where the last light meets a surface."""
+    ops = xp(range_m, air.scale)
+    left = soft_target.share_before_surface(
+        range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
     )
-
-
-def _volume_w(air: Volume, range_m: Array, sigma_m: Array, *, pulse: Any = ...) -> Array:
-    """Backscatter of the air; where the last light meets a surface it ends like the pulse's own tail.
-
-    pulse  index that makes the pulses' numbers fit the ranges
-    """
-    scale, end_m = (
-        values if pulse is ... else np.asarray(values)[pulse] for values in (air.scale, air.end_m)
-    )
-    ops = xp(range_m, scale)
-    left = normal_tail(ops.maximum((range_m - end_m) / sigma_m, -8.0))
     inside = (range_m > 0.0) & (range_m < air.far_m)
-    return ops.where(inside, scale * left * air.shape.at(range_m / air.far_m), 0.0)
+    return ops.where(inside, air.scale * left * air.shape.at(range_m / air.far_m), 0.0)

@@ -75,7 +75,8 @@ def test_fog_agrees(mi):
     distance, power = trains.random_trains(500, 3, equipped, seed=2)
     air = echoes.Volume(
         shape=shape, far_m=150.0, hump_m=echoes.hump_of(shape, 150.0),
-        scale=np.random.default_rng(4).uniform(0.0, 3e-7, 500).astype(np.float32), end_m=distance.max(axis=1).astype(np.float32),
+        scale=np.random.default_rng(4).uniform(0.0, 3e-7, 500).astype(np.float32),
+        end_m=distance.max(axis=1).astype(np.float32), extinction_per_m=0.05,
     )  # fmt: skip
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
     wanted, found = trains.detect(light, equipped), fetched(light, equipped, mi)

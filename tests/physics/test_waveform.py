@@ -307,7 +307,7 @@ def fog(scale_w, *, end_m):
     shape = Table(course / course.max())
     return Volume(
         shape=shape, far_m=150.0, hump_m=hump_of(shape, 150.0),
-        scale=np.atleast_1d(scale_w), end_m=np.atleast_1d(end_m),
+        scale=np.atleast_1d(scale_w), end_m=np.atleast_1d(end_m), extinction_per_m=0.05,
     )  # fmt: skip
 
 
@@ -342,7 +342,11 @@ def test_fog_ends_at_the_surface():
     light = train(np.array([[20.0]]), np.array([[0.0]]), volume=air)
     watts, _ = sampled(light, equipped, 2.0 / SPEED_OF_LIGHT_M_S * np.array([5.0, 15.0, 20.0, 25.0]))
     course = 1e-6 * air.shape.at(np.array([5.0, 15.0, 20.0]) / 150.0)
-    np.testing.assert_allclose(watts[0], [course[0], course[1], 0.5 * course[2], 0.0], rtol=1e-9, atol=1e-15)
+    # (T37): at the surface kappa sigma = (2 alpha + 2 / 20 m) sigma more than half of it.
+    at_surface = norm.cdf((2.0 * 0.05 + 2.0 / 20.0) * SIGMA_M)
+    np.testing.assert_allclose(
+        watts[0], [course[0], course[1], at_surface * course[2], 0.0], rtol=1e-9, atol=1e-15
+    )
 
 
 def test_the_hump_is_where_a_course_is_concave():

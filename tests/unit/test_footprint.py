@@ -152,7 +152,7 @@ def test_axes_are_azimuth_and_elevation():
 
 @pytest.mark.parametrize("z", [1.0, -1.0])
 def test_straight_up_and_down_have_axes_too(z):
-    origin, direction = fan(footprint(laser("divergence_mrad=4"), 7), direction=(0.0, 0.0, z))
+    _, direction = fan(footprint(laser("divergence_mrad=4"), 7), direction=(0.0, 0.0, z))
     assert np.isfinite(direction).all()
     np.testing.assert_allclose(direction[:, :2].std(axis=0), 1e-3, rtol=1e-5)
 

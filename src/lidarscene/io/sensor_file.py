@@ -221,7 +221,7 @@ class AdcFile(FileModel):
             rate_hz=self.rate_mhz * 1e6,
             step=self.full_scale / 2**self.bits,
             full_scale=self.full_scale,
-            samples=math.ceil(4.0 * self.rate_mhz / least) + 1,
+            samples=math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1,
             estimator=self.estimator,
         )
 

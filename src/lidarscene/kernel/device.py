@@ -8,9 +8,7 @@ from typing import Any
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset(
-    {"stops", "samples", "count"}
-)  # decide how many outputs, or how much work, a kernel has
+_KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
 
 
 def opaque(value: Any) -> Any:

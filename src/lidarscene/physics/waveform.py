@@ -46,7 +46,9 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, li
 def highest_between(
     evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
 ) -> tuple[Array, Shape]:
-    """Where the waveform is highest between two places, uphill at the first and downhill at the second; its shape there.
+    """Where the waveform is highest between two places, uphill at the first and downhill at the second.
+
+    Returns the place and the shape there.
 
     wanted  (n,) bool, which lanes are looked at; the others' answers mean nothing
     """
