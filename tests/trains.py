@@ -1,12 +1,12 @@
 """Echo trains by hand, and a slow road through the comparator."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lidarscene import load_sensor, multi_echo, noise
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.echoes import EchoTrain
+from lidarscene.echoes import EchoTrain, SubEchoes
 from lidarscene.physics import tdc
 from lidarscene.physics.waveform import SIGMAS_PER_FWHM
 from lidarscene.waveform import sampled
@@ -29,9 +29,13 @@ def sensor(name, *overrides):
 def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
     """(pulses, sub-echoes) ranges and powers."""
     range_m, peak_power_w = np.broadcast_arrays(range_m, peak_power_w)
-    return EchoTrain(
+    parts = SubEchoes(
         range_m=range_m.ravel().astype(np.float64), peak_power_w=peak_power_w.ravel().astype(np.float64),
-        background_power_w=np.full(len(range_m), background_w), sub_echoes=range_m.shape[1], volume=volume,
+        count=range_m.shape[1],
+    )  # fmt: skip
+    return EchoTrain(
+        parts=(parts,), surfaces=parts.count, found=(peak_power_w > 0.0).any(axis=1),
+        background_power_w=np.full(len(range_m), background_w), volume=volume,
     )  # fmt: skip
 
 
@@ -59,10 +63,16 @@ def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
 def on_device(light, mi):
     """The same train on the device."""
     upload = {
-        field.name: mi.Float(getattr(light, field.name).astype(np.float32))
-        for field in fields(light)
-        if field.name in ("range_m", "peak_power_w", "background_power_w")
-    }
+        "parts": tuple(
+            replace(
+                part, range_m=mi.Float(part.range_m.astype(np.float32)),
+                peak_power_w=mi.Float(part.peak_power_w.astype(np.float32)),
+            )
+            for part in light.parts
+        ),
+        "found": mi.Bool(light.found),
+        "background_power_w": mi.Float(light.background_power_w.astype(np.float32)),
+    }  # fmt: skip
     if light.volume is not None:
         air = light.volume
         upload["volume"] = replace(
@@ -80,8 +90,9 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
     """
     point = equipped.working_point(light.background_power_w)
     threshold = equipped.threshold(point)
-    arrival = (2.0 / SPEED_OF_LIGHT_M_S) * light.range_m.reshape(-1, light.sub_echoes)
-    power = light.peak_power_w.reshape(arrival.shape)
+    (part,) = light.parts
+    arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
+    power = part.peak_power_w.reshape(arrival.shape)
     found = []
     for pulse in range(len(threshold)):
         there = arrival[pulse][power[pulse] > 0.0]
@@ -89,7 +100,8 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             continue
         time = np.arange(there.min() - 9.0 * SIGMA_S, there.max() + 9.0 * SIGMA_S, step * SIGMA_S)
         alone = replace(
-            light, range_m=light.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse],
+            light,
+            parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
             background_power_w=light.background_power_w[pulse : pulse + 1],
         )  # fmt: skip
         watts, signal = (one[0] for one in sampled(alone, equipped, time))

@@ -37,7 +37,8 @@ _DRAWS_APART = 1000
 class AirLight:
     """Backscatter of the air around a sensor, per unit of P_t eta A.
 
-    shape, far_m, hump_m  as in `echoes.Volume`
+    shape, far_m, hump_m, extinction_per_m
+                          as in `echoes.Volume`
     particles             drawn one by one: tables, and the number of their medium in ``names``
     names                 of the media: classes of the points that they cause
     strongest             number of the medium that gives most of the rest
@@ -46,6 +47,7 @@ class AirLight:
     shape: Table
     far_m: Array
     hump_m: tuple[Array, Array]
+    extinction_per_m: Array
     particles: tuple[tuple[Strengths, str], ...]
     names: tuple[str, ...]
     strongest: str
@@ -59,7 +61,7 @@ class AirLight:
         """Of pulses with this P_t eta A and fixed transmittance, whose light ends at ``end_m``."""
         return Volume(
             shape=self.shape, far_m=self.far_m, hump_m=self.hump_m,
-            scale=scale, end_m=end_m,
+            scale=scale, end_m=end_m, extinction_per_m=self.extinction_per_m,
         )  # fmt: skip
 
     def sub_echoes(self, *, scale: Array, end_m: Array, seed: Array, pulse: Array) -> list[SubEchoes]:
@@ -115,6 +117,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         shape=shape,
         far_m=far_m,
         hump_m=hump_of(shape, far_m),
+        extinction_per_m=extinction_per_m,
         particles=tuple((tables, name) for name, tables in drawn.items()),
         names=tuple(medium.name for medium in media),
         strongest=max(media, key=lambda medium: float(left(medium, at_peak)[0])).name,

@@ -52,6 +52,7 @@ def render_frames(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -60,7 +61,7 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
@@ -73,6 +74,7 @@ def render(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -82,10 +84,11 @@ def render(
     seed       32 bits; the same seed gives the same cloud
     pose       where the sensor stands in the world; the scene's own if None
     frame      "world" or "sensor": frame of the points
-    chunk      pulses traced at a time; bounds the memory, changes nothing else
+    chunk      rays traced at a time; bounds the memory, changes nothing else
+    rays       of each pulse, over the footprint of its beam; a single one is its axis
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose).render(seed=seed, frame=frame, chunk=chunk)
+    return Simulator(described, equipped, pose=pose, rays=rays).render(seed=seed, frame=frame, chunk=chunk)

@@ -33,17 +33,20 @@ class Rig:
 
 
 def simulators(
-    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None
+    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None, rays: int = 1
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
     pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    rays  of each pulse
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
-        simulator = Simulator(scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength))
+        simulator = Simulator(
+            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength), rays=rays
+        )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator
 

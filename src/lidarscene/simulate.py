@@ -361,6 +361,11 @@ class Simulator:
             self.scene, self.sensor, self.world, number=number, begin_s=begin_s, sensor_pose=pose or self.pose
         )
 
+    def _intensity_unit(self) -> str:
+        if self.sensor.intensity is not None:
+            return {"range_corrected": "W", "reflectivity": "of 255"}[self.sensor.intensity.kind]
+        return "A" if isinstance(self.sensor.detector, Apd) else "cells"
+
     def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
         from . import __version__
 
@@ -370,7 +375,7 @@ class Simulator:
             "scene": self.scene.name,
             "sensor": self.sensor.name,
             "seed": str(seed),
-            "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
+            "intensity_unit": self._intensity_unit(),
             "frame": frame,
             "frame_number": str(now.number),
             "frame_start_s": repr(now.start_s),

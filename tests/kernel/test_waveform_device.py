@@ -59,7 +59,7 @@ def test_device_and_numpy_agree(case, mi):
     sampled = equipped.sampler is not None and hasattr(equipped.sampler, "samples")
     for have, want in zip(found.stops, wanted.stops, strict=True):
         assert np.mean(have.reported != want.reported) < 1e-3
-        both = have.reported & want.reported & (have.status == want.status) & (have.lane == want.lane)
+        both = have.reported & want.reported & (have.status == want.status) & (have.source == want.source)
         assert both.sum() > 0.995 * want.reported.sum()
         apart = np.abs(have.range_m - want.range_m)[both]
         assert np.quantile(apart, 0.9 if sampled else 0.998) < (0.02 if sampled else 3e-4)
@@ -87,7 +87,7 @@ def test_fog_agrees(mi):
         both = have.reported & want.reported
         if both.any():
             assert np.quantile(np.abs(have.range_m - want.range_m)[both], 0.97) < 2e-3
-        fogs += int(np.sum(have.lane[both] < 0))
+        fogs += int(np.sum(have.source[both] < 0))
     assert fogs > 50
 
 

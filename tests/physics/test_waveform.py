@@ -17,7 +17,7 @@ from lidarscene.echoes import Echoes, Volume, hump_of
 from lidarscene.footprint import points
 from lidarscene.physics import pulse as pulse_shape
 from lidarscene.physics import waveform
-from lidarscene.returns import Outcome
+from lidarscene.returns import Outcome, Status
 from lidarscene.waveform import sampled
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
@@ -67,7 +67,7 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
         echo = kept & (want.status == 0)
         np.testing.assert_allclose(have.snr[echo], wanted.snr[echo], rtol=1e-12)
         np.testing.assert_allclose(have.true_range_m[echo], range_m[echo], rtol=1e-12)
-        np.testing.assert_array_equal(have.lane[echo] // sub_echoes, np.flatnonzero(echo))
+        assert ((have.source[echo] >= 0) & (have.source[echo] < sub_echoes)).all()
 
 
 def echoes_only(found):
@@ -137,12 +137,12 @@ def test_two_boards_merge_or_separate(separation, share):
     edges = [brentq(waveform_at, -8.0, 0.0 if separation > 2.0 else middle)]
     if apart:
         edges.append(brentq(waveform_at, middle, separation))
-    for edge, stop, lane in zip(edges, found.stops, (0, 1), strict=False):
+    for edge, stop, source in zip(edges, found.stops, (0, 1), strict=False):
         slope = (waveform_at(edge + 1e-6) - waveform_at(edge - 1e-6)) / 2e-6
         tolerance = 5.0 * 1e-3 * share / slope
         assert (stop.range_m[0] - 100.0) / SIGMA_M == pytest.approx(edge, abs=tolerance)
         if apart:
-            assert stop.lane[0] == lane
+            assert stop.source[0] == source
 
 
 def test_a_dip_needs_two_sigma():
@@ -325,13 +325,14 @@ def test_fog_trips_and_hides():
         found = detect(light, equipped)
         assert sum(int(stop.reported[0]) for stop in found.stops) == stops
         first = found.stops[0]
-        assert first.lane[0] == -1
+        assert first.source[0] == -1
+        assert first.status[0] == Status.WEATHER
         range_m = np.linspace(0.0, 5.0, 500_001)
         # 50 of 2000: the level; 10 % of it is what noise moves it by in five deviations.
         crossed = range_m[np.argmax(air.shape.at(range_m / 150.0) >= 50.0 / 2000.0)]
         assert first.range_m[0] == pytest.approx(crossed, abs=0.1 * crossed)
         if stops == 2:
-            assert found.stops[1].lane[0] == 0
+            assert found.stops[1].source[0] == 0
             assert found.stops[1].true_range_m[0] == pytest.approx(60.0, abs=1e-3)
 
 
