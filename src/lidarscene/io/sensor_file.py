@@ -15,10 +15,11 @@ from ..errors import InputError
 from ..geometry import Pose
 from ..physics import beam
 from ..scan import Scanner
-from ..sensor import Adc, Laser, MultiLevel, Optics, Sensor, Tdc
+from ..sensor import Laser, Optics, Sensor, Tdc
 from .intensity_file import AnyIntensityFile
 from .optics_file import OpticsFile
 from .published_file import PublishedFile
+from .sampler_file import AnySamplerFile
 from .scanner_file import AnyScannerFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
@@ -182,50 +183,6 @@ class TdcFile(FileModel):
         return self
 
 
-class MultiLevelFile(FileModel):
-    """[sampler] type = "multi_level_tdc"."""
-
-    type: Literal["multi_level_tdc"]
-    levels: Annotated[tuple[Annotated[float, Field(gt=1)], ...], Field(min_length=1, max_length=8)] = Field(
-        description="above the threshold, in thresholds, rising"
-    )
-
-    @model_validator(mode="after")
-    def _rising(self) -> MultiLevelFile:
-        if tuple(sorted(set(self.levels))) != self.levels:
-            raise ValueError("levels: rising numbers were expected")
-        return self
-
-    def build(self, pulse_fwhm_ns: float) -> MultiLevel:
-        """In thresholds; the width of the pulse plays no part."""
-        return MultiLevel(levels=(1.0, *self.levels))
-
-
-class AdcFile(FileModel):
-    """[sampler] type = "adc"."""
-
-    type: Literal["adc"]
-    rate_mhz: Positive
-    bits: Annotated[int, Field(ge=1, le=24)]
-    full_scale: Positive = Field(description="largest sample, amperes (APD) or cells (SiPM)")
-    estimator: Literal["matched_filter", "centroid"] = "matched_filter"
-
-    def build(self, pulse_fwhm_ns: float) -> Adc:
-        """In SI units, with as many samples as four pulse widths hold."""
-        least = 1e3 / pulse_fwhm_ns
-        if self.rate_mhz < least * (1.0 - 1e-9):
-            raise InputError(
-                f"sampler.rate_mhz: at least {least:g} was expected (one sample in a pulse), {self.rate_mhz:g} came"
-            )
-        return Adc(
-            rate_hz=self.rate_mhz * 1e6,
-            step=self.full_scale / 2**self.bits,
-            full_scale=self.full_scale,
-            samples=math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1,
-            estimator=self.estimator,
-        )
-
-
 class PoseFile(FileModel):
     """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
 
@@ -251,7 +208,7 @@ class SensorFile(FileModel):
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
-    sampler: Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")] | None = Field(
+    sampler: AnySamplerFile | None = Field(
         default=None,
         description="what measures the pulses that trip the comparator; the TDC alone if left out",
     )
