@@ -19,7 +19,7 @@ OUTCOME_TEXT = {
     Outcome.NO_SURFACE: "no surface",
     Outcome.BELOW_THRESHOLD: "below threshold",
     Outcome.OUT_OF_WINDOW: "out of window",
-    Outcome.HIDDEN: "hidden by a false alarm",
+    Outcome.HIDDEN: "hidden",
 }
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.

@@ -111,6 +111,11 @@ class _Chunk:
         return needed
 
 
+def _plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    return sensor.sampler is None and sensor.tdc.keep == "first"
+
+
 def _of_light(light: Echoes) -> list[Any]:
     """What pulses are put together from."""
     found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
@@ -307,7 +312,7 @@ class Simulator:
         )  # fmt: skip
         paths = [hits]
         light = [echoes.receive(rays, one, sensor, ambient) for one in paths]
-        if self.rays == len(paths) == 1 and self._air is None and sensor.sampler is None:
+        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
             return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         device.start(

@@ -22,7 +22,7 @@ TIERS = (
     ("beams", "footprint"),
     ("hits",),
     ("echoes",),
-    ("ambient", "intensity", "interference"),
+    ("ambient", "intensity", "interference", "air_light", "train"),
     ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo"),
     ("cloud",),
     ("kernel",),
