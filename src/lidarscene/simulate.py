@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import beams, echoes, returns
-from .cloud import CloudBuilder, PointCloud
+from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient
 from .errors import InputError
@@ -252,9 +252,11 @@ class Simulator:
             "seed": str(seed),
             "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
             "frame": frame,
+            SENSOR_TO_WORLD: _words(np.column_stack([place.rotation, place.position_m])),
         }
         if frame == "world":
-            metadata["sensor_position_m"] = " ".join(repr(float(x)) for x in place.position_m)
+            metadata["sensor_position_m"] = _words(place.position_m)
+            metadata["sensor_rotation"] = _words(place.rotation)
         return metadata
 
 
@@ -265,6 +267,10 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"chunk: at least 1 was expected, {chunk} came")
     if frame not in FRAMES:
         raise InputError(f"frame: 'world' or 'sensor' was expected, {frame!r} came")
+
+
+def _words(values: Matrix) -> str:
+    return " ".join(repr(number) for number in _numbers(values))
 
 
 def _numbers(values: Matrix) -> tuple[float, ...]:
