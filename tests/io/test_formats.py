@@ -193,7 +193,7 @@ def test_files_of_other_programs_are_refused(tmp_path: Path, name: str) -> None:
         laspy.LasData(laspy.LasHeader(version="1.4", point_format=6)).write(path)
     else:
         path.write_text("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nDATA ascii\n")
-    with pytest.raises(InputError, match="not (a point cloud of|written by) lidarscene"):
+    with pytest.raises(InputError, match=r"not (a point cloud of|written by) lidarscene"):
         PointCloud.load(path)
 
 

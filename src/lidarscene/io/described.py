@@ -54,13 +54,13 @@ def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
         raise ValueError(f"columns are missing: {', '.join(missing)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
     origin_m = sensor_position_m(content["metadata"])
-    scalars = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
+    given: dict[str, Any] = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
+    given |= {attribute: tuple(content[attribute]) for attribute in _NAMES}
     return PointCloud(
         xyz_m=xyz_m,
         range_m=np.linalg.norm(xyz_m - origin_m, axis=1),
-        **scalars,
-        **{attribute: tuple(content[attribute]) for attribute in _NAMES},
         metadata=content["metadata"],
+        **given,
     )
 
 

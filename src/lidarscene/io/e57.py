@@ -80,7 +80,8 @@ def _columns(cloud: PointCloud) -> dict[str, Array]:
     for column in cloud.columns:
         values = cloud.column(column.name)
         if values.dtype.kind == "i" or column.name == "return_number":
-            values = values.astype(np.int64)  # of the signed integers the library takes only these
+            # Of the signed integers the library takes C's long for 32 bits, and knows only this one for 64.
+            values = values.astype(np.longlong)
         if column.name == "return_number":
             values = values - 1
         if column.name == "channel" and len(values) and values.min() < 0:

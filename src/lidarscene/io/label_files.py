@@ -92,7 +92,7 @@ def semantic_kitti(cloud: PointCloud) -> Array:
     """(n,) uint32: class in the lower 16 bits, instance in the upper; instances from 65536 on begin again."""
     semantic, instance = point_labels(cloud)
     short = np.where(instance > 0, (instance - 1) % 0xFFFF + 1, 0).astype(np.uint32)
-    return (semantic | short << np.uint32(16)).astype("<u4")
+    return np.asarray(semantic | short << np.uint32(16), "<u4")
 
 
 def _kitti_line(box: Box) -> str:

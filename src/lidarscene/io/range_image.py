@@ -55,8 +55,8 @@ def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[
     found = images(cloud)
     files = range_image_paths(path, cloud)
     if files[0].suffix.lower() == ".npz":
-        with atomic_output(files[0]) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(file, **found)  # type: ignore[arg-type]
+        with atomic_output(files[0]) as temporary, open(temporary, "wb") as archive:
+            np.savez_compressed(archive, **found)  # type: ignore[arg-type]
         return files
     for name, file in zip(found, files, strict=False):
         levels, unit = _levels(found[name], name, cloud)
