@@ -123,7 +123,7 @@ def test_balls_and_bodies_off_their_origin() -> None:
     )
     np.testing.assert_allclose(labels.box_of(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
-    off = replace(part, vertices_m=part.vertices_m + [10.0, 0.0, 1.0])
+    off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
     box = labels.box_of(Body(name="c", class_name="car", parts=(off,), pose=street.at(0, 0, 0, 90.0)), 0)
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
@@ -280,8 +280,8 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
         x, y, z = own.xyz_m[own.body == body].astype(float).T
         u, v = CAMERA[0, 2] - CAMERA[0, 0] * y / x, CAMERA[1, 2] - CAMERA[1, 1] * z / x
         inside = (u >= 0) & (u < PICTURE_PX[0]) & (v >= 0) & (v < PICTURE_PX[1])
-        assert (u[inside].min() >= left - 1) and (u[inside].max() <= right + 1)
-        assert (v[inside].min() >= top - 1) and (v[inside].max() <= low + 1)
+        assert left - 1 <= u[inside].min() <= u[inside].max() <= right + 1
+        assert top - 1 <= v[inside].min() <= v[inside].max() <= low + 1
         assert body != 2 or np.ptp(u[inside]) > 0.9 * (right - left)
 
 
