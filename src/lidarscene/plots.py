@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud import COLUMNS, RANGE, STATUS_NAMES, PointCloud
+from lidarscene.cloud import COLUMNS, STATUS_NAMES, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.io.files import atomic_output
 from lidarscene.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
@@ -103,7 +103,7 @@ class _Shades:
 
         self.name = name
         values = np.asarray(cloud.column(name))
-        units = {c.name: c.unit for c in (*COLUMNS, RANGE)}
+        units = {c.name: c.unit for c in COLUMNS}
         unit = cloud.metadata.get(f"{name}_unit", units[name])
         self.kinds: list[tuple[str, str]] = []
         if (names := _category_names(cloud, name)) is not None:

@@ -15,20 +15,21 @@ SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
 TIERS = (
     ("constants", "errors"),
     ("arrays",),
-    ("noise", "geometry"),
+    ("noise", "geometry", "trajectory"),
     ("physics",),
-    ("scene", "materials", "sensor", "detectors", "scan"),
+    ("scene", "weather", "materials", "sensor", "detectors", "scan"),
+    ("motion",),
     ("beams",),
     ("hits",),
     ("echoes",),
     ("returns",),
     ("cloud",),
     ("kernel",),
-    ("simulate",),
+    ("simulate", "frame", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "cli_analysis", "cli_fov", "cli_types", "doctor", "__main__"),
+    ("cli", "cli_analysis", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 

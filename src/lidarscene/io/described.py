@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud import COLUMNS, PointCloud, sensor_position_m
+from lidarscene.cloud import COLUMNS, NAMES, PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 
 Array = np.ndarray[Any, Any]
 
 VERSION = 1
-_NAMES = ("body_names", "class_names", "material_names")
 LARGEST = np.finfo(np.float32).max
 
 
@@ -31,7 +30,7 @@ def description(cloud: PointCloud) -> str:
         "units": {c.name: unit_of(cloud, c.name) for c in cloud.columns},
         "metadata": dict(cloud.metadata),
     }
-    content |= {attribute: list(getattr(cloud, attribute)) for attribute in _NAMES}
+    content |= {attribute: list(getattr(cloud, attribute)) for attribute in NAMES.values()}
     return json.dumps(content, separators=(",", ":"))
 
 
@@ -44,7 +43,7 @@ def unit_of(cloud: PointCloud, name: str) -> str:
 def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
     """The cloud of these columns, by name as in files, and this `description`.
 
-    The reported range follows from the positions. Raises ValueError if this is none of ours.
+    Raises ValueError if this is none of ours.
     """
     content = json.loads(text)
     if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
@@ -53,15 +52,9 @@ def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
     if missing:
         raise ValueError(f"columns are missing: {', '.join(missing)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
-    origin_m = sensor_position_m(content["metadata"])
     given: dict[str, Any] = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
-    given |= {attribute: tuple(content[attribute]) for attribute in _NAMES}
-    return PointCloud(
-        xyz_m=xyz_m,
-        range_m=np.linalg.norm(xyz_m - origin_m, axis=1),
-        metadata=content["metadata"],
-        **given,
-    )
+    given |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
+    return PointCloud(xyz_m=xyz_m, metadata=content["metadata"], **given)
 
 
 @contextmanager

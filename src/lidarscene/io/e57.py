@@ -2,7 +2,7 @@
 
 One scan. Standard fields: cartesianX/Y/Z, intensity, timeStamp (from the start of the frame), returnIndex (from 0),
 rowIndex (the channel, where it is not negative). Every other column is a field of its name in our own extension,
-prefix `ls`. A cloud in the sensor's frame has the sensor's pose as the scan's, one in the world none. The
+prefix `ls`. The scan's pose takes the points into the world; a cloud in the world frame has none. The
 `described.description` is the scan's description.
 """
 
@@ -119,8 +119,8 @@ def _scan_tree(cloud: PointCloud, columns: dict[str, Array], text: str) -> dict[
             "intensityMaximum": float(columns["intensity"].max(initial=0)),
         },
     }
-    place = cloud.sensor_to_world
-    if cloud.metadata.get("frame", "sensor") == "sensor" and place is not None:
+    place = cloud.frame_to_world
+    if cloud.metadata.get("frame", "sensor") != "world" and place is not None:
         rotation = dict(zip("wxyz", quaternion(place.rotation), strict=True))
         tree["pose"] = {
             "rotation": rotation,

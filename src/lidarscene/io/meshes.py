@@ -8,13 +8,14 @@ import math
 import os
 import re
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from .mesh_cache import cached
+from .submesh import SubMesh
 
 Matrix = np.ndarray[Any, Any]
 
@@ -26,28 +27,13 @@ MOST_CUTS = 512
 """Cuts along an axis, beyond which triangles grow instead: on planes of more than 8 km."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SubMesh:
-    """One piece of a mesh file, placed by the file's own node transforms.
-
-    vertices_m  (v, 3) float64; faces (f, 3) integers
-    keys        names it may be called by: its material's, geometry's and node's
-    grey        mean of its base colour if the file gives one, else None
-    """
-
-    vertices_m: Matrix
-    faces: Matrix
-    keys: tuple[str, ...]
-    grey: float | None = None
-
-
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
     if not os.path.isfile(path):
         raise InputError(
             f"{path}: {'is a folder, a mesh file was expected' if os.path.isdir(path) else 'no such file'}"
         )
-    return checked([piece for _, piece in _pieces(path)], str(path))
+    return checked(cached(path, lambda: _pieces(path)), str(path))
 
 
 def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
@@ -73,12 +59,12 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
     return [(str(node), _placed(loaded, node)) for node in nodes]
 
 
-def _pieces(path: Path) -> list[tuple[str, SubMesh]]:
+def _pieces(path: Path) -> list[SubMesh]:
     """What trimesh finds in the file, empty pieces included."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return pieces_of(_loaded(path))
+            return [piece for _, piece in pieces_of(_loaded(path))]
     except Exception as error:
         # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
         reason = " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,6 +1,6 @@
 """Point clouds as ASAM OSI 3.7: a PointCloud in, a trace file of one SensorData out. Written only.
 
-Each point is a LidarDetection of `feature_data.lidar_sensor`: position (range, azimuth, elevation in the sensor's
+Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range, azimuth, elevation in the sensor's
 frame), existence_probability (that of detection), intensity in percent of the frame's largest, beam_id (the
 channel), classification CLUTTER for a false alarm, radial_velocity where the cloud has one; with the truth also
 object_id (body + 1, as in the ground truth of `osi_truth`) and reflectivity.
@@ -35,11 +35,13 @@ UNKNOWN, CLUTTER = 0, 3
 def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write one frame."""
     start_s = float(cloud.metadata.get("frame_start_s", 0.0))
-    header = (timestamp(1, start_s), number(6, len(cloud)), message(7, number(1, 0)))
-    lidar = message(3, message(1, *header), _detections(cloud))
-    write_frame(
-        path, version(1), timestamp(2, start_s), message(5, number(1, 0)), message(26, version(1), lidar)
-    )
+    lidars = []
+    for sensor in np.unique(cloud.sensor_index).tolist() or [0]:
+        part = cloud.select(cloud.sensor_index == sensor)
+        header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
+        lidars.append(message(3, message(1, *header), _detections(part)))
+    features = message(26, version(1), *lidars)
+    write_frame(path, version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
 
 
 def write_frame(path: str | os.PathLike[str], *parts: bytes) -> None:

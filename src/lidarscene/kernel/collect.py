@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..arrays import Array
+from ..arrays import Array, is_drjit
 from ..beams import reported
 from ..hits import Hits
 from ..returns import Detection
@@ -42,7 +42,8 @@ def columns(
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
-    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed.
+    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; no radial velocity
+    where nothing moves.
 
     sensor  with its numbers on the device
     pulse   (n,) pulse numbers of the chunk's lanes
@@ -70,7 +71,9 @@ def columns(
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     rays = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
     body = where_known(world.face_body, face)
-    return {
+    moving = is_drjit(hits.radial_velocity_m_s)
+    velocity = {"radial_velocity_m_s": of_lane(hits.radial_velocity_m_s)} if moving else {}
+    return velocity | {
         "xyz_m": dr.ravel(
             mi.Point3f(*(s + d * range_m for s, d in zip(rays.origin_m, rays.direction, strict=True)))
         ),

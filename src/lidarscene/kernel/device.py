@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from ..arrays import Table
-from .backend import mitsuba
+from .backend import is_cuda, mitsuba
 
 _KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
 
@@ -54,6 +54,13 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
+def from_numpy(values: Any) -> Any:
+    """(n,) numbers in single precision."""
+    import numpy as np
+
+    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+
+
 def start(arrays: list[Any]) -> None:
     """Have these arrays computed, in one kernel where they have one size, without waiting."""
     import drjit as dr
@@ -66,3 +73,13 @@ def wait() -> None:
     import drjit as dr
 
     dr.sync_thread()
+
+
+def apart(*arrays: Any) -> None:
+    """On a GPU, have these computed before another scene is traced: two in one kernel would be two OptiX pipelines,
+    and Dr.Jit turns the second one off (MITSUBA.md 5.5). On a CPU they may share the kernel.
+    """
+    import drjit as dr
+
+    if is_cuda():
+        dr.eval(*arrays)
