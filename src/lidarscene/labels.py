@@ -2,19 +2,23 @@
 
 A box stands along its body's own axes: length along the axis that is forward, width to the left, height along the
 one that is nearest to up. Its pose is where its centre is and how it is turned, in the world or seen from the sensor.
+
+Of a body that moves, and of every body where the sensor's own motion is in the points, a frame shows no one place. Its
+box is where the cloud shows it: as it stood, seen from the sensor, at the mean time of its points.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from .cloud import PointCloud
+from .cloud import PointCloud, sensor_positions_m
 from .errors import InputError
 from .geometry import Pose
 from .scene import Ball, Body, Part, Scene
+from .trajectory import pose_at
 
 Array = np.ndarray[Any, Any]
 
@@ -70,6 +74,9 @@ KINDS = {
 }
 """By the class of a scene file. Any other class is a thing of its own: `kind_of`."""
 
+MOVING = {10: 252, 31: 253, 30: 254, 32: 255, 16: 256, 13: 257, 18: 258, 20: 259}
+"""SemanticKITTI's numbers for what moves, by those for what stands."""
+
 UNLABELLED, OUTLIER, OTHER_OBJECT = 0, 1, 99
 """Numbers of SemanticKITTI: no surface met, false alarm, class that is not in KINDS."""
 
@@ -86,6 +93,7 @@ class Box:
     body           index into the scene's bodies, as in the cloud's column
     size_m         (3,) length, width, height
     pose           of its centre; x along the length, y along the width
+    velocity_m_s   (3,) of its centre in the world
     points_inside  points of the cloud inside the box, whatever they are of
     points_on      echoes of the body itself
     beams          echoes whose beams, if nothing stopped them, would enter the box
@@ -97,6 +105,7 @@ class Box:
     class_name: str
     size_m: Array
     pose: Pose
+    velocity_m_s: Array = field(default_factory=lambda: np.zeros(3))
     points_inside: int = 0
     points_on: int = 0
     beams: int = 0
@@ -119,27 +128,30 @@ class Box:
         return replace(self, pose=Pose(position_m=position, rotation=rotation))
 
 
-def boxes(cloud: PointCloud, scene: Scene) -> list[Box]:
+def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]:
     """The box of every body that is a thing, in the world frame, with what the cloud shows of it.
 
-    Bodies of a Mitsuba base scene have none: their shapes are not known here. Raises InputError for a cloud
+    as_seen  where the cloud shows what moves; or else where it is when the frame starts
+    Bodies of a Mitsuba base scene have no box: their shapes are not known here. Raises InputError for a cloud
     without truth, or one that does not know how its sensor stood.
     """
     _truth(cloud)
     _truth(cloud)
-    place = sensor_place(cloud)
-    world_m = np.ascontiguousarray(_world_m(cloud, place).T)
-    beams = _Beams.of(cloud, world_m, place.position_m)
+    to_world = frame_to_world(cloud)
+    world_m = np.ascontiguousarray(to_world.apply(cloud.xyz_m.astype(np.float64)).T)
+    beams = _Beams.of(cloud, world_m, to_world.apply(sensor_positions_m(cloud.metadata)))
     found = []
     for index, body in enumerate(scene.bodies):
         if kind_of(body.class_name).thing and body.parts:
-            box = box_of(body, index)
-            on = int(np.count_nonzero((cloud.body == index) & (cloud.status == 0)))
-            beams_in, visibility = beams.into(box)
+            own = (cloud.body == index) & (cloud.status == 0)
+            since_s = float(cloud.time_s[own].mean()) if as_seen and own.any() else 0.0
+            box = _at(body, index, cloud, scene, since_s)
+            counts = [sensor.into(box) for sensor in beams]
+            met, reached = (sum(one[i] for one in counts) for i in (0, 1))
             found.append(
                 replace(
-                    box, points_inside=_inside(box, world_m), points_on=on, beams=beams_in,
-                    visibility=visibility,
+                    box, points_inside=_inside(box, world_m), points_on=int(own.sum()), beams=met,
+                    visibility=reached / met if met else 0.0,
                 )
             )  # fmt: skip
     return found
@@ -148,8 +160,7 @@ def boxes(cloud: PointCloud, scene: Scene) -> list[Box]:
 def box_of(body: Body, index: int) -> Box:
     """The box of a body as it stands in the world."""
     low, high = _extent_m(body)
-    forward, left, up = _axes(body.pose.rotation)
-    turn = np.stack([forward, left, up], axis=-1)
+    turn = _axes(body.pose.rotation).T
     return Box(
         body=index,
         name=body.name,
@@ -157,6 +168,22 @@ def box_of(body: Body, index: int) -> Box:
         size_m=np.abs(turn.T @ (high - low)),
         pose=body.pose @ Pose(position_m=0.5 * (low + high), rotation=turn),
     )
+
+
+def _at(body: Body, index: int, cloud: PointCloud, scene: Scene, since_s: float) -> Box:
+    """The box of a body, so long after the frame's start, where the cloud shows it."""
+    start_s = float(cloud.metadata.get("frame_start_s", 0.0))
+    box = box_of(body, index)
+    if body.motion is not None:
+        # The box that the body has by its pose, carried along.
+        carried = body.pose.inverse() @ box.pose
+        states = body.motion.at(np.clip([start_s + since_s], *body.motion.span_s)) @ carried
+        box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
+    if scene.ego is not None and cloud.metadata.get("ego_motion") == "in the points":
+        # Points are placed as if the sensor had stood still: what it saw then, from where it was at the start.
+        ego, ego_then = pose_at(scene.ego, start_s), pose_at(scene.ego, start_s + since_s)
+        box = replace(box, pose=ego @ ego_then.inverse() @ box.pose)
+    return box
 
 
 def upright(box: Box) -> tuple[Array, float]:
@@ -170,19 +197,23 @@ def upright(box: Box) -> tuple[Array, float]:
     return np.ptp(box.corners_m() @ about_z, axis=0), yaw
 
 
-def point_labels(cloud: PointCloud) -> tuple[Array, Array]:
+def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Array, Array]:
     """(n,) SemanticKITTI number and (n,) instance of each point: body + 1 of a thing, else 0.
 
     A false alarm is an outlier, a point without a body unlabelled.
     """
     body, class_id = _truth(cloud)
     kinds = [kind_of(name) for name in cloud.class_names]
-    # The last entry is that of -1.
+    # The last entry of each table is that of -1.
     numbers = np.array([*(kind.semantic_kitti for kind in kinds), UNLABELLED], np.uint32)
     things = np.array([*(kind.thing for kind in kinds), False])
-    echo = cloud.status == 0
-    semantic = np.where(echo, numbers[class_id], np.uint32(OUTLIER))
-    return semantic, np.where(echo & things[class_id], body + 1, 0).astype(np.uint32)
+    semantic, echo = numbers[class_id], cloud.status == 0
+    for index, one in enumerate(scene.bodies):
+        number = kind_of(one.class_name).semantic_kitti
+        if one.motion is not None and number in MOVING:
+            semantic[body == index] = MOVING[number]
+    instance = np.where(echo & things[class_id], body + 1, 0).astype(np.uint32)
+    return np.where(echo, semantic, np.uint32(OUTLIER)), instance
 
 
 def _truth(cloud: PointCloud) -> tuple[Array, Array]:
@@ -193,16 +224,18 @@ def _truth(cloud: PointCloud) -> tuple[Array, Array]:
 
 def sensor_place(cloud: PointCloud) -> Pose:
     """Where the sensor stood in the world. Raises InputError if the cloud does not know."""
-    place = cloud.sensor_to_world
+    return _known(cloud.sensor_to_world)
+
+
+def frame_to_world(cloud: PointCloud) -> Pose:
+    """The frame of the points in the world. Raises InputError if the cloud does not know."""
+    return _known(cloud.frame_to_world)
+
+
+def _known(place: Pose | None) -> Pose:
     if place is None:
         raise InputError("labels: the cloud does not say how its sensor stood (metadata 'sensor_to_world')")
     return place
-
-
-def _world_m(cloud: PointCloud, place: Pose) -> Array:
-    """(n, 3) positions in the world, of a sensor that stood there."""
-    xyz_m = cloud.xyz_m.astype(np.float64)
-    return xyz_m if cloud.metadata.get("frame", "sensor") == "world" else place.apply(xyz_m)
 
 
 def _extent_m(body: Body) -> tuple[Array, Array]:
@@ -241,22 +274,26 @@ def _inside(box: Box, xyz_m: Array) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Beams:
-    """The beams that have an echo: from one place, into directions (3, k), as far as the surface they met (k,)."""
+    """The beams of one sensor that have an echo, into directions (3, k), as far as the surface they met (k,)."""
 
     origin_m: Array
     direction: Array
     end_m: Array
 
-    @classmethod
-    def of(cls, cloud: PointCloud, world_m: Array, origin_m: Array) -> _Beams:
-        """Of a cloud whose points are at ``world_m`` (3, n)."""
-        along = world_m - origin_m[:, None]
-        length = np.sqrt((along**2).sum(axis=0))
-        echo = (cloud.status == 0) & (length > 0)
-        return cls(origin_m, along[:, echo] / length[echo], np.asarray(cloud.true_range_m)[echo])
+    @staticmethod
+    def of(cloud: PointCloud, world_m: Array, origins_m: Array) -> list[_Beams]:
+        """Of each sensor at ``origins_m`` (sensors, 3), for a cloud whose points are at ``world_m`` (3, n)."""
+        end_m, found = np.asarray(cloud.true_range_m), []
+        for index, origin_m in enumerate(origins_m):
+            own = (cloud.status == 0) & (cloud.sensor_index == index)
+            along = world_m[:, own] - origin_m[:, None]
+            length = np.sqrt((along**2).sum(axis=0))
+            far = length > 0
+            found.append(_Beams(origin_m, along[:, far] / length[far], end_m[own][far]))
+        return found
 
-    def into(self, box: Box) -> tuple[int, float]:
-        """How many would enter the box, and the share of them that reach it."""
+    def into(self, box: Box) -> tuple[int, int]:
+        """How many would enter the box if nothing stopped them, and how many reach it."""
         near = self._towards(box)
         start = box.pose.inverse_apply(self.origin_m[None]).T
         direction = box.pose.rotation.T @ self.direction[:, near]
@@ -265,9 +302,8 @@ class _Beams:
         one, other = (-half - start) / direction, (half - start) / direction
         enter = np.minimum(one, other).max(axis=0, initial=0.0)
         meets = enter <= np.maximum(one, other).min(axis=0)
-        count = int(meets.sum())
-        reaches = int((meets & (self.end_m[near] >= enter - STOPPED_M)).sum())
-        return count, reaches / count if count else 0.0
+        reaches = meets & (self.end_m[near] >= enter - STOPPED_M)
+        return int(meets.sum()), int(reaches.sum())
 
     def _towards(self, box: Box) -> Array:
         """Index of the beams in the cone around the box: no other can enter it."""

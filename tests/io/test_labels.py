@@ -161,7 +161,7 @@ def test_semantic_kitti_labels(tmp_path: Path, street_cloud: PointCloud) -> None
 def test_points_without_a_body_are_unlabelled() -> None:
     cloud = street.cloud()
     none = np.full(len(cloud), -1)
-    semantic, instance = labels.point_labels(replace(cloud, body=none, class_id=none))
+    semantic, instance = labels.point_labels(replace(cloud, body=none, class_id=none), street.scene())
     assert set(semantic.tolist()) == set(instance.tolist()) == {0}
 
 
@@ -300,7 +300,9 @@ def test_a_box_behind_the_camera_has_no_rectangle() -> None:
 @pytest.fixture
 def sequence(tmp_path: Path, street_cloud: PointCloud) -> Path:
     for frame in range(3):
-        kitti_dataset.write_sequence_frame(tmp_path, frame, street_cloud, time_s=0.1 * frame)
+        metadata = {**street_cloud.metadata, "frame_start_s": repr(0.1 * frame)}
+        cloud = replace(street_cloud, metadata=metadata)
+        kitti_dataset.write_sequence_frame(tmp_path, frame, cloud, street.scene())
     return tmp_path
 
 
@@ -348,7 +350,8 @@ def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: Po
 
 def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud: PointCloud) -> None:
     """And a run that starts again does not leave lines of the old one."""
+    later = replace(street_cloud, metadata={**street_cloud.metadata, "frame_start_s": "7.0"})
     with pytest.raises(InputError, match=r"times\.txt: 5 lines were expected before this frame, 3 came"):
-        kitti_dataset.write_sequence_frame(sequence, 5, street_cloud)
-    kitti_dataset.write_sequence_frame(sequence, 0, street_cloud, time_s=7.0)
+        kitti_dataset.write_sequence_frame(sequence, 5, later, street.scene())
+    kitti_dataset.write_sequence_frame(sequence, 0, later, street.scene())
     assert (sequence / "dataset/sequences/00/times.txt").read_text() == "7.000000000e+00\n"

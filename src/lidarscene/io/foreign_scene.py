@@ -9,8 +9,9 @@ from typing import Any
 from ..errors import InputError
 from ..materials import Material
 from ..scene import Body, Part, Scene
-from .meshes import SubMesh, checked, pieces_of
+from .meshes import checked, pieces_of
 from .scene_file import grey_material, xml_file
+from .submesh import SubMesh
 
 Given = str | Material
 Lookup = Callable[[str], Material]

@@ -32,20 +32,15 @@ def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointC
 
 
 def write_sequence_frame(
-    folder: str | os.PathLike[str],
-    frame: int,
-    cloud: PointCloud,
-    *,
-    sequence: str = "00",
-    time_s: float = 0.0,
+    folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene, *, sequence: str = "00"
 ) -> None:
-    """Write frame number ``frame`` (from 0) of a sequence; ``time_s`` is when it started."""
+    """Write frame number ``frame`` (from 0) of a sequence, without labels where the cloud has no truth."""
     root = Path(folder) / "dataset"
     here = root / "sequences" / sequence
     place = sensor_place(cloud)
     write_kitti(here / "velodyne" / f"{frame:06d}.bin", cloud)
     if cloud.has_truth:
-        labels = semantic_kitti(cloud)
+        labels = semantic_kitti(cloud, scene)
         (here / "labels").mkdir(parents=True, exist_ok=True)
         with atomic_output(here / "labels" / f"{frame:06d}.label") as temporary:
             labels.tofile(temporary)
@@ -53,7 +48,7 @@ def write_sequence_frame(
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
     _write_text(here / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
-    _write_line(here / "times.txt", frame, f"{time_s:.9e}")
+    _write_line(here / "times.txt", frame, f"{float(cloud.metadata.get('frame_start_s', 0.0)):.9e}")
     for poses in (here / "poses.txt", root / "poses" / f"{sequence}.txt"):
         _write_line(poses, frame, camera_pose(place))
 

@@ -88,9 +88,9 @@ def kitti_calibration() -> str:
     return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in m.ravel())}\n" for name, m in entries.items())
 
 
-def semantic_kitti(cloud: PointCloud) -> Array:
+def semantic_kitti(cloud: PointCloud, scene: Scene) -> Array:
     """(n,) uint32: class in the lower 16 bits, instance in the upper; instances from 65536 on begin again."""
-    semantic, instance = point_labels(cloud)
+    semantic, instance = point_labels(cloud, scene)
     short = np.where(instance > 0, (instance - 1) % 0xFFFF + 1, 0).astype(np.uint32)
     return np.asarray(semantic | short << np.uint32(16), "<u4")
 
@@ -161,6 +161,7 @@ def _annotation(box: Box) -> dict[str, Any]:
         "translation": box.pose.position_m.tolist(),
         "size": [width, length, height],
         "rotation": list(quaternion(box.pose.rotation)),
+        "velocity": box.velocity_m_s.tolist(),
         "num_lidar_pts": box.points_inside,
         "num_body_pts": box.points_on,
         "visibility": round(box.visibility, 4),
@@ -169,7 +170,7 @@ def _annotation(box: Box) -> dict[str, Any]:
 
 
 def _write_semantic_kitti(paths: tuple[Path, ...], cloud: PointCloud, scene: Scene) -> None:
-    labels = semantic_kitti(cloud)
+    labels = semantic_kitti(cloud, scene)
     with atomic_output(paths[0]) as temporary:
         labels.tofile(temporary)
 

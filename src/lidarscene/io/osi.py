@@ -1,9 +1,9 @@
 """Point clouds as ASAM OSI 3.7: a PointCloud in, a trace file of one SensorData out. Written only.
 
-Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range, azimuth, elevation in the sensor's
-frame), existence_probability (that of detection), intensity in percent of the frame's largest, beam_id (the
-channel), classification CLUTTER for a false alarm, radial_velocity where the cloud has one; with the truth also
-object_id (body + 1, as in the ground truth of `osi_truth`) and reflectivity.
+Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range,
+azimuth, elevation in the sensor's frame), existence_probability (that of detection), intensity in percent of the
+largest, beam_id (the channel), classification CLUTTER for a false alarm; with the truth also object_id (body + 1, as
+in the ground truth of `osi_truth`), reflectivity and radial_velocity.
 
 A frame in a trace file is its length (4 bytes, little endian) and the message. Field numbers are those of
 osi_sensordata.proto, osi_featuredata.proto and osi_common.proto.
@@ -87,7 +87,8 @@ def _detections(cloud: PointCloud) -> bytes:
         *message_rows(13, *number_rows(1, cloud.channel.clip(0), size=5)),
     ]
     if "radial_velocity" in (column.name for column in cloud.columns):
-        parts += double_rows(12, cloud.column("radial_velocity"))
+        # OSI's is positive towards the sensor, ours away from it.
+        parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
     if cloud.body is not None and cloud.reflectivity is not None:
         objects = np.where(cloud.body >= 0, cloud.body.astype(np.uint64) + np.uint64(1), np.uint64(NO_OBJECT))
         parts += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.reflectivity)]

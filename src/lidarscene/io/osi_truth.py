@@ -1,7 +1,7 @@
 """The truth of a frame as ASAM OSI 3.7: a PointCloud and its Scene in, a trace file of one GroundTruth out.
 
 Vehicles, people and animals are moving objects, all other things stationary ones, with the id body + 1, dimensions,
-position of the box's centre and orientation in the world frame.
+position of the box's centre and orientation in the world frame when the frame starts; moving ones have a velocity.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ OTHER = 1
 def write_ground_truth(path: str | os.PathLike[str], cloud: PointCloud, scene: Scene) -> None:
     """Write one frame."""
     start_s = float(cloud.metadata.get("frame_start_s", 0.0))
-    objects = [_moving(box) if _moves(box) else _stationary(box) for box in boxes(cloud, scene)]
+    objects = [
+        _moving(box) if _moves(box) else _stationary(box) for box in boxes(cloud, scene, as_seen=False)
+    ]
     write_frame(Path(path), version(1), timestamp(2, start_s), *objects)
 
 
@@ -44,7 +46,8 @@ def _moves(box: Box) -> bool:
 
 def _moving(box: Box) -> bytes:
     name = box.class_name.lower()
-    parts = [_identity(box), message(2, _base(box)), number(3, MOVING.get(name, VEHICLE))]
+    base = message(2, _base(box), vector(4, box.velocity_m_s))
+    parts = [_identity(box), base, number(3, MOVING.get(name, VEHICLE))]
     if name in VEHICLES:
         parts.append(message(6, number(1, VEHICLES[name])))
     return message(5, *parts)
