@@ -76,6 +76,19 @@ FORMATS = {
 }
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
+SUFFIXES = tuple(dict.fromkeys(one.suffix for one in FORMATS.values()))
+
+LABELS = {
+    "kitti": (".txt", ".calib.txt"),
+    "nuscenes": (".boxes.json",),
+    "semantickitti": (".label",),
+    "osi": ("_gt.osi",),
+}
+"""Labels by name (`lidarscene.io.label_files`): what their files have in place of the cloud's suffix."""
+
+DATASETS = ("kitti", "semantickitti")
+"""Data sets by name (`lidarscene.io.kitti_dataset`)."""
+
 
 def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     """The format of this name, or else the one whose suffix the path has; the longest counts."""
@@ -86,7 +99,6 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     file = os.path.basename(os.fspath(path)).lower()
     fitting = [one for one in FORMATS.values() if file.endswith(one.suffix)]
     if not fitting:
-        known = ", ".join(dict.fromkeys(one.suffix for one in FORMATS.values()))
-        suffix = os.path.splitext(file)[1]
+        suffix, known = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {known}")
     return max(fitting, key=lambda one: len(one.suffix))

@@ -15,9 +15,10 @@ from test_readers import osi_messages, rotated, value_at
 from lidarscene import labels
 from lidarscene.cloud import PointCloud
 from lidarscene.errors import InputError
+from lidarscene.formats import LABELS
 from lidarscene.geometry import Pose
 from lidarscene.io import kitti_dataset
-from lidarscene.io.label_files import CAMERA, LABELS, PICTURE_PX, label_paths, write_labels
+from lidarscene.io.label_files import CAMERA, PICTURE_PX, label_paths, write_labels
 from lidarscene.scene import Ball, Body, Scene
 
 CAR = (4.0, 2.0, 1.5)

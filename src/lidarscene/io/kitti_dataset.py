@@ -23,11 +23,28 @@ from .kitti import write_kitti
 from .label_files import SENSOR_TO_CAMERA, kitti_calibration, kitti_lines, semantic_kitti
 
 
+def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:
+    """The file of the cloud of this frame, in a data set of `formats.DATASETS`."""
+    parts = ("training",) if dataset == "kitti" else ("dataset", "sequences", sequence)
+    return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
+
+
+def write_frame(
+    dataset: str, folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene
+) -> None:
+    """Write a frame of a data set of `formats.DATASETS`."""
+    {"kitti": write_object_frame, "semantickitti": write_sequence_frame}[dataset](folder, frame, cloud, scene)
+
+
 def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene) -> None:
-    """Write frame number ``frame`` (from 0) of a data set for object detection."""
+    """Write frame number ``frame`` (from 0) of a data set for object detection.
+
+    Without labels where the cloud has no truth.
+    """
     root = Path(folder) / "training"
-    write_kitti(root / "velodyne" / f"{frame:06d}.bin", cloud)
-    _write_text(root / "label_2" / f"{frame:06d}.txt", kitti_lines(cloud, scene))
+    write_kitti(cloud_path("kitti", folder, frame), cloud)
+    if cloud.has_truth:
+        _write_text(root / "label_2" / f"{frame:06d}.txt", kitti_lines(cloud, scene))
     _write_text(root / "calib" / f"{frame:06d}.txt", kitti_calibration().splitlines())
 
 
@@ -38,7 +55,7 @@ def write_sequence_frame(
     root = Path(folder) / "dataset"
     here = root / "sequences" / sequence
     place = sensor_place(cloud)
-    write_kitti(here / "velodyne" / f"{frame:06d}.bin", cloud)
+    write_kitti(cloud_path("semantickitti", folder, frame, sequence=sequence), cloud)
     if cloud.has_truth:
         labels = semantic_kitti(cloud, scene)
         (here / "labels").mkdir(parents=True, exist_ok=True)

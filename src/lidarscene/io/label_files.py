@@ -20,7 +20,7 @@ import numpy as np
 
 from lidarscene.cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats import format_of
+from lidarscene.formats import LABELS, format_of
 from lidarscene.labels import Box, boxes, kind_of, point_labels, sensor_place, upright
 from lidarscene.scene import Scene
 
@@ -51,11 +51,11 @@ def write_labels(
     """Write the labels of a frame; returns the files, all of which appear whole or not at all.
 
     path    where the cloud is or would be written: the labels are put beside it, by `label_paths`
-    format  a key of LABELS
+    format  a key of `formats.LABELS`
     Raises InputError for a cloud without truth, or one that does not know how its sensor stood.
     """
     paths = label_paths(path, format=format)
-    LABELS[format][1](paths, cloud, scene)
+    _WRITERS[format](paths, cloud, scene)
     return paths
 
 
@@ -68,7 +68,7 @@ def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...
         stem = stem[: -len(format_of(path).suffix)]
     except InputError:
         stem = str(Path(path).with_suffix(""))
-    return tuple(Path(stem + suffix) for suffix in LABELS[format][0])
+    return tuple(Path(stem + suffix) for suffix in LABELS[format])
 
 
 def kitti_lines(cloud: PointCloud, scene: Scene) -> list[str]:
@@ -184,12 +184,9 @@ def _write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-Writer = Callable[[tuple[Path, ...], PointCloud, Scene], None]
-
-LABELS: dict[str, tuple[tuple[str, ...], Writer]] = {
-    "kitti": ((".txt", ".calib.txt"), _write_kitti),
-    "nuscenes": ((".boxes.json",), _write_nuscenes),
-    "semantickitti": ((".label",), _write_semantic_kitti),
-    "osi": (("_gt.osi",), _write_osi),
+_WRITERS: dict[str, Callable[[tuple[Path, ...], PointCloud, Scene], None]] = {
+    "kitti": _write_kitti,
+    "nuscenes": _write_nuscenes,
+    "semantickitti": _write_semantic_kitti,
+    "osi": _write_osi,
 }
-"""By name: what is put in place of the cloud's suffix, and the writer."""
