@@ -40,7 +40,9 @@ def at(forward_m: float, left_m: float, up_m: float, yaw_deg: float) -> Pose:
     return Pose.from_degrees(position_m=(forward_m, left_m, up_m), yaw_deg=yaw_deg)
 
 
-def cloud(frame: str = "world", *, step_deg: float = 0.4, described: Scene | None = None) -> PointCloud:
+def cloud(
+    frame: str = "world", *, step_deg: float = 0.4, described: Scene | None = None, sensor: Pose = SENSOR
+) -> PointCloud:
     """What a lidar without noise sees of the scene, 60 by 24 degrees."""
     described = described or scene()
     azimuth, elevation = np.meshgrid(
@@ -50,17 +52,17 @@ def cloud(frame: str = "world", *, step_deg: float = 0.4, described: Scene | Non
     own = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     )
-    range_m, body = nearest(described, SENSOR.position_m, own @ SENSOR.rotation.T)
+    range_m, body = nearest(described, sensor.position_m, own @ sensor.rotation.T)
     hit = np.flatnonzero(np.isfinite(range_m))
     row = np.searchsorted(-np.unique(elevation)[::-1], -elevation)
     points_m = own[hit] * range_m[hit, None]
     metadata = {
         "sensor": "brute", "scene": described.name, "frame": frame, "intensity_unit": "A",
-        SENSOR_TO_WORLD: words(np.column_stack([SENSOR.rotation, SENSOR.position_m])),
+        SENSOR_TO_WORLD: words(np.column_stack([sensor.rotation, sensor.position_m])),
     }  # fmt: skip
     if frame == "world":
-        points_m = SENSOR.apply(points_m)
-        metadata |= {"sensor_position_m": words(SENSOR.position_m), "sensor_rotation": words(SENSOR.rotation)}
+        points_m = sensor.apply(points_m)
+        metadata |= {"sensor_position_m": words(sensor.position_m), "sensor_rotation": words(sensor.rotation)}
     names = list(dict.fromkeys(one.class_name for one in described.bodies))
     class_of = np.array([names.index(one.class_name) for one in described.bodies])
     n, zeros = len(hit), np.zeros(len(hit))

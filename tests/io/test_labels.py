@@ -19,7 +19,9 @@ from lidarscene.formats import LABELS
 from lidarscene.geometry import Pose
 from lidarscene.io import kitti_dataset
 from lidarscene.io.label_files import CAMERA, PICTURE_PX, label_paths, write_labels
+from lidarscene.rig import merged
 from lidarscene.scene import Ball, Body, Scene
+from lidarscene.trajectory import Course, pose_at
 
 CAR = (4.0, 2.0, 1.5)
 
@@ -356,3 +358,84 @@ def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud:
         kitti_dataset.write_sequence_frame(sequence, 5, later, street.scene())
     kitti_dataset.write_sequence_frame(sequence, 0, later, street.scene())
     assert (sequence / "dataset/sequences/00/times.txt").read_text() == "7.000000000e+00\n"
+
+
+# --- what moves -------------------------------------------------------------------------------------
+
+
+def driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
+    """A car that crosses at 10 m/s while the sensor drives at 20 m/s, seen pulse by pulse over 0.1 s.
+
+    By hand: each beam is traced in the scene as it stands when its pulse leaves.
+    """
+    ego = Course(start=street.SENSOR, speed_m_s=20.0)
+    crossing = Course(start=street.at(25.0, -2.0, 0.75, 100.0), speed_m_s=10.0)
+    standing = street.block("parked", "car", CAR, street.at(30.0, 12.0, 0.75, 20.0))
+    car = replace(street.block("crossing", "car", CAR, Pose()), motion=crossing)
+    described = Scene(bodies=(car, standing), ego=ego)
+    parts = []
+    for time_s in np.arange(0.0, 0.1, 0.01):
+        still = Scene(
+            bodies=tuple(
+                replace(b, motion=None, pose=b.pose if b.motion is None else pose_at(b.motion, time_s))
+                for b in described.bodies
+            )
+        )
+        sensor = pose_at(ego, time_s)
+        seen = street.cloud("sensor", described=still, sensor=sensor, step_deg=0.7)
+        own_m = seen.xyz_m.astype(float)
+        world_m = (street.SENSOR if motion_in == "in the points" else sensor).apply(own_m)
+        parts.append(replace(seen, xyz_m=world_m.astype(np.float32), time_s=np.full(len(seen), time_s)))
+    metadata = street.cloud("world", described=described).metadata | {"ego_motion": motion_in}
+    return replace(PointCloud.concatenate(parts), metadata=metadata), described
+
+
+@pytest.mark.parametrize("motion_in", ["in the points", "removed"])
+def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
+    """Rationale: a box is to hold the points of its body, whoever moved. Over 0.1 s the car and the sensor go 1 m
+    and 2 m: half of that on either side of the mean time is what points may lie outside.
+    """
+    cloud, scene = driving(motion_in=motion_in)
+    found = labels.boxes(cloud, scene)
+    for box in found:
+        own = cloud.xyz_m[cloud.body == box.body].astype(float)
+        outside = np.abs(box.pose.inverse_apply(own)) - 0.5 * box.size_m
+        moves = box.name == "crossing" or motion_in == "in the points"
+        reach = (0.5 * (box.name == "crossing") + 1.0 * (motion_in == "in the points")) if moves else 1e-3
+        assert outside.max() <= reach
+        # The mean of the way on either side is as long: the box is in the middle.
+        along = outside.max(axis=1)
+        assert np.median(along) <= 0.5 * reach + 1e-3
+    assert found[0].points_on > 100
+    np.testing.assert_allclose(np.linalg.norm(found[0].velocity_m_s), 10.0, rtol=1e-9)
+    np.testing.assert_array_equal(found[1].velocity_m_s, 0.0)
+
+
+def test_ground_truth_is_that_of_the_frames_start() -> None:
+    cloud, scene = driving(motion_in="in the points")
+    crossing, parked = labels.boxes(cloud, scene, as_seen=False)
+    np.testing.assert_allclose(crossing.pose.position_m, [25.0, -2.0, 0.75], atol=1e-12)
+    np.testing.assert_allclose(parked.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
+
+
+def test_moving_classes_of_semantic_kitti() -> None:
+    cloud, scene = driving(motion_in="removed")
+    semantic, _ = labels.point_labels(cloud, scene)
+    assert set(semantic[cloud.body == 0].tolist()) == {252}
+    assert set(semantic[cloud.body == 1].tolist()) == {10}
+
+
+def test_visibility_of_a_rig() -> None:
+    """Two sensors in one cloud: beams of each start where it stands."""
+    other = street.at(40.0, 20.0, 1.8, 200.0)
+    clouds = [street.cloud("world"), street.cloud("world", sensor=other)]
+    both = merged(clouds, ["one", "two"])
+    together = labels.boxes(both, street.scene())
+    apart = [labels.boxes(cloud, street.scene()) for cloud in clouds]
+    for box, one, two in zip(together, *apart, strict=True):
+        assert box.beams == one.beams + two.beams
+        assert box.points_inside == one.points_inside + two.points_inside
+        reached = one.visibility * one.beams + two.visibility * two.beams
+        assert box.visibility * box.beams == pytest.approx(reached)
+    with pytest.raises(InputError, match="the cloud is of several sensors"):
+        both.in_sensor_frame()

@@ -23,13 +23,13 @@ TIERS = (
     ("hits",),
     ("echoes",),
     ("returns",),
-    ("cloud",),
+    ("formats", "cloud", "labels"),
     ("kernel",),
     ("simulate", "frame", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "cli_analysis", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
+    ("cli", "cli_analysis", "cli_fov", "cli_output", "cli_render", "cli_types", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 

@@ -12,7 +12,7 @@ import numpy as np
 from lidarscene.cloud import PointCloud
 from lidarscene.pixels import camera_for, coloured, lit, splat
 
-from .open3d_door import open3d
+from . import open3d_door
 from .optional import optional
 from .png import encoded
 
@@ -42,7 +42,7 @@ def to_torch(cloud: PointCloud) -> Any:
 
 def to_open3d(cloud: PointCloud) -> Any:
     """See `PointCloud.to_open3d`."""
-    module: Any = open3d()
+    module: Any = open3d_door.open3d()
     made = module.t.geometry.PointCloud()
     made.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
     for column in cloud.columns[3:]:
