@@ -78,7 +78,7 @@ MOVING = {10: 252, 31: 253, 30: 254, 32: 255, 16: 256, 13: 257, 18: 258, 20: 259
 """SemanticKITTI's numbers for what moves, by those for what stands."""
 
 UNLABELLED, OUTLIER, OTHER_OBJECT = 0, 1, 99
-"""Numbers of SemanticKITTI: no surface met, false alarm, class that is not in KINDS."""
+"""Numbers of SemanticKITTI: no surface met, no echo, class that is not in KINDS."""
 
 
 def kind_of(class_name: str) -> Kind:
@@ -200,7 +200,7 @@ def upright(box: Box) -> tuple[Array, float]:
 def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Array, Array]:
     """(n,) SemanticKITTI number and (n,) instance of each point: body + 1 of a thing, else 0.
 
-    A false alarm is an outlier, a point without a body unlabelled.
+    What is no echo is an outlier, a point without a body unlabelled.
     """
     body, class_id = _truth(cloud)
     kinds = [kind_of(name) for name in cloud.class_names]

@@ -2,7 +2,7 @@
 
 Point format 6. Standard fields: x, y, z in steps of 10 um from a round origin; intensity as 16 bits of its largest
 value; return_number and number_of_returns, up to 15; gps_time, the pulse's time in the frame; classification, 64 +
-class (the codes that ASPRS leaves to users), 1 where none, 7 for a false alarm; scan_angle, the azimuth, in steps
+class (the codes that ASPRS leaves to users), 1 where none, 7 for what is no echo; scan_angle, the azimuth, in steps
 of 0.006 degrees. Every column but the positions follows exactly in extra bytes of its name (`LAS_NAMES` where LAS
 has another field of that name). The `described.description` is in a VLR of the user `lidarscene`.
 """

@@ -2,7 +2,7 @@
 
 Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range,
 azimuth, elevation in the sensor's frame), existence_probability (that of detection), intensity in percent of the
-largest, beam_id (the channel), classification CLUTTER for a false alarm; with the truth also object_id (body + 1, as
+largest, beam_id (the channel), classification CLUTTER for what is no echo; with the truth also object_id (body + 1, as
 in the ground truth of `osi_truth`), reflectivity and radial_velocity.
 
 A frame in a trace file is its length (4 bytes, little endian) and the message. Field numbers are those of

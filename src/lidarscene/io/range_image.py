@@ -35,7 +35,7 @@ def images(cloud: PointCloud) -> dict[str, Array]:
     """(rows, columns) arrays by name, 0 where no point is.
 
     range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
-    that 0 is nothing, 1 an echo, 2 a false alarm; point is the index of the point, -1 for none.
+    that 0 is nothing and 1 an echo; point is the index of the point, -1 for none.
     azimuth_deg (columns + 1,) falls and elevation_deg (rows + 1,) falls: the edges of the pixels.
     """
     cells = cells_of(cloud)
