@@ -55,14 +55,17 @@ KINDS = {
     "cyclist": Kind(31, "Cyclist", "vehicle.bicycle"),
     "motorcyclist": Kind(32, "Misc", "vehicle.motorcycle"),
     "pedestrian": Kind(30, "Pedestrian", "human.pedestrian.adult"),
+    "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, "Misc", "movable_object.trafficcone"),
     "barrier": Kind(52, "Misc", "movable_object.barrier"),
     "pole": Kind(80, "Misc", "static.manmade"),
     "sign": Kind(81, "Misc", "static.manmade"),
+    "traffic_sign": Kind(81, "Misc", "static.manmade"),
     "road": _stuff(40, "flat.driveable_surface"),
     "parking": _stuff(44, "flat.driveable_surface"),
     "pavement": _stuff(48, "flat.sidewalk"),
+    "sidewalk": _stuff(48, "flat.sidewalk"),
     "kerb": _stuff(49, "flat.other"),
     "ground": _stuff(49, "flat.other"),
     "lane_marking": _stuff(60, "flat.driveable_surface"),
@@ -71,6 +74,7 @@ KINDS = {
     "wall": _stuff(52, "static.manmade"),
     "fence": _stuff(51, "static.manmade"),
     "vegetation": _stuff(70, "static.vegetation"),
+    "unlabelled": _stuff(0, "unlabelled"),
 }
 """By the class of a scene file. Any other class is a thing of its own: `kind_of`."""
 
@@ -135,7 +139,6 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
     Bodies of a Mitsuba base scene have no box: their shapes are not known here. Raises InputError for a cloud
     without truth, or one that does not know how its sensor stood.
     """
-    _truth(cloud)
     _truth(cloud)
     to_world = frame_to_world(cloud)
     world_m = np.ascontiguousarray(to_world.apply(cloud.xyz_m.astype(np.float64)).T)

@@ -19,14 +19,14 @@ from .protobuf import message, number
 VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
 """Values of MovingObject.Type."""
 
-MOVING = {"pedestrian": PEDESTRIAN, "animal": ANIMAL}
+MOVING = {"pedestrian": PEDESTRIAN, "person": PEDESTRIAN, "animal": ANIMAL}
 VEHICLES = {
     "car": 4, "van": 6, "truck": 7, "trailer": 10, "motorcycle": 11, "motorcyclist": 11, "bicycle": 12,
     "cyclist": 12, "bus": 13, "tram": 14,
 }  # fmt: skip
 """Values of MovingObject.VehicleClassification.Type by class."""
 
-STATIONARY = {"pole": 4, "sign": 12, "barrier": 8}
+STATIONARY = {"pole": 4, "sign": 12, "traffic_sign": 12, "barrier": 8}
 OTHER = 1
 """Values of StationaryObject.Classification.Type by class: pole, vertical structure, barrier; other."""
 
