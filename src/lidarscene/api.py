@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from . import catalog
 from .cloud import PointCloud
 from .geometry import Pose
+from .io.foreign_scene import mitsuba_scene, trimesh_scene
 from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .materials import Material
 from .rig import Rig
 from .scene import Scene
 from .sensor import Sensor
@@ -20,6 +23,32 @@ from .simulate import DEFAULT_CHUNK, Simulator
 def load_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
     """A scene from a TOML file or a Mitsuba XML; a `Scene` stays. Raises InputError."""
     return scene if isinstance(scene, Scene) else read_scene(Path(scene), catalogue=catalog.material)
+
+
+def scene_from_trimesh(
+    mesh: Any,
+    *,
+    material: str | Material | None,
+    materials: Mapping[str, str | Material],
+    classes: Mapping[str, str],
+    settings: Mapping[str, Any],
+) -> Scene:
+    """See `Scene.from_trimesh`."""
+    return trimesh_scene(
+        mesh,
+        material=material,
+        materials=materials,
+        classes=classes,
+        settings=settings,
+        catalogue=catalog.material,
+    )
+
+
+def scene_from_mitsuba(
+    path: str | os.PathLike[str], *, materials: Mapping[str, str | Material], settings: Mapping[str, Any]
+) -> Scene:
+    """See `Scene.from_mitsuba`."""
+    return mitsuba_scene(Path(path), materials=materials, settings=settings, catalogue=catalog.material)
 
 
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:

@@ -12,7 +12,7 @@ import numpy as np
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
 from .arrays import is_drjit
-from .cloud import CloudBuilder, PointCloud
+from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient, Echoes
 from .errors import InputError
@@ -384,6 +384,7 @@ class Simulator:
             "frame": frame,
             "frame_number": str(now.number),
             "frame_start_s": repr(now.start_s),
+            SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
         }
         if now.moves:
             metadata["ego_motion"] = "in the points"
