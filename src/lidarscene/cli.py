@@ -17,6 +17,7 @@ from . import __version__
 from .cli_analysis import add_commands
 from .cli_fov import add_fov
 from .cli_types import pose, whole, with_joined_pose
+from .cli_view import add_view
 from .errors import BackendError, InputError, LidarSceneError, OutputError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     _add_render(commands)
-    for add in (add_commands, add_fov):
+    for add in (add_commands, add_fov, add_view):
         add(commands, lambda text_of: lambda arguments: _told(text_of(arguments)))
 
     catalog = commands.add_parser(
