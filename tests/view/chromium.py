@@ -54,7 +54,11 @@ class Chromium:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._send(f"{domain}.enable")
         self._send(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
         )
 
     def __enter__(self) -> Chromium:
@@ -78,12 +82,15 @@ class Chromium:
 
     def until(self, condition: str) -> None:
         """Wait for an expression that becomes true; what is not defined yet is not."""
+        milliseconds = PATIENCE_S * 1e3
         waiting = f"""new Promise((done, failed) => {{
-            const give_up = setTimeout(() => failed(new Error("never: " + {json.dumps(condition)})), {PATIENCE_S * 1e3});
+            const since = performance.now();
             const look = () => {{
                 let is_so = false;
                 try {{ is_so = {condition}; }} catch {{}}
-                if (is_so) {{ clearTimeout(give_up); done(true); }} else setTimeout(look, 20);
+                if (is_so) done(true);
+                else if (performance.now() - since > {milliseconds}) failed(new Error("never"));
+                else setTimeout(look, 20);
             }};
             look();
         }})"""
@@ -97,9 +104,13 @@ class Chromium:
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """With the left button."""
         common = {"button": "left", "buttons": 1}
-        self._send("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], clickCount=1, **common)
+        self._send(
+            "Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], clickCount=1, **common
+        )
         self._send("Input.dispatchMouseEvent", type="mouseMoved", x=end[0], y=end[1], **common)
-        self._send("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], clickCount=1, **common)
+        self._send(
+            "Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], clickCount=1, **common
+        )
 
     def screenshot(self, path: Path) -> None:
         """As PNG."""

@@ -1,9 +1,9 @@
 """Link budgets of points: a cloud with truth, its sensor and the light of its scene in, watts and amperes out.
 
 The very stages of the simulation, on numpy. A cloud does not hold its surface's BSDF, only the diffuse reflectivity, so
-the power by (5) and the background by (8) are those of a Lambertian surface: exact for diffuse materials, too low where
-a coat, a mirror or a retro-reflector looks back. Where it does not explain the SNR in the cloud, the echo's power is
-the one that does.
+from a cloud alone the power by (5) and the background by (8) are those of a Lambertian surface: exact for diffuse
+materials, off where a coat, a mirror or a retro-reflector looks back. Where the Lambertian echo does not explain the
+SNR in the cloud, P_r is what does. Who has the world compiled gives the light itself (`kernel.light.light_of`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..beams import Beams
 from ..cloud import PointCloud
-from ..echoes import Ambient, receive
+from ..echoes import Ambient, Echoes, receive
 from ..errors import InputError
 from ..hits import Hits
 from ..physics import tdc
@@ -37,7 +37,7 @@ class Budget:
 
     echo_power_w           P_r, peak: by (5) if that gives the cloud's SNR, else what does; 0 without a surface
     lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without a surface
-    background_power_w     P_rs by (8), of a Lambertian surface, or of the sky
+    background_power_w     P_rs by (8), of a Lambertian surface unless the light was given, or of the sky
     noise                  sigma_0 without an echo
     threshold              level U of the comparator
     signal                 peak of the echo without noise
@@ -55,15 +55,17 @@ class Budget:
     detection_probability: Matrix
 
 
-def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient) -> Budget:
+def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
     """The budget of every point, by the sensor that made the cloud.
 
+    light  of the points' pulses, where it is known
     Raises InputError for a cloud without truth.
     """
     if not cloud.has_truth:
         raise InputError("budget: the cloud has no truth columns, from which it is computed")
     hits = _lambertian(cloud)
-    light = receive(_beams(cloud, sensor), hits, sensor, ambient)
+    lambertian = receive(_beams(cloud, sensor), hits, sensor, ambient)
+    light = light or lambertian
     point = sensor.working_point(np.broadcast_to(light.background_power_w, len(cloud)))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
     noise = np.broadcast_to(point.noise, len(cloud))
@@ -74,7 +76,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient) -> Budget:
     found = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
     return Budget(
         echo_power_w=np.where(hits.found, power, 0.0),
-        lambertian_power_w=light.peak_power_w,
+        lambertian_power_w=lambertian.peak_power_w,
         background_power_w=light.background_power_w,
         noise=noise,
         threshold=threshold,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Table
 from .backend import mitsuba
 
@@ -45,6 +47,11 @@ def opaque_uint32(value: int) -> Any:
     import drjit as dr
 
     return dr.opaque(mitsuba().UInt32, value)
+
+
+def uint32(values: np.ndarray[Any, Any]) -> Any:
+    """32-bit unsigned numbers of the host, on the device."""
+    return mitsuba().UInt32(np.ascontiguousarray(values, dtype=np.uint32))
 
 
 def counter(first: int, count: int) -> Any:

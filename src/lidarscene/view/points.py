@@ -21,7 +21,11 @@ SYMBOLS = {
     "threshold": "U", "signal": "s", "intensity": "s + noise",
 }  # fmt: skip
 LOGARITHMIC = ("intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal")
-OF_BUDGET = ("intensity", "snr", "detection_probability")
+OF_BUDGET = (
+    "echo_power", "lambertian_power", "background_power", "signal", "noise", "noise_at_peak", "threshold", "snr",
+    "detection_probability", "intensity",
+)  # fmt: skip
+"""As light and signal go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,25 +51,25 @@ class Field:
 
 
 def frame_blob(
-    cloud: PointCloud, *, name: str, xyz_m: Matrix, budget: Budget | None, told: dict[str, Any]
+    cloud: PointCloud, *, name: str, origin_m: Matrix, budget: Budget | None, told: dict[str, Any]
 ) -> bytes:
     """One frame.
 
-    xyz_m   (n, 3) where the points are drawn
-    budget  of the points, if there is one
-    told    what else the page says of it
+    origin_m  (3,) what is taken off the positions before they become single precision
+    budget    of the points, if there is one
+    told      what else the page says of it
     """
-    sensor_m = cloud.sensor_position_m if cloud.metadata.get("frame") == "world" else np.zeros(3)
     fields: list[Field] = []
-    arrays: dict[str, Matrix] = {"xyz": xyz_m.astype(np.float32).ravel()}
+    arrays: dict[str, Matrix] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
     for field, values in [*_columns(cloud), *_of_budget(cloud, budget)]:
         fields.append(field)
         if field.name not in ("x", "y", "z"):  # the page takes these from xyz
             arrays[field.name] = values
+    fields.sort(key=lambda field: OF_BUDGET.index(field.name) if field.group == BUDGET else -1)
     header = {
         "name": name, "count": len(cloud), "fields": [field.header() for field in fields], "groups": GROUPS,
         "alarms": int(np.count_nonzero(cloud.status)), "metadata": dict(cloud.metadata),
-        "sensor": [float(x) for x in sensor_m],
+        "sensor": cloud.sensor_position_m.tolist(),
     }  # fmt: skip
     return packed(header | told, arrays)
 

@@ -12,11 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import catalog
-from ..analysis.budget import budget_of
+from ..analysis.budget import budget_of, pulses_of
 from ..api import load_sensor
 from ..cloud import PointCloud
 from ..errors import InputError
 from ..geometry import Pose
+from ..kernel.light import light_of
 from ..pixels import camera_for
 from ..scene import Scene
 from ..sensor import Sensor
@@ -69,7 +70,7 @@ class Clouds:
         self.paths, self.scene, self.overrides = tuple(paths), scene, tuple(overrides)
         self.frames = tuple(path.name for path in self.paths)
         self.sensor = load_sensor(sensor, overrides=overrides) if sensor is not None else None
-        self._first = PointCloud.load(self.paths[0])
+        self._first = self._loaded(0)
         self._origin = _origin_of(self._first.sensor_position_m)
         self.title = _title(self._first.metadata, self.paths[0].name)
 
@@ -78,25 +79,35 @@ class Clouds:
         sensor = self._sensor_of(self._first)
         wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
         told = {"title": self.title, "frames": self.frames, "live": False}
-        camera = _camera(self._first, self.scene if _in_world(self._first) else None)
-        return stage_blob(told, scene=self.scene, wavelength_m=wavelength, origin=self._origin, camera=camera)
+        return stage_blob(
+            told, scene=self.scene, wavelength_m=wavelength, origin=self._origin,
+            camera=_camera(self._first, self.scene),
+        )  # fmt: skip
 
     def frame(self, number: int) -> bytes:
         """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
-        cloud = PointCloud.load(self.paths[number]) if number else self._first
+        cloud = self._loaded(number) if number else self._first
         sensor = self._sensor_of(cloud)
-        budget = None
+        budget, told = None, {}
         if sensor is not None and self.scene is not None and cloud.has_truth:
             budget = budget_of(cloud, sensor, ambient_of(self.scene, sensor))
-        xyz_m = cloud.xyz_m
-        if self.scene is not None and not _in_world(cloud):
-            mounting = sensor.mounting if sensor else Pose()
-            xyz_m = (self.scene.sensor_pose @ mounting).apply(xyz_m)
-        return frame_blob(cloud, name=self.frames[number], xyz_m=xyz_m - self._origin, budget=budget, told={})
+            told = {"approximate": _not_lambertian(self.scene, cloud)}
+        return frame_blob(cloud, name=self.frames[number], origin_m=self._origin, budget=budget, told=told)
 
     def rendered(self, settings: Settings) -> bytes:
         """A cloud is as it is."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
+
+    def _loaded(self, number: int) -> PointCloud:
+        """A cloud; one in the sensor's frame stands where the scene's sensor does."""
+        cloud = PointCloud.load(self.paths[number])
+        if self.scene is None or cloud.metadata.get("frame") == "world":
+            return cloud
+        sensor = self._sensor_of(cloud)
+        place = self.scene.sensor_pose @ (sensor.mounting if sensor else Pose())
+        position = " ".join(repr(float(x)) for x in place.position_m)
+        metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position}
+        return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata)
 
     def _sensor_of(self, cloud: PointCloud) -> Sensor | None:
         name = cloud.metadata.get("sensor", "")
@@ -153,8 +164,13 @@ class Live:
             "controls": [dataclasses.asdict(one) for one in self.equipment.controls(settings)],
             "beams": summary.beams, "seconds": seconds, "sun": scene.sun.direction.tolist(),
         }  # fmt: skip
-        budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
-        return frame_blob(cloud, name="", xyz_m=cloud.xyz_m - self._origin, budget=budget, told=told)
+        ambient = ambient_of(scene, sensor)
+        light = light_of(
+            simulator.world, sensor, ambient, sun=scene.sun.direction, place=simulator.pose,
+            pulse=pulses_of(cloud, sensor.scanner), seed=self.seed,
+        )  # fmt: skip
+        budget = budget_of(cloud, sensor, ambient, light=light)
+        return frame_blob(cloud, name="", origin_m=self._origin, budget=budget, told=told)
 
 
 def stage_blob(
@@ -171,6 +187,12 @@ def stage_blob(
     return packed(
         header, {"vertices": vertices.ravel(), "colours": solid.colours.ravel(), "faces": solid.faces.ravel()}
     )
+
+
+def _not_lambertian(scene: Scene, cloud: PointCloud) -> list[int]:
+    """Numbers of the materials for which a budget from truth columns is not exact."""
+    kinds = [getattr(scene.materials.get(name), "bsdf", "") for name in cloud.material_names]
+    return [number for number, kind in enumerate(kinds) if kind != "diffuse"]
 
 
 def _camera(cloud: PointCloud, scene: Scene | None) -> dict[str, Any]:
@@ -192,10 +214,6 @@ def _camera(cloud: PointCloud, scene: Scene | None) -> dict[str, Any]:
 def _origin_of(position_m: Matrix) -> Matrix:
     """What is taken off every coordinate before the page's single precision."""
     return np.zeros(3) if np.abs(position_m).max() < LARGEST_FLOAT32_M else np.rint(position_m)
-
-
-def _in_world(cloud: PointCloud) -> bool:
-    return cloud.metadata.get("frame") == "world"
 
 
 def _title(metadata: Any, otherwise: str) -> str:

@@ -146,7 +146,7 @@ class Legend {
       const inside = rounded.filter(tick => tick >= 0.999 * low && tick <= 1.001 * high);
       const decades = inside.filter(tick => Math.abs(Math.log10(tick) % 1) < 1e-9);
       const few = decades.length > 1 ? decades : inside;
-      return few.filter((_, i) => i % Math.ceil(few.length / 5) === 0);
+      if (few.length > 2) return few.filter((_, i) => i % Math.ceil(few.length / 5) === 0);
     }
     const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw));
     const step = power * [1, 2, 5, 10].find(n => n * power >= raw);

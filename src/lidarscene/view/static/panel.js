@@ -60,13 +60,18 @@ function showCard(frame, index, { origin, closed, missing }) {
     for (const field of fields) {
       const value = frame.values(field.name)[index] + ("xyz".includes(field.name) ? origin["xyz".indexOf(field.name)] : 0);
       const text = field.names ? field.names[value] ?? (value < 0 ? "none" : String(value))
-        : told(value, field.unit, field.unit === "m" ? 6 : 4);
+        : field.unit === "m" && Number.isFinite(value) ? `${value.toFixed(4)}\u202fm` : told(value, field.unit);
       rows.push(made("tr", { title: field.meaning },
         made("td", {}, field.label, made("i", {}, field.symbol)), made("td", {}, text)));
     }
   }
   const table = made("table", {}, made("tbody", {}, ...rows));
-  const hint = frame.fields.some(field => field.name === "echo_power") ? ""
-    : made("p", {}, "For P_r, P_rs and the threshold, name the scene and a cloud with truth: lidarscene view CLOUD SCENE");
-  card.replaceChildren(close, table, hint);
+  card.replaceChildren(close, table, made("p", {}, note(frame, index)));
+}
+
+// What a budget lacks.
+function note(frame, index) {
+  if (!frame.arrays.echo_power) return "For P_r, P_rs and the threshold: lidarscene view CLOUD SCENE, of a cloud with truth.";
+  return frame.approximate?.includes(frame.arrays.material[index])
+    ? "This material is not Lambertian: P_rs, and what follows from it, are those of its diffuse part." : "";
 }

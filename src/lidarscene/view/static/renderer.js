@@ -3,7 +3,7 @@
 class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
-    this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    this.gl = canvas.getContext("webgl2", { antialias: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the view needs");
     this.points = this.#program(POINT_SHADER);
     this.surface = this.#program(SURFACE_SHADER);

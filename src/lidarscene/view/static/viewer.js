@@ -115,7 +115,8 @@ class Viewer {
     frame.values = name => frame.arrays[name] ?? xyz.filter((_, i) => i % 3 === "xyz".indexOf(name));
     const names = frame.fields.map(field => field.name);
     if (!names.includes(this.colourBy)) this.colourBy = "range";
-    showFields(frame.fields, frame.groups, this.colourBy);
+    if (names.join() !== this.names) showFields(frame.fields, frame.groups, this.colourBy);
+    this.names = names.join();
     const statuses = frame.fields.find(field => field.name === "status").names;
     const counts = Array(statuses.length).fill(0);
     for (const one of status) counts[one] += 1;
