@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 import sys
 import webbrowser
@@ -60,21 +61,19 @@ def view_text(arguments: argparse.Namespace) -> str:
     from .view.serve import Server
 
     if arguments.save is not None:
-        _check_save(arguments.save, arguments.paths)
+        _check_save(arguments.save)
         source = _source(arguments)
         save(source, arguments.save)
         return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
-    server = Server(arguments.port)
-    source = _source(arguments)
-    sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
-    sys.stdout.flush()
-    if not arguments.no_browser:
-        webbrowser.open(server.url)
-    try:
-        server.serve(source)
-    except KeyboardInterrupt:
-        return "ended"
-    return ""
+    with Server(arguments.port) as server:
+        source = _source(arguments)
+        sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
+        sys.stdout.flush()
+        if not arguments.no_browser:
+            webbrowser.open(server.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve(source)
+    return "ended"
 
 
 def _source(arguments: argparse.Namespace) -> Source:
@@ -116,12 +115,10 @@ def _by_numbers(path: Path) -> list[tuple[int, str]]:
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
 
 
-def _check_save(save: Path, inputs: Sequence[Path]) -> None:
-    """Refuse what could not or must not be written, before any work goes into it."""
+def _check_save(path: Path) -> None:
+    """Refuse what could not be written, before any work goes into it."""
     from .io.files import require_writable
 
-    if save.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--save {save}: a name that ends in .html was expected")
-    if save.exists() and any(one.exists() and one.samefile(save) for one in inputs):
-        raise InputError(f"--save {save}: is an input of this run, another name was expected")
-    require_writable(save)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--save {path}: a name that ends in .html was expected")
+    require_writable(path)

@@ -35,7 +35,7 @@ def light_of(
         rotation=_numbers(place.rotation),
         seed=device.opaque_uint32(seed),
     )
-    hits = trace(world, rays, sun=_numbers(sun), coherent=False)
+    hits = trace(world, rays, sun=_numbers(sun))
     light = echoes.receive(rays, hits, equipment, device.opaque(ambient))
     return Echoes(
         found=light.found.numpy(),

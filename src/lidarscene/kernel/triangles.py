@@ -13,8 +13,14 @@ from .backend import mitsuba
 
 Matrix = np.ndarray[Any, Any]
 
-RINGS = 24  # of latitude, in a drawn sphere
-UNIT_SQUARE = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
+SEGMENTS = 48  # of a drawn circle
+_POLAR = np.linspace(0.0, np.pi, SEGMENTS // 2 + 1)
+PROFILES = {
+    "Sphere": np.stack([np.sin(_POLAR), np.cos(_POLAR)], axis=1),
+    "Disk": np.array([(0.0, 0.0), (1.0, 0.0)]),
+    "Cylinder": np.array([(1.0, 0.0), (1.0, 1.0)]),
+}
+"""Distance from the axis and height along it, of Mitsuba's shapes before their `to_world`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +37,7 @@ class Drawn:
 
 
 def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
-    """What a scene takes from its Mitsuba file; shapes that are not mesh, rectangle or sphere are left out."""
+    """What a scene takes from its Mitsuba file; of shapes that are no meshes, those in PROFILES."""
     if scene.base is None:
         return []
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
@@ -41,30 +47,28 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
 
 
 def _triangles(shape: Any) -> tuple[Matrix, Matrix] | None:
-    mi = mitsuba()
-    values = mi.traverse(shape)
     if shape.is_mesh():
-        vertices = values["vertex_positions"].numpy().reshape(-1, 3).astype(np.float64)
-        return vertices, values["faces"].numpy().reshape(-1, 3).astype(np.uint32)
-    if shape.class_name() == "Rectangle":
-        placed = np.array(values["to_world"].matrix, np.float64).reshape(4, 4)
-        faces = np.array([(0, 1, 2), (0, 2, 3)], np.uint32)
-        return UNIT_SQUARE @ placed[:3, :3].T + placed[:3, 3], faces
-    if shape.class_name() == "Sphere":
-        box = shape.bbox()
-        low, high = (np.array(corner, np.float64).ravel() for corner in (box.min, box.max))
-        vertices, faces = sphere(0.5 * float((high - low).mean()))
-        return vertices + 0.5 * (low + high), faces
-    return None
+        vertices, faces = shape.vertex_positions_buffer().numpy(), shape.faces_buffer().numpy()
+        return vertices.reshape(-1, 3).astype(np.float64), faces.reshape(-1, 3).astype(np.uint32)
+    if (kind := shape.class_name()) not in PROFILES:
+        return None
+    placed = np.array(mitsuba().traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
+    vertices, faces = revolved(PROFILES[kind])
+    return vertices @ placed[:3, :3].T + placed[:3, 3], faces
 
 
 def sphere(radius_m: float) -> tuple[Matrix, Matrix]:
-    """Vertices and faces of a sphere around the origin, in rings of latitude."""
-    columns = 2 * RINGS
-    polar, around = np.linspace(0.0, np.pi, RINGS + 1), np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
-    theta, phi = np.meshgrid(polar, around, indexing="ij")
-    xyz = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    ring, column = np.meshgrid(np.arange(RINGS), np.arange(columns), indexing="ij")
-    a, b = ring * columns + column, ring * columns + (column + 1) % columns
-    halves = np.stack([a, a + columns, b, b, a + columns, b + columns], axis=-1)
-    return radius_m * xyz.reshape(-1, 3), halves.reshape(-1, 3).astype(np.uint32)
+    """Vertices and faces of a sphere around the origin."""
+    vertices, faces = revolved(PROFILES["Sphere"])
+    return radius_m * vertices, faces
+
+
+def revolved(profile: Matrix) -> tuple[Matrix, Matrix]:
+    """Vertices and faces of a line turned about z; (n, 2) distances from the axis and heights."""
+    phi = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
+    radius, height = (np.repeat(profile[:, i, None], SEGMENTS, axis=1) for i in (0, 1))
+    vertices = np.stack([radius * np.cos(phi), radius * np.sin(phi), height], axis=-1)
+    ring, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(SEGMENTS), indexing="ij")
+    a, b = ring * SEGMENTS + column, ring * SEGMENTS + (column + 1) % SEGMENTS
+    halves = np.stack([a, a + SEGMENTS, b, b, a + SEGMENTS, b + SEGMENTS], axis=-1)
+    return vertices.reshape(-1, 3), halves.reshape(-1, 3).astype(np.uint32)

@@ -26,7 +26,7 @@ Job = Callable[[], bytes]
 
 
 class Server(ThreadingHTTPServer):
-    """Has its port from the moment it is made; answers once `serve` runs."""
+    """Has its port from the moment it is made until the block ends; answers while `serve` runs."""
 
     daemon_threads = True
     source: Source
@@ -60,7 +60,6 @@ class Server(ThreadingHTTPServer):
                     self._do(*self.jobs.get(timeout=POLL_S))
         finally:
             self.shutdown()
-            self.server_close()
 
     def done(self, job: Job) -> bytes:
         """What a job gives, done by the serving thread. Called by the others."""

@@ -2,9 +2,12 @@
 
 // Dark ends, which would be lost on the background, are cut off; the same maps as in the pictures of `render`.
 const MAPS = {
-  viridis: "472a7a 424186 39568c 306a8e 297b8e 228d8d 1f9f88 2ab07f 46c06f 6ece58 9dd93b d0e11c fde725",
-  turbo: "a91601 d63506 f15d13 fe962b f5c53a d2e935 a4fc3c 61fc6c 22ebaa 1ecbda 3d9efe 4771e9 3f3e9c",
-  inferno: "6a176e 82206c 9a2865 b1325a c73e4c da4e3c ea632a f57b17 fb9606 fcb216 f8cf3a f1ec6d fcffa4",
+  viridis: "472a7a 443b84 3e4c8a 375b8d 306a8e 2a778e 25848e 20928c 1f9f88 "
+    + "25ac82 37b878 50c46a 6ece58 90d743 b5de2b dae319 fde725",
+  turbo: "a91601 cc2b04 e5470b f66c19 fe962b faba39 e7d739 c8ef34 a4fc3c "
+    + "71fe5f 3cf58e 1ae4b6 1ecbda 35abf8 4687fb 4664da 3f3e9c",
+  inferno: "6a176e 7d1e6d 8f2469 a02a63 b1325a c13a50 d24644 df5337 ea632a "
+    + "f2741c f8870e fb9d07 fcb216 f9c72f f4dd4f f1f179 fcffa4",
 };
 const KINDS = ["4cc9f0", "ffb703", "80ed99", "f15bb5", "a78bfa", "ff6b35", "e9ff70", "2ec4b6", "c08552", "9fb4ff",
   "ff8fa3", "6a994e"];

@@ -66,7 +66,7 @@ function showCard(frame, index, { origin, closed, missing }) {
     }
   }
   const table = made("table", {}, made("tbody", {}, ...rows));
-  card.replaceChildren(close, table, made("p", {}, note(frame, index)));
+  card.replaceChildren(close, made("p", {}, note(frame, index)), table);
 }
 
 // What a budget lacks.

@@ -83,10 +83,9 @@ class Renderer {
     gl.enable(gl.DEPTH_TEST);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     const matrix = camera.matrix(width / height);
-    const clear = () => this.#drawSurface(matrix, camera, style, true);
     this.#drawSurface(matrix, camera, style, false);
-    this.#drawPoints(matrix, style, ratio);
-    clear();
+    this.#drawPoints(matrix, camera, style, ratio);
+    this.#drawSurface(matrix, camera, style, true);
     if (style.line) this.#drawLine(matrix, style.line);
     return matrix;
   }
@@ -118,13 +117,14 @@ class Renderer {
     gl.disable(gl.BLEND);
   }
 
-  #drawPoints(matrix, style, ratio) {
+  #drawPoints(matrix, camera, style, ratio) {
     if (!this.counts.points) return;
     const gl = this.gl, { program, uniforms } = this.points;
     gl.useProgram(program);
     gl.bindVertexArray(this.arrays.points);
     gl.bindTexture(gl.TEXTURE_2D, this.map);
     gl.uniformMatrix4fv(uniforms.matrix, false, matrix);
+    gl.uniform3fv(uniforms.eye, camera.eye);
     gl.uniform1f(uniforms.size, 3 * style.size * ratio);
     gl.uniform1f(uniforms.low, style.low);
     gl.uniform1f(uniforms.high, style.high);

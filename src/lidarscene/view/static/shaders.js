@@ -6,15 +6,20 @@ in vec3 position;
 in float value;
 in float status;
 uniform mat4 matrix;
+uniform vec3 eye;
 uniform float size, low, high;
 uniform int scale;      // 0 linear, 1 logarithmic, 2 a category
 uniform uint hidden;    // a bit for each status
 uniform bool alarms;    // whether false alarms have a colour of their own
 uniform sampler2D map;
 out vec4 colour;
+const float PULL_M = 0.2;
 
 void main() {
   gl_Position = matrix * vec4(position, 1.0);
+  // Ranges are noisy: a point a little behind its surface is not hidden by it.
+  vec4 nearer = matrix * vec4(position + PULL_M * normalize(eye - position), 1.0);
+  if (nearer.w > 0.0) gl_Position.z = nearer.z / nearer.w * gl_Position.w;
   gl_PointSize = size * clamp(sqrt(25.0 / max(gl_Position.w, 0.1)), 0.6, 2.5);
   if (scale == 2) {
     int row = int(value) + 1;
