@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import re
 import sys
+import threading
 import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -70,7 +71,8 @@ def view_text(arguments: argparse.Namespace) -> str:
         sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
         sys.stdout.flush()
         if not arguments.no_browser:
-            webbrowser.open(server.url)
+            # Of its own, because a browser of the terminal would wait for the page before it is served.
+            threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
             server.serve(source)
     return "ended"

@@ -28,7 +28,8 @@ TIERS = (
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "cli_analysis", "cli_fov", "cli_types", "doctor", "__main__"),
+    ("view",),
+    ("cli", "cli_analysis", "cli_fov", "cli_types", "cli_view", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 

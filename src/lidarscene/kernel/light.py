@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -37,12 +38,9 @@ def light_of(
     )
     hits = trace(world, rays, sun=_numbers(sun))
     light = echoes.receive(rays, hits, equipment, device.opaque(ambient))
-    return Echoes(
-        found=light.found.numpy(),
-        range_m=light.range_m.numpy(),
-        peak_power_w=light.peak_power_w.numpy(),
-        background_power_w=light.background_power_w.numpy(),
-    )
+    columns = {field.name: getattr(light, field.name) for field in dataclasses.fields(light)}
+    device.start(list(columns.values()))  # together, or each would be traced for itself
+    return Echoes(**{name: column.numpy() for name, column in columns.items()})
 
 
 def _numbers(values: Matrix) -> Any:

@@ -94,12 +94,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
 
     def do_POST(self) -> None:
-        length = int(self.headers.get("Content-Length") or 0)
-        if self.path != "/render" or not 0 <= length <= LARGEST_REQUEST:
+        length = self.headers.get("Content-Length", "")
+        if self.path != "/render" or not length.isdecimal() or int(length) > LARGEST_REQUEST:
             self.close_connection = True
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
             return
-        body = self.rfile.read(length)
+        body = self.rfile.read(int(length))
         self._answer(lambda: self.server.source.rendered(settings_from(body)))
 
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
@@ -111,6 +111,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, self.server.done(job), kind)
         except LidarSceneError as error:
             self._send(HTTPStatus.BAD_REQUEST, str(error).encode(), "text/plain; charset=utf-8")
+        except Exception:
+            self._send(HTTPStatus.INTERNAL_SERVER_ERROR, b"this failed; the terminal says why", "text/plain")
+            raise
 
     def _send(self, status: HTTPStatus, body: bytes, kind: str) -> None:
         with contextlib.suppress(ConnectionError):  # the page was closed meanwhile
