@@ -91,9 +91,9 @@ def primitive(name, shape, kind, material, *, position_m=None, instances=None, *
     )
 
 
-def header(name, description, *, made_by, sun, sky, air, sensor, picture):
-    """What stands above the bodies: the five tables of numbers."""
+def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None):
+    """What stands above the bodies: the tables of numbers."""
     first = f"# Made by assets/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
-    parts = (("sun", sun), ("sky", sky), ("air", air), ("sensor", sensor), ("picture", picture))
-    return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts)])
+    parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "sensor": sensor, "picture": picture}
+    return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts.items() if entries)])

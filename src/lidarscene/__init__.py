@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .api import load_rig as load_rig
     from .api import load_scene as load_scene
     from .api import load_sensor as load_sensor
     from .api import render as render
+    from .api import render_frames as render_frames
     from .cloud import PointCloud as PointCloud
+    from .deskew import deskewed as deskewed
     from .errors import BackendError as BackendError
     from .errors import InputError as InputError
     from .errors import LidarSceneError as LidarSceneError
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
 
 _HOME = {
     "render": "api",
+    "render_frames": "api",
+    "load_rig": "api",
+    "deskewed": "deskew",
     "load_scene": "api",
     "load_sensor": "api",
     "PointCloud": "cloud",

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import catalog
 from .cloud import PointCloud
 from .geometry import Pose
+from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .rig import Rig
 from .scene import Scene
 from .sensor import Sensor
 from .simulate import DEFAULT_CHUNK, Simulator
@@ -29,6 +31,38 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[
     if isinstance(sensor, Sensor):
         return sensor
     return catalog.sensor(os.fspath(sensor), overrides=overrides)
+
+
+def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
+    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor. Raises InputError."""
+    if isinstance(rig, Rig):
+        return rig
+    return read_rig(
+        Path(rig), sensor=lambda name, changes: load_sensor(name, overrides=changes), overrides=overrides
+    )
+
+
+def render_frames(
+    scene: str | os.PathLike[str] | Scene,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    frames: int,
+    begin_s: float = 0.0,
+    seed: int = 0,
+    pose: Pose | None = None,
+    frame: str = "world",
+    chunk: int = DEFAULT_CHUNK,
+    overrides: Sequence[str] = (),
+) -> Iterator[PointCloud]:
+    """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
+
+    begin_s  when the first begins, by the clock of the scene's motions
+    """
+    described = load_scene(scene)
+    equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
+    simulator = Simulator(described, equipped, pose=pose)
+    for number in range(frames):
+        yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
 
 def render(

@@ -22,27 +22,29 @@ class Beams:
     origin_m     (x, y, z), each a scalar or (n,)
     direction    (x, y, z), each (n,), unit length
     aperture_m2  effective receiving aperture A(theta_r) of (4), a scalar or (n,)
+    background_aperture_m2  that goes with the detector's own field of view in (8), or None: the same
     """
 
     pulse: Array
-    origin_m: tuple[Array, Array, Array]
-    direction: tuple[Array, Array, Array]
+    origin_m: Vector
+    direction: Vector
     aperture_m2: Array
+    background_aperture_m2: Array | None = None
 
 
 def fire(
     sensor: Sensor,
     *,
     pulse: Array,
-    origin_m: tuple[Array, Array, Array],
+    origin_m: Vector,
     rotation: tuple[Array, ...],
     seed: Array = 0,
 ) -> Beams:
     """The rays of these pulses, where they really go: with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
-    origin_m  position of the sensor in the tracing frame
-    rotation  nine numbers, row by row: sensor frame to tracing frame
+    origin_m  position of the sensor in the tracing frame, for all pulses or, of a sensor that moves, for each
+    rotation  nine numbers, row by row: sensor frame to tracing frame; the same
     seed      of the jitter, 32 bits
     """
     direction = sensor.scanner.direction(pulse)
@@ -51,9 +53,7 @@ def fire(
     return _placed(sensor, pulse, direction, origin_m, rotation)
 
 
-def reported(
-    sensor: Sensor, *, pulse: Array, origin_m: tuple[Array, Array, Array], rotation: tuple[Array, ...]
-) -> Beams:
+def reported(sensor: Sensor, *, pulse: Array, origin_m: Vector, rotation: tuple[Array, ...]) -> Beams:
     """The rays of these pulses as the sensor believes them to be: by the angles that it reports."""
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
@@ -64,7 +64,7 @@ def _placed(
     sensor: Sensor,
     pulse: Array,
     direction: Vector,
-    origin_m: tuple[Array, Array, Array],
+    origin_m: Vector,
     rotation: tuple[Array, ...],
 ) -> Beams:
     """Rays in the tracing frame, from directions in the sensor's."""
@@ -77,6 +77,7 @@ def _placed(
         origin_m=origin_m,
         direction=_turned(rotation, direction),
         aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.aperture_share(pulse),
+        background_aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.background_share(pulse),
     )
 
 

@@ -42,6 +42,7 @@ COLUMNS = (
     Column("x", "xyz_m", "float32", "m", "position, forward"),
     Column("y", "xyz_m", "float32", "m", "position, left"),
     Column("z", "xyz_m", "float32", "m", "position, up"),
+    Column("range", "range_m", "float32", "m", "range that the sensor reports"),
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
@@ -50,27 +51,32 @@ COLUMNS = (
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
     Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference"),
+    Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
     Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
     Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
     Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
+    Column("radial_velocity", "radial_velocity_m_s", "float32", "m/s", "of surface and sensor apart", True),
     Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
     Column("class", "class_id", "int32", "1", "class of that body, -1 none", True),
     Column("material", "material", "int32", "1", "material that was hit, -1 none", True),
 )
 """Every column of a file, in order: the one table for files, documentation and pictures."""
 
-RANGE = Column("range", "range_m", "float32", "m", "range that the sensor reports")
-"""Not in files, where it follows from the position."""
-
-_SCALARS = {c.attribute: c for c in (*COLUMNS[3:], RANGE)}
+_SCALARS = {c.attribute: c for c in COLUMNS[3:]}
 MEASURED = ("xyz_m", *(a for a, c in _SCALARS.items() if not c.truth))
 TRUTH = tuple(a for a, c in _SCALARS.items() if c.truth)
 """Attributes that every cloud has, and those that come all together or not at all."""
 
-_NAMES = ("body_names", "class_names", "material_names")
+NAMES = {
+    "sensor_index": "sensor_names",
+    "body": "body_names",
+    "class_id": "class_names",
+    "material": "material_names",
+}
+"""Attribute that holds an index: attribute that holds the names. -1 has none."""
 
 FORMATS = {".ply": ("lidarscene.io.ply", "write_ply", "read_ply")}
 """Suffix: module, writer and reader. Loaded by name on use, so that this module knows no file format."""
@@ -83,8 +89,10 @@ class PointCloud:
     xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default) or "world"
     range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
     truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
-    names     body_names[body], class_names[class_id], material_names[material]; may be empty
-    metadata  text by key: sensor, scene, seed, ...; a world frame needs "sensor_position_m": "x y z"
+    names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
+              may be empty
+    metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
+              "sensor_position_m": "x y z", three numbers for each sensor
 
     The arrays are not copied: who hands them over leaves them alone from then on. Raises ValueError for a
     wrong shape, an integer out of range, a NaN anywhere.
@@ -101,14 +109,17 @@ class PointCloud:
     elevation_rad: Array
     return_number: Array
     status: Array
+    sensor_index: Array
     true_range_m: Array | None = None
     incidence_angle_rad: Array | None = None
     reflectivity: Array | None = None
     sun_angle_rad: Array | None = None
     in_shadow: Array | None = None
+    radial_velocity_m_s: Array | None = None
     body: Array | None = None
     class_id: Array | None = None
     material: Array | None = None
+    sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
     material_names: tuple[str, ...] = ()
@@ -122,15 +133,15 @@ class PointCloud:
         n = len(self.xyz_m)
         for attribute in MEASURED if absent else MEASURED + TRUTH:
             object.__setattr__(self, attribute, _checked(attribute, getattr(self, attribute), n))
-        for attribute in _NAMES:
+        for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
         object.__setattr__(self, "metadata", {str(k): str(v) for k, v in self.metadata.items()})
-        if not absent:
-            for attribute, names in zip(("body", "class_id", "material"), _NAMES, strict=True):
+        for attribute, names in NAMES.items():
+            if attribute not in absent:
                 _check_index(attribute, getattr(self, attribute), getattr(self, names))
         if not all(0 < len(key) <= 100 for key in self.metadata):
             raise ValueError("PointCloud.metadata: keys of 1 to 100 characters were expected")
-        sensor_position_m(self.metadata)
+        sensor_positions_m(self.metadata)
 
     def __len__(self) -> int:
         return int(self.xyz_m.shape[0])
@@ -149,8 +160,8 @@ class PointCloud:
 
     @property
     def sensor_position_m(self) -> Array:
-        """(3,) float64 position of the sensor in the frame of the points."""
-        return sensor_position_m(self.metadata)
+        """(3,) float64 position of the sensor (of the first, of a rig) in the frame of the points."""
+        return np.asarray(sensor_positions_m(self.metadata)[0])
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -158,8 +169,8 @@ class PointCloud:
         return tuple(c for c in COLUMNS if self.has_truth or not c.truth)
 
     def column(self, name: str) -> Array:
-        """(n,) values of the column of this name, as in files: "x", "snr", "class", ...; or "range"."""
-        choices = {c.name: c for c in (*self.columns, RANGE)}
+        """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
+        choices = {c.name: c for c in self.columns}
         if name not in choices:
             raise InputError(f"column '{name}': not in this cloud; the choices are {', '.join(choices)}")
         values: Array = getattr(self, choices[name].attribute)
@@ -183,8 +194,8 @@ class PointCloud:
         """
         if not parts:
             raise ValueError("PointCloud.concatenate: no parts")
-        description: dict[str, Any] = {a: getattr(parts[0], a) for a in (*_NAMES, "metadata")}
-        if any(getattr(part, a) != description[a] for part in parts for a in _NAMES):
+        description: dict[str, Any] = {a: getattr(parts[0], a) for a in (*NAMES.values(), "metadata")}
+        if any(getattr(part, a) != description[a] for part in parts for a in NAMES.values()):
             raise ValueError("PointCloud.concatenate: the parts name different bodies, classes or materials")
         builder = CloudBuilder()
         for columns in [part._arrays() for part in parts]:
@@ -276,18 +287,17 @@ class CloudBuilder:
         return PointCloud(**columns, **description)
 
 
-def sensor_position_m(metadata: Mapping[str, str]) -> Array:
-    """(3,) float64 position of the sensor in the frame of the points; ValueError unless metadata tell."""
+def sensor_positions_m(metadata: Mapping[str, str]) -> Array:
+    """(sensors, 3) float64 positions of the sensors in the frame of the points; ValueError unless metadata tell."""
     frame, text = metadata.get("frame", "sensor"), metadata.get("sensor_position_m", "")
-    position = np.zeros(3)
+    if frame == "sensor":
+        return np.zeros((1, 3))
     with suppress(ValueError):
-        if frame == "world":
-            position = np.array([float(word) for word in text.split()])
-            frame = "sensor" if position.shape == (3,) and np.isfinite(position).all() else frame
-    if frame != "sensor":
-        expected = "'frame' must be 'sensor', or 'world' with 'sensor_position_m' as 'x y z'"
-        raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
-    return position
+        positions = np.array([float(word) for word in text.split()]).reshape(-1, 3)
+        if frame in ("world", "vehicle") and len(positions) and np.isfinite(positions).all():
+            return positions
+    expected = "'frame' must be 'sensor', or 'world' or 'vehicle' with 'sensor_position_m' as 'x y z'"
+    raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
 
 
 def _checked(attribute: str, values: Any, n: int) -> Array:

@@ -68,6 +68,10 @@ class Pose:
             rotation=self.rotation @ child.rotation,
         )
 
+    def inverse(self) -> Pose:
+        """The parent's pose in this frame."""
+        return Pose(position_m=-self.rotation.T @ self.position_m, rotation=self.rotation.T)
+
     def apply(self, points_m: Matrix) -> Matrix:
         """(n, 3) points of this frame, in the parent."""
         return np.asarray(points_m @ self.rotation.T + self.position_m)
@@ -82,3 +86,12 @@ def direction_from_angles(*, azimuth_rad: Array, elevation_rad: Array) -> tuple[
     ops = xp(azimuth_rad, elevation_rad)
     horizontal = ops.cos(elevation_rad)
     return horizontal * ops.cos(azimuth_rad), horizontal * ops.sin(azimuth_rad), ops.sin(elevation_rad)
+
+
+def rotation_numbers(w: Array, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
+    """Nine numbers, row by row, of a unit quaternion."""
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip

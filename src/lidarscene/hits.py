@@ -19,6 +19,8 @@ class Hits:
     reflectivity        (n,) diffuse hemispherical
     cos_sun             (n,) between the normal (on the ray's side) and the sun; negative if it is behind
     lit                 (n,) bool, whether the sun is seen
+    radial_velocity_m_s (n,) of the surface against the sensor, along the ray, positive where they part; 0.0 where
+                        nothing in the scene moves
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
     """
 
@@ -31,3 +33,4 @@ class Hits:
     cos_sun: Array
     lit: Array
     face: Array
+    radial_velocity_m_s: Array = 0.0

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud import COLUMNS, RANGE, STATUS_NAMES, PointCloud
+from lidarscene.cloud import COLUMNS, STATUS_NAMES, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.io.files import atomic_output
 from lidarscene.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
@@ -103,7 +103,7 @@ class _Shades:
 
         self.name = name
         values = np.asarray(cloud.column(name))
-        units = {c.name: c.unit for c in (*COLUMNS, RANGE)}
+        units = {c.name: c.unit for c in COLUMNS}
         unit = cloud.metadata.get(f"{name}_unit", units[name])
         self.kinds: list[tuple[str, str]] = []
         if (names := _category_names(cloud, name)) is not None:
@@ -262,11 +262,19 @@ def _title(figure: Any, cloud: PointCloud) -> None:
 def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
     """A small colour bar with quantity and unit."""
     from matplotlib.cm import ScalarMappable
+    from matplotlib.ticker import NullLocator
 
     mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
+    low, high = shades.norm.vmin, shades.norm.vmax
     ticks = ROUND_RANGES_M if shades.name.endswith("range") else bar.get_ticks()
-    bar.set_ticks([t for t in ticks if shades.norm.vmin <= t <= shades.norm.vmax])
+    if (
+        shades.name in LOGARITHMIC and high < 30.0 * low
+    ):  # few powers of ten, so 1, 2 and 5 of each, written out
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
+        ticks = np.outer(decades, (1.0, 2.0, 5.0)).ravel()
+        bar.formatter, bar.minorlocator = (lambda value, _: f"{value:g}"), NullLocator()
+    bar.set_ticks([t for t in ticks if low <= t <= high])
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
     bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)

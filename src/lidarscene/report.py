@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,8 @@ def as_dict(summary: Summary) -> dict[str, Any]:
     }
 
 
-def as_text(summary: Summary, written: dict[str, str]) -> str:
-    """The summary for people."""
+def as_text(summary: Summary, written: Sequence[str]) -> str:
+    """The summary for people; ``written`` says what there is now."""
     lines = [
         f"beams         {summary.beams:>12,}",
         f"hits          {summary.hits:>12,}",
@@ -58,7 +59,7 @@ def as_text(summary: Summary, written: dict[str, str]) -> str:
     stages = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in summary.seconds.items())
     lines.append(f"seconds       {sum(summary.seconds.values()):>12.3f}   {stages}")
     lines.append(f"beams/second  {beams_per_second(summary):>12,.0f}   from beams to points")
-    lines.append(f"wrote         {', '.join(written.values())}")
+    lines.append(f"wrote         {', '.join(written)}")
     return "\n".join(lines)
 
 
@@ -75,15 +76,19 @@ class MissedPulses:
         self._reasons.append(reason)
 
     def save(self, path: Path, sensor: Sensor) -> None:
-        """Write pulse, reason, time_s, channel, azimuth_rad, elevation_rad, and reason_names by value, as .npz."""
+        """Write pulse, reason, time_s, channel, azimuth_rad, elevation_rad, and reason_names by value, as .npz.
+
+        Times are since the start of the frame.
+        """
         pulse = np.concatenate([np.zeros(0, np.uint32), *self._pulses])
+        first = pulse[:1] // sensor.scanner.pulses * sensor.scanner.pulses
         azimuth, elevation = sensor.scanner.angles(pulse)
         with atomic_output(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
                 pulse=pulse,
                 reason=np.concatenate([np.zeros(0, np.uint8), *self._reasons]),
-                time_s=firing_time_s(sensor, pulse),
+                time_s=firing_time_s(sensor, pulse) - firing_time_s(sensor, first),
                 channel=sensor.scanner.channel(pulse),
                 azimuth_rad=azimuth,
                 elevation_rad=elevation,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from . import beams, echoes, returns
+from .arrays import is_drjit
 from .cloud import CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient
 from .errors import InputError
+from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
@@ -23,16 +25,15 @@ from .physics import sunlight
 from .returns import Detection, Outcome
 from .scene import Scene
 from .sensor import Sensor
+from .trajectory import Motion, pose_at
 
 Matrix = np.ndarray[Any, Any]
 
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
-FRAMES = ("world", "sensor")
-
-LARGEST_FLOAT32_M = 1000.0
-"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
+Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
+"""Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
 
 
 @dataclass(slots=True)
@@ -49,6 +50,19 @@ class Summary:
     def hits(self) -> int:
         """Pulses that met a surface."""
         return self.beams - int(self.outcomes[Outcome.NO_SURFACE])
+
+    @classmethod
+    def total(cls, parts: Sequence[Summary]) -> Summary:
+        """Of several frames."""
+        whole = cls()
+        for part in parts:
+            whole.beams += part.beams
+            whole.outcomes += part.outcomes
+            whole.points += part.points
+            whole.false_alarms += part.false_alarms
+            for stage, seconds in part.seconds.items():
+                whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
+        return whole
 
     def spent(self, stage: str, since: float) -> float:
         """Add the time since ``since`` to a stage; returns now."""
@@ -71,6 +85,8 @@ class _Chunk:
         hits, detection = self.hits, self.detection
         needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
         needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
+        if is_drjit(hits.radial_velocity_m_s):
+            needed.append(hits.radial_velocity_m_s)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
         return needed
@@ -78,7 +94,7 @@ class _Chunk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Placing:
-    """From the sensor's frame to that of the points, once for a frame.
+    """From the sensor's frame to that of the points, once for a frame: a sensor does not know that it moves.
 
     turn, shift  rotation and place, on the device
     added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
@@ -89,9 +105,8 @@ class _Placing:
     added_m: Matrix | None
 
     @classmethod
-    def of(cls, place: Pose, frame: str) -> _Placing:
-        """For points in the "world" or in the "sensor" frame."""
-        goal = place if frame == "world" else Pose()
+    def of(cls, goal: Pose) -> _Placing:
+        """The sensor stands at ``goal`` in the frame of the points."""
         near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
         return cls(
             turn=device.opaque(_numbers(goal.rotation)),
@@ -112,46 +127,62 @@ class Simulator:
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
-        pose  where the sensor stands in the world; the scene's own if None. `render` takes another per frame.
+        pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
+              scene's own if None. `render` takes another per frame.
         """
         self.scene, self.sensor = scene, sensor
-        self.pose = (pose or scene.sensor_pose) @ sensor.mounting
+        self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
-            scene, wavelength_m=sensor.laser.wavelength_m, centre_m=self.pose.position_m
+            scene,
+            wavelength_m=sensor.laser.wavelength_m,
+            centre_m=pose_at(self.motion).position_m,
         )
         self._device_sensor = device.opaque(sensor)
         self._device_ambient = device.opaque(ambient_of(scene, sensor))
         self._device_sun = device.opaque(_numbers(scene.sun.direction))
 
+    @property
+    def motion(self) -> Motion:
+        """The sensor's own in the world: what `deskewed` takes off."""
+        return motion_of(self.scene, self.sensor, self.pose)
+
     def render(
         self,
         *,
         seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
         pose: Pose | None = None,
         chunk: int = DEFAULT_CHUNK,
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
         """One frame as a point cloud.
 
         seed      32 bits; the same seed gives the same cloud whatever the chunk
-        pose      of the sensor (its mounting not included) in the world; the scene's own if None
+        number    of the frame: later ones have later pulses, at later times, with noise of their own
+        begin_s   when frame 0 begins, by the clock of the scene's motions
+        pose      of the sensor (its mounting not included) in the world or on the ego vehicle; as when it was
+                  made if None
         chunk     pulses at a time, bounds the memory
-        frame     "world" or "sensor": in which frame the points are
+        frame     "world", "vehicle" or "sensor": in which frame the points are. A sensor that moves does not know
+                  it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
+        observer  told of every pulse that met a surface: what rates of detection need
         summary   filled if given
-        Raises InputError for a seed, chunk or frame that is none.
+        Raises InputError for a seed, number, chunk or frame that is none, or a motion that ends too early.
         """
         _check_call(seed=seed, chunk=chunk, frame=frame)
-        place = self.pose if pose is None else pose @ self.sensor.mounting
+        now = self._frame(number, begin_s, pose)
         summary = Summary() if summary is None else summary
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
         builder = CloudBuilder(capacity=pulses * stops)
         for first, columns, outcome in self._chunks(
-            place, seed=seed, chunk=chunk, frame=frame, summary=summary
+            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
         ):
             since = time.perf_counter()
             if columns is not None:
@@ -166,62 +197,70 @@ class Simulator:
             summary.spent("assemble", since)
         since = time.perf_counter()
         cloud = builder.build(
+            sensor_names=(self.sensor.name,),
             body_names=self.world.body_names,
             class_names=self.world.class_names,
             material_names=self.world.material_names,
-            metadata=self._metadata(place, seed, frame),
+            metadata=self._metadata(now, seed, frame),
         )
-        summary.points = len(cloud)
-        summary.false_alarms = int(np.count_nonzero(cloud.status))
+        summary.points += len(cloud)
+        summary.false_alarms += int(np.count_nonzero(cloud.status))
         summary.spent("assemble", since)
         return cloud
 
     def _chunks(
-        self, place: Pose, *, seed: int, chunk: int, frame: str, summary: Summary
+        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
-        total = self.sensor.scanner.pulses
+        begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         seed_word = device.opaque_uint32(seed)
-        origin = device.opaque(_numbers(place.position_m - self.world.centre_m))
-        rotation = device.opaque(_numbers(place.rotation))
-        placing = _Placing.of(place, frame)
+        placing = _Placing.of(goal)
 
         def started(first: int) -> _Chunk:
             since = time.perf_counter()
-            pulse = device.counter(first, min(chunk, total - first))
-            part = self._chain(first, pulse, seed_word, origin, rotation)
+            part = self._chain(now, first, min(chunk, end - first), seed_word)
             device.start(part.arrays())
             summary.spent("record", since)
             return part
 
-        part = started(0)
-        for following in [*range(chunk, total, chunk), None]:
+        part = started(begin)
+        for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             device.wait()
             since = summary.spent("trace", since)
-            columns, outcome = self._columns(part, placing), part.detection.outcome.numpy()
+            pulse, columns = self._columns(now, part, placing)
+            outcome = part.detection.outcome.numpy()
+            if observer is not None:
+                observer(pulse, self._surfaces(part))
             summary.spent("collect", since)
             done = part.first
             if following is not None:
                 part = started(following)
             yield done, columns, outcome
 
-    def _chain(self, first: int, pulse: Any, seed: Any, origin: Any, rotation: Any) -> _Chunk:
-        """Beams, hits, echoes, returns of these pulses, on the device."""
-        rays = beams.fire(self._device_sensor, pulse=pulse, origin_m=origin, rotation=rotation, seed=seed)
-        hits = trace(self.world, rays, sun=self._device_sun)
+    def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
+        """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
+        pulse = device.counter(first, count)
+        place, movers = now.placements(first, count)
+        rays = beams.fire(
+            self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        hits = trace(
+            self.world, rays, sun=self._device_sun, placements=movers,
+            sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+        )  # fmt: skip
         light = echoes.receive(rays, hits, self._device_sensor, self._device_ambient)
         detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)
         return _Chunk(first, pulse, hits, detection)
 
-    def _columns(self, part: _Chunk, placing: _Placing) -> dict[str, Any] | None:
-        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none."""
+    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
+        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         lanes = collect.kept_lanes(part.detection)
         if lanes is None:
-            return None
+            return np.zeros(0, np.uint32), None
         on_device = collect.columns(
             world=self.world,
             sensor=self._device_sensor,
@@ -232,16 +271,30 @@ class Simulator:
             turn=placing.turn,
             shift=placing.shift,
         )
-        device.start(list(on_device.values()))
-        device.wait()
-        columns = {name: array.numpy() for name, array in on_device.items()}
+        columns = _fetched(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
-        columns["time_s"] = beams.firing_time_s(self.sensor, columns["time_s"])
-        return columns
+        pulse = columns["time_s"]
+        columns["time_s"] = now.time_s(pulse)
+        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
+        if "radial_velocity_m_s" not in columns:
+            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(pulse))
+        return pulse, columns
 
-    def _metadata(self, place: Pose, seed: int, frame: str) -> dict[str, str]:
+    def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
+        """`collect.surfaces` of a chunk; empty without any."""
+        on_device = collect.surfaces(
+            world=self.world, pulse=part.pulse, hits=part.hits, detection=part.detection
+        )
+        return {} if on_device is None else _fetched(on_device)
+
+    def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:
+        return Frame.of(
+            self.scene, self.sensor, self.world, number=number, begin_s=begin_s, sensor_pose=pose or self.pose
+        )
+
+    def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
         from . import __version__
 
         metadata = {
@@ -252,9 +305,15 @@ class Simulator:
             "seed": str(seed),
             "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
             "frame": frame,
+            "frame_number": str(now.number),
+            "frame_start_s": repr(now.start_s),
         }
-        if frame == "world":
-            metadata["sensor_position_m"] = " ".join(repr(float(x)) for x in place.position_m)
+        if now.moves:
+            metadata["ego_motion"] = "in the points"
+        if frame != "sensor":
+            goal = now.goal(frame)
+            metadata["sensor_position_m"] = _text(goal.position_m)
+            metadata["sensor_rotation"] = _text(goal.rotation)
         return metadata
 
 
@@ -263,12 +322,23 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"seed: a whole number from 0 to {2**32 - 1} was expected, {seed} came")
     if chunk < 1:
         raise InputError(f"chunk: at least 1 was expected, {chunk} came")
-    if frame not in FRAMES:
-        raise InputError(f"frame: 'world' or 'sensor' was expected, {frame!r} came")
+    if frame not in COORDINATES:
+        raise InputError(f"frame: {' or '.join(map(repr, COORDINATES))} was expected, {frame!r} came")
 
 
-def _numbers(values: Matrix) -> tuple[float, ...]:
+def _fetched(on_device: dict[str, Any]) -> dict[str, Matrix]:
+    """Columns off the device."""
+    device.start(list(on_device.values()))
+    device.wait()
+    return {name: array.numpy() for name, array in on_device.items()}
+
+
+def _numbers(values: Matrix) -> tuple[Any, ...]:
     return tuple(float(x) for x in values.ravel())
+
+
+def _text(values: Matrix) -> str:
+    return " ".join(repr(float(x)) for x in values.ravel())
 
 
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
@@ -284,4 +354,7 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=_numbers(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
     )

@@ -317,6 +317,8 @@ def default_of(info: Any) -> str:
         return "-"
     if isinstance(value, FileModel):
         return "table"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
     if isinstance(value, str):
         return f'`"{value}"`'
     return f"`{list(value)}`" if isinstance(value, tuple) else f"`{value}`"

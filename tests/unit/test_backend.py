@@ -228,7 +228,10 @@ def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
 def test_the_door_opens_without_noise(mi, run_python) -> None:
     done = run_python(OPEN, LIDARSCENE_VARIANT=mi.variant())
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.split() == [mi.variant(), "5.0", "5.0"]
+    variant, expected, found = done.stdout.split()
+    assert variant == mi.variant()
+    # One step of single precision at 5 m: which way Embree rounds depends on the processor.
+    assert float(found) == pytest.approx(float(expected), abs=5e-7)
 
 
 def test_a_vectorised_variant_of_the_user_stays(mi, run_python) -> None:
@@ -272,7 +275,7 @@ def test_drjit_comes_after_mitsuba(mi) -> None:
 @pytest.mark.gpu
 def test_a_gpu_traces() -> None:
     assert backend.variant() == "cuda_ad_mono"
-    assert backend.trace_one_ray() == (5.0, 5.0)
+    assert backend.trace_one_ray() == pytest.approx((5.0, 5.0), abs=5e-7)
 
 
 def test_probe_tells_what_was_chosen(mi) -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.cloud import COLUMNS, MEASURED, RANGE, TRUTH, CloudBuilder, PointCloud
+from lidarscene.cloud import COLUMNS, MEASURED, TRUTH, CloudBuilder, PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.io import open3d_door
 
 NAMES: dict[str, tuple[str, ...]] = {
+    "sensor_names": ("roof", "left"),
     "body_names": ("road", "Käfer\nrot", "sign end_header"),
     "class_names": ("road", "car"),
     "material_names": ("asphalt", "paint texturefile.png"),
@@ -24,7 +25,6 @@ def small_columns(n: int = 7, *, truth: bool = True, seed: int = 1) -> dict[str,
     """Arrays by attribute: every column different, with the extremes that are legal."""
     rng = np.random.default_rng(seed)
     columns: dict[str, Any] = {"xyz_m": rng.normal(0, 30, (n, 3)).astype(np.float32)}
-    columns["range_m"] = np.linalg.norm(columns["xyz_m"].astype(np.float64), axis=1).astype(np.float32)
     for c in COLUMNS[3:]:
         if c.dtype.startswith("float"):
             columns[c.attribute] = rng.random(n).astype(c.dtype)
@@ -45,19 +45,18 @@ def assert_same(a: PointCloud, b: PointCloud) -> None:
     """Every array equal to the bit, dtype included, and all text."""
     assert a.has_truth == b.has_truth
     for attribute in MEASURED + (TRUTH if a.has_truth else ()):
-        if attribute != "range_m":
-            np.testing.assert_array_equal(getattr(a, attribute), getattr(b, attribute), strict=True)
-    np.testing.assert_allclose(a.range_m, b.range_m, rtol=2e-7)
+        np.testing.assert_array_equal(getattr(a, attribute), getattr(b, attribute), strict=True)
     assert {n: getattr(a, n) for n in NAMES} == {n: getattr(b, n) for n in NAMES}
     assert a.metadata == b.metadata
 
 
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
-        "x y z intensity snr detection_probability time channel azimuth elevation return_number status "
-        "true_range incidence_angle reflectivity sun_angle in_shadow body class material"
+        "x y z range intensity snr detection_probability time channel azimuth elevation return_number status "
+        "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow radial_velocity body class "
+        "material"
     )
-    attributes = [c.attribute for c in (*COLUMNS[2:], RANGE)]
+    attributes = [c.attribute for c in COLUMNS[2:]]
     assert sorted(attributes) == sorted(MEASURED + TRUTH)
 
 
@@ -117,7 +116,7 @@ def test_column_by_name() -> None:
     np.testing.assert_array_equal(cloud.column("y"), cloud.xyz_m[:, 1])
     assert cloud.column("class") is cloud.class_id
     assert cloud.column("range") is cloud.range_m
-    with pytest.raises(InputError, match=r"column 'speed'.*choices are x, y, z, intensity.*material, range"):
+    with pytest.raises(InputError, match=r"column 'speed'.*choices are x, y, z, range, intensity.*material"):
         cloud.column("speed")
     with pytest.raises(InputError, match=r"column 'body'"):
         cloud.without_truth().column("body")
@@ -126,7 +125,7 @@ def test_column_by_name() -> None:
 def test_without_truth() -> None:
     bare = small_cloud().without_truth()
     assert not bare.has_truth
-    assert [c.name for c in bare.columns][-1] == "status"
+    assert [c.name for c in bare.columns][-1] == "sensor_index"
     assert bare.body is None
     assert_same(bare, small_cloud(truth=False))
 

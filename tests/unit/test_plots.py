@@ -80,11 +80,13 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
         "elevation_rad": elevation,
         "return_number": np.ones(len(true)),
         "status": alarm,
+        "sensor_index": np.zeros(len(true)),
         "true_range_m": true,
         "incidence_angle_rad": np.arccos(np.clip(cosine, 0, 1)),
         "reflectivity": reflectivity,
         "sun_angle_rad": np.full(len(true), 0.5),
         "in_shadow": np.zeros(len(true)),
+        "radial_velocity_m_s": np.zeros(len(true)),
         "body": body,
         "class_id": np.array([0, 1, 1, 1, 1, 2, 3, 3, 4, -1])[body],
         "material": material,
@@ -153,7 +155,7 @@ def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
 
 def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> None:
     for draw in (perspective_picture, range_image, frame_picture):
-        with pytest.raises(InputError, match=r"column 'colour': .* choices are x, y, z, intensity"):
+        with pytest.raises(InputError, match=r"column 'colour': .* choices are x, y, z, range, intensity"):
             draw(cloud, tmp_path / "a.png", colour_by="colour")
     with pytest.raises(InputError, match="'class'"):
         perspective_picture(cloud.without_truth(), tmp_path / "a.png", colour_by="class")

@@ -9,7 +9,7 @@ SNR in the cloud, P_r is what does. Who has the world compiled gives the light i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,8 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     if not cloud.has_truth:
         raise InputError("budget: the cloud has no truth columns, from which it is computed")
     hits = _lambertian(cloud)
-    lambertian = receive(_beams(cloud, sensor), hits, sensor, ambient)
+    # Which beam looks into the sun is not in the columns.
+    lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
     light = light or lambertian
     point = sensor.working_point(np.broadcast_to(light.background_power_w, len(cloud)))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
@@ -108,31 +109,31 @@ def _lambertian(cloud: PointCloud) -> Hits:
 
 
 def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
-    """The beams of the points, of which only the receiving aperture matters here."""
-    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
-    share = np.asarray(sensor.scanner.aperture_share(pulse))
-    if share.ndim:
-        pulse = pulses_of(cloud, sensor.scanner)
-        share = share[pulse]
+    """The beams of the points, of which only the receiving apertures matter here."""
+    scanner, pulse = sensor.scanner, np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+    if any(share.ndim for share in shares):
+        pulse = pulses_of(cloud, scanner)
+        shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+    laser, background = (np.broadcast_to(sensor.optics.aperture_m2 * share, len(cloud)) for share in shares)
     return Beams(
-        pulse=pulse,
-        origin_m=(0.0, 0.0, 0.0),
-        direction=(1.0, 0.0, 0.0),
-        aperture_m2=np.broadcast_to(sensor.optics.aperture_m2 * share, len(cloud)),
-    )
+        pulse=pulse, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0), aperture_m2=laser,
+        background_aperture_m2=background,
+    )  # fmt: skip
 
 
 def pulses_of(cloud: PointCloud, scanner: Scanner) -> Matrix:
-    """(n,) pulse of a frame that made each point: the nearest in time, of its channel, nearest in azimuth."""
-    pulse = np.arange(scanner.pulses, dtype=np.uint32)
-    times, rank = np.unique(scanner.time_s(pulse), return_inverse=True)
+    """(n,) uint32 pulse that made each point: of its frame and channel, the nearest in time, then in azimuth."""
+    first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
+    pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
+    times, rank = np.unique(scanner.time_s(pulse) - scanner.time_s(pulse[:1]), return_inverse=True)
     channel = np.asarray(scanner.channel(pulse), dtype=np.int64)
     width = int(channel.max()) + 1
     # Angles lie within -pi to pi, so steps of 8 keep the groups apart.
     keys = (rank * width + channel) * 8.0 + scanner.angles(pulse)[0]
     order = np.argsort(keys, kind="stable")
     wanted = (_nearest(times, cloud.time_s) * width + cloud.channel) * 8.0 + cloud.azimuth_rad
-    return np.asarray(order[_nearest(keys[order], wanted)])
+    return np.asarray(pulse[order[_nearest(keys[order], wanted)]])
 
 
 def _nearest(rising: Matrix, values: Matrix) -> Matrix:

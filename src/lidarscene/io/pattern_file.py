@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..scan import Pattern
+from .csv_columns import read_columns
 
 Matrix = np.ndarray[Any, Any]
 
@@ -27,7 +27,7 @@ def read_pattern(
     path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None
 ) -> Pattern:
     """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
-    columns = _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
+    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_known)
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
         if values.ndim != 1 or len(values) != length:
@@ -80,27 +80,6 @@ def _read_npz(path: Path) -> dict[str, Matrix]:
         raise InputError(f"{path}: no such file") from None
     except Exception as error:  # zipfile, numpy and the disk each have their own
         raise InputError(f"{path}: cannot be read as npz: {error}") from None
-
-
-def _read_csv(path: Path) -> dict[str, Matrix]:
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            names = [name.strip() for name in file.readline().split(",")]
-            used = [number for number, name in enumerate(names) if _known(name)]
-            if not used:
-                raise InputError(f"{path}: a first line with the names of the columns was expected")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that there are no rows is told by the caller
-                values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}"
-        ) from None
-    return {
-        names[number]: column for number, column in zip(used, values.reshape(-1, len(used)).T, strict=True)
-    }
 
 
 def _known(name: str) -> bool:

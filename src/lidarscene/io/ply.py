@@ -17,18 +17,18 @@ from typing import IO, Any
 
 import numpy as np
 
-from lidarscene.cloud import COLUMNS, CloudBuilder, PointCloud, sensor_position_m
+from lidarscene.cloud import COLUMNS, NAMES, CloudBuilder, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.io.files import atomic_output
 
 Array = np.ndarray[Any, Any]
 
-VERSION_LINE = "lidarscene 1"
+VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
-_NAMES = {"body": "body_names", "class": "class_names", "material": "material_names"}
+_NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
 _RESERVED = ("lidarscene", "unit", "+", *_NAMES)
 
 
@@ -47,7 +47,7 @@ def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = 
 
 
 def read_ply(path: str | os.PathLike[str]) -> PointCloud:
-    """Read a file of `write_ply`, exactly; the reported range follows from the positions.
+    """Read a file of `write_ply`, exactly.
 
     Raises InputError, in one line, for a file that is missing, truncated or by another program.
     """
@@ -224,13 +224,12 @@ def _gather(blocks: Iterator[Array], header: _Header) -> PointCloud:
     """The cloud of these blocks."""
     names: dict[str, Any] = {_NAMES[word]: tuple(names) for word, names in header.names.items()}
     has_truth = "true_range" in (header.dtype.names or ())
-    origin_m = sensor_position_m(header.metadata)
     scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
     none = np.zeros(0, header.dtype)
     builder = CloudBuilder()
     for block in itertools.chain([none], blocks):
         columns: dict[str, Any] = {c.attribute: np.ascontiguousarray(block[c.name]) for c in scalars}
         xyz_m = np.stack([block["x"], block["y"], block["z"]], axis=-1)
-        columns |= {"xyz_m": xyz_m, "range_m": np.linalg.norm(xyz_m - origin_m, axis=1)}
+        columns["xyz_m"] = xyz_m
         builder.append(columns)
     return builder.build(metadata=header.metadata, **names)

@@ -13,11 +13,14 @@ from typing import cast
 import numpy as np
 
 from ..errors import InputError
+from ..geometry import Pose
 from ..materials import Material, Spectrum
 from ..scene import Ball, Body, Part, Scene, Sky, View
-from . import meshes
+from ..trajectory import Motion, Riding
+from . import interference_file, meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
+from .submesh import SubMesh
 from .toml_file import read_toml, validated
 
 MaterialLookup = Callable[[str], Material]
@@ -50,6 +53,9 @@ def files_of_scene(path: Path) -> Iterator[Path]:
         return
     file = validated(SceneFile, read_toml(path), str(path))
     yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
+    for motion in (file.ego, *(body.motion for body in file.bodies)):
+        if motion is not None and motion.poses_file:
+            yield path.parent / motion.poses_file
     yield Path(_sensor_name(file.sensor.name, path.parent))
     if file.base:
         yield from files_of_scene(path.parent / file.base)
@@ -59,12 +65,15 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
     """A scene from a checked scene file that lies at ``path``."""
     surfaces = _Surfaces(file, catalogue)
     reader = functools.cache(meshes.read_mesh)
+    ego = None
+    if file.ego is not None:
+        ego = file.ego.motion(file.ego.pose(), folder=path.parent, where=f"{path}: ego")
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
         parts = _parts(body, folder=path.parent, where=where, surfaces=surfaces, reader=reader)
         _check_extent(parts, where)
-        bodies.extend(_placed(body, parts))
+        bodies.extend(_placed(body, parts, ego=ego, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
         surfaces.require(name, f"{path}: base_materials.{identity}")
@@ -74,9 +83,12 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         materials=surfaces.materials,
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(),
+        air=file.air.build(file.weather.build()),
+        lamps_w_m2=interference_file.lamps_w_m2(file.interference),
+        interferers=interference_file.interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
+        ego=ego,
         view=View(**file.picture.model_dump()) if file.picture else None,
         base=_xml(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
@@ -151,18 +163,28 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
         )
 
 
-def _placed(body: BodyFile, parts: tuple[Part | Ball, ...]) -> list[Body]:
+def _placed(
+    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
+) -> list[Body]:
     """The body, or one for each of its instances."""
     label = body.class_name or body.name
+
+    def placed(name: str, pose: Pose) -> Body:
+        motion: Motion | None = None
+        if body.motion is not None and body.motion.with_ego and ego is not None:
+            motion = Riding(carrier=ego, pose=pose)
+        elif body.motion is not None:
+            motion = body.motion.motion(pose, folder=folder, where=f"{where}.motion")
+        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
+
     if body.instances is None:
-        return [Body(name=body.name, class_name=label, parts=parts, pose=body.pose())]
+        return [placed(body.name, body.pose())]
     return [
-        Body(name=f"{body.name}.{i}", class_name=label, parts=parts, pose=body.pose() @ instance.pose())
-        for i, instance in enumerate(body.instances)
+        placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)
     ]
 
 
-MeshReader = Callable[[Path], list[meshes.SubMesh]]
+MeshReader = Callable[[Path], list[SubMesh]]
 
 
 def _parts(
@@ -213,7 +235,7 @@ def _mesh_parts(
     )
 
 
-def _material_of(piece: meshes.SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
     """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
     named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if named is not None:

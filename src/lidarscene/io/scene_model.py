@@ -10,8 +10,11 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..scene import Air, Sun
+from ..weather import Weather
 from . import pvlib_door
+from .interference_file import AnyInterferenceFile
 from .material_file import MaterialFile
+from .motion_model import BodyMotionFile, EgoFile
 from .sensor_file import PoseFile, Vector
 from .toml_file import FileModel
 
@@ -19,6 +22,9 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
+FogKind = Literal[
+    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
+]
 
 
 def _instant(value: object) -> datetime:
@@ -105,13 +111,36 @@ class AirFile(FileModel):
             raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
         return self
 
-    def build(self) -> Air:
-        """The air in metres."""
+    def build(self, weather: Weather) -> Air:
+        """The air in metres, with this weather in it."""
         return Air(
             transmittance=1.0 if self.transmittance is None else self.transmittance,
             extinction_per_m=self.extinction_per_m or 0.0,
             visibility_m=math.inf if self.visibility_km is None else self.visibility_km * 1e3,
             model=self.model,
+            weather=weather,
+        )
+
+
+class WeatherFile(FileModel):
+    """[weather]: what falls or floats in the air, on top of [air]; none without."""
+
+    fog: FogKind | None = Field(
+        default=None, description="kind, as dense as published unless fog_visibility_km is given"
+    )
+    fog_visibility_km: Annotated[float, Field(ge=0.005, le=50)] | None = None
+    rain_mm_h: Annotated[float, Field(ge=0, le=300)] = 0.0
+    snow_mm_h: Annotated[float, Field(ge=0, le=50, description="of water")] = 0.0
+    snow: Literal["dry", "wet"] = "dry"
+
+    def build(self) -> Weather:
+        """The weather in metres."""
+        return Weather(
+            fog=self.fog,
+            fog_visibility_m=None if self.fog_visibility_km is None else self.fog_visibility_km * 1e3,
+            rain_mm_h=self.rain_mm_h,
+            snow_mm_h=self.snow_mm_h,
+            snow=self.snow,
         )
 
 
@@ -162,6 +191,7 @@ class BodyFile(PoseFile):
     material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
     materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
     scale: Length = 1.0
+    motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
     instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -194,6 +224,9 @@ class SceneFile(FileModel):
     sun: SunFile = SunFile()
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
+    weather: WeatherFile = WeatherFile()
+    interference: tuple[AnyInterferenceFile, ...] = ()
+    ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None
     materials: dict[str, MaterialFile] = Field(default_factory=dict)
@@ -203,6 +236,9 @@ class SceneFile(FileModel):
     def _something(self) -> SceneFile:
         if not self.bodies and self.base is None:
             raise ValueError("the scene is empty: [[bodies]] or base = ... was expected")
+        riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]
+        if riding and self.ego is None:
+            raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
         if self.base_materials and self.base is None:
             raise ValueError("base_materials came without base")
         return self

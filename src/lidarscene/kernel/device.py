@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Table
-from .backend import mitsuba
+from .backend import is_cuda, mitsuba
 
 _KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
 
@@ -49,16 +49,16 @@ def opaque_uint32(value: int) -> Any:
     return dr.opaque(mitsuba().UInt32, value)
 
 
-def uint32(values: np.ndarray[Any, Any]) -> Any:
-    """32-bit unsigned numbers of the host, on the device."""
-    return mitsuba().UInt32(np.ascontiguousarray(values, dtype=np.uint32))
-
-
 def counter(first: int, count: int) -> Any:
     """(count,) 32-bit unsigned numbers from ``first`` on; neither number becomes code."""
     import drjit as dr
 
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
+
+
+def from_numpy(values: Any) -> Any:
+    """(n,) numbers in single precision."""
+    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
 
 
 def start(arrays: list[Any]) -> None:
@@ -73,3 +73,13 @@ def wait() -> None:
     import drjit as dr
 
     dr.sync_thread()
+
+
+def apart(*arrays: Any) -> None:
+    """On a GPU, have these computed before another scene is traced: two in one kernel would be two OptiX pipelines,
+    and Dr.Jit turns the second one off (MITSUBA.md 5.5). On a CPU they may share the kernel.
+    """
+    import drjit as dr
+
+    if is_cuda():
+        dr.eval(*arrays)

@@ -1,16 +1,22 @@
-"""World: a `Scene` compiled for one wavelength. One mesh for each material; identity is the triangle's number."""
+"""World: a `Scene` compiled for one wavelength. One mesh for each material; identity is the triangle's number.
+
+What moves is traced apart, in its own frame, so that nothing is built again when it does (MITSUBA.md 5.5).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..scene import Ball, Part, Scene
-from . import base_scene
+from ..geometry import Pose
+from ..motion import Placement
+from ..scene import Ball, Body, Part, Scene
+from ..trajectory import Motion
+from . import base_scene, device
 from .backend import mitsuba
 from .bsdfs import bsdf_dict, diffuse_share
 
@@ -18,10 +24,29 @@ Matrix = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mover:
+    """A body that moves. Bodies of one shape share one Mitsuba scene.
+
+    scene       Mitsuba scene, in the body's frame
+    sphere      (x, y, z, radius) around all of it, in the body's frame; opaque
+    face_shift  from the numbers of the shared scene's faces to this body's, UInt32; opaque
+    motion      where it is
+    rest        where it is at time 0, in the traced frame; opaque
+    """
+
+    scene: Any
+    sphere: tuple[Any, ...]
+    face_shift: Any
+    motion: Motion
+    rest: Placement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World:
     """What the kernel traces, and the tables that say what a triangle is.
 
-    scene           Mitsuba scene; vertices are relative to ``centre_m``
+    scene           Mitsuba scene of what stands still; vertices are relative to ``centre_m``
+    movers          what moves
     centre_m        (3,) float64: what was taken off every coordinate before it became single precision
     first_face, shape_reflectivity
                     by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF
@@ -32,6 +57,7 @@ class World:
     """
 
     scene: Any
+    movers: tuple[Mover, ...]
     centre_m: Matrix
     first_face: Any
     shape_reflectivity: Any
@@ -54,6 +80,14 @@ class _Shape:
     reflectivity: float | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """The bodies of one shape that move: their indices, and their shapes, whose faces are the first body's."""
+
+    bodies: tuple[int, ...]
+    shapes: list[_Shape]
+
+
 def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = None) -> World:
     """Compile a scene.
 
@@ -63,7 +97,9 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
     """
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
-    shapes = _own_shapes(scene, centre, resolved)
+    still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
+    shapes = _own_shapes(still, centre, resolved)
+    moving = _moving(scene.bodies, resolved)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -72,17 +108,17 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
             body_names.append(found.name)
             class_of.append("unlabelled")
             shapes.append(_Shape(found.shape, index, found.material, found.reflectivity))
-    if not shapes:
+    if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
-    return _compiled(shapes, centre, body_names, class_of)
+    return _compiled(scene.bodies, shapes, moving, centre, body_names, class_of)
 
 
-def _own_shapes(scene: Scene, centre: Matrix, resolved: dict[str, Any]) -> list[_Shape]:
-    """One mesh for each material, over all bodies, and a shape for each exact sphere."""
+def _own_shapes(bodies: Mapping[int, Body], centre: Matrix, resolved: dict[str, Any]) -> list[_Shape]:
+    """One mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
     mi = mitsuba()
     grouped: dict[str, list[tuple[int, Matrix, Matrix]]] = {}
     shapes: list[_Shape] = []
-    for index, body in enumerate(scene.bodies):
+    for index, body in bodies.items():
         for part in body.parts:
             if isinstance(part, Part):
                 if not len(part.faces):
@@ -94,6 +130,22 @@ def _own_shapes(scene: Scene, centre: Matrix, resolved: dict[str, Any]) -> list[
     for material, pieces in grouped.items():
         shapes.append(_merged(mi, material, pieces, resolved[material]))
     return shapes
+
+
+def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
+    """The bodies that move, by their shapes, each in its own frame."""
+    sharing: dict[int, list[int]] = {}
+    for index, body in enumerate(bodies):
+        if body.motion is not None:
+            sharing.setdefault(id(body.parts), []).append(index)
+    moving = []
+    for indices in sharing.values():
+        first = bodies[indices[0]]
+        at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
+        shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved)
+        if shapes:
+            moving.append(_Moving(tuple(indices), shapes))
+    return moving
 
 
 def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]], values: Any) -> _Shape:
@@ -125,38 +177,109 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
     return _Shape(shape, np.array([index], dtype=np.int32), ball.material, diffuse_share(values))
 
 
-def _compiled(shapes: list[_Shape], centre: Matrix, body_names: list[str], class_of: list[str]) -> World:
-    import drjit as dr
-
-    mi = mitsuba()
+def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
     # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
     # cost 8 % of the tracing and build three times as fast (measured on street.toml); a shape group, the other
     # way to a fast build (MITSUBA.md 5.5), would lose the setting.
     settings = {"type": "scene", "embree_use_robust_intersections": True}
     children = {f"shape_{i}": shape.shape for i, shape in enumerate(shapes)}
-    scene = mi.load_dict(settings | children, optimize=False)
+    return mitsuba().load_dict(settings | children, optimize=False)
+
+
+def _compiled(
+    bodies: Sequence[Body],
+    still: list[_Shape],
+    moving: list[_Moving],
+    centre: Matrix,
+    body_names: list[str],
+    class_of: list[str],
+) -> World:
+    mi = mitsuba()
+    shapes = [*still, *(shape for group in moving for shape in group.shapes)]
     material_names = list(dict.fromkeys(shape.material for shape in shapes))
-    counts = [len(shape.face_body) for shape in shapes]
-    starts = np.cumsum([0, *counts[:-1]])
-    numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape.shape))[0]) for shape in shapes]
-    first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
-    reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
-    for number, start, shape in zip(numbers, starts, shapes, strict=True):
-        first_face[number] = start
-        reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+    blocks = [
+        (shape.face_body, np.full(len(shape.face_body), material_names.index(shape.material), np.int32))
+        for shape in shapes
+    ]
+    first_face, reflectivity = _by_registry_number(shapes)
+    faces = sum(len(shape.face_body) for shape in shapes)
+    movers = []
+    for group in moving:
+        start = int(first_face[_registry_number(group.shapes[0].shape)])
+        scene = _mitsuba_scene(group.shapes)
+        for number, index in enumerate(group.bodies):
+            shift = 0 if number == 0 else faces - start
+            movers.append(_mover(scene, bodies[index], centre, shift))
+            if number == 0:
+                continue
+            for shape in group.shapes:  # the same faces once more, in this body's name
+                material = np.full(len(shape.face_body), material_names.index(shape.material), np.int32)
+                blocks.append((np.full(len(shape.face_body), index, np.int32), material))
+                faces += len(shape.face_body)
     class_names = tuple(dict.fromkeys(class_of))
     return World(
-        scene=scene,
+        scene=_mitsuba_scene(still),
+        movers=tuple(movers),
         centre_m=centre,
         first_face=mi.UInt32(first_face),
         shape_reflectivity=mi.Float(reflectivity),
-        face_body=mi.Int32(np.concatenate([shape.face_body for shape in shapes])),
-        face_material=mi.Int32(
-            np.repeat(np.array([material_names.index(shape.material) for shape in shapes], np.int32), counts)
-        ),
+        face_body=mi.Int32(np.concatenate([body for body, _ in blocks])),
+        face_material=mi.Int32(np.concatenate([material for _, material in blocks])),
         body_class=mi.Int32(np.array([class_names.index(name) for name in class_of], dtype=np.int32)),
         body_names=tuple(body_names),
         class_names=class_names,
         material_names=tuple(material_names),
         has_foreign=any(shape.reflectivity is None for shape in shapes),
     )
+
+
+def _registry_number(shape: Any) -> int:
+    """By which the device knows a shape."""
+    import drjit as dr
+
+    mi = mitsuba()
+    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
+
+
+def _by_registry_number(shapes: Sequence[_Shape]) -> tuple[Matrix, Matrix]:
+    """First face in the tables, and reflectivity, of each shape."""
+    counts = [len(shape.face_body) for shape in shapes]
+    starts = np.cumsum([0, *counts[:-1]])
+    numbers = [_registry_number(shape.shape) for shape in shapes]
+    first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
+    reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
+    for number, start, shape in zip(numbers, starts, shapes, strict=True):
+        first_face[number] = start
+        reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+    return first_face, reflectivity
+
+
+def _mover(scene: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
+    low, high = _extent(body)
+    middle = (low + high) / 2.0
+    radius = float(np.linalg.norm(high - low)) / 2.0
+    assert body.motion is not None
+    return Mover(
+        scene=scene,
+        sphere=device.opaque((*(float(x) for x in middle), radius)),
+        face_shift=device.opaque_uint32(face_shift % 2**32),
+        motion=body.motion,
+        rest=at_rest(body.pose, centre),
+    )
+
+
+def at_rest(pose: Pose, centre_m: Matrix) -> Placement:
+    """A pose as a placement in the traced frame, its numbers on the device."""
+    numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
+    x, y, z, *rotation = device.opaque(tuple(numbers))
+    return Placement(origin_m=(x, y, z), rotation=tuple(rotation))
+
+
+def _extent(body: Body) -> tuple[Matrix, Matrix]:
+    """Corners of the box around a body, in its frame."""
+    corners = [
+        part.vertices_m if isinstance(part, Part) else np.outer([-1.0, 1.0], [part.radius_m] * 3)
+        for part in body.parts
+    ]
+    points = np.concatenate(corners)
+    return points.min(axis=0), points.max(axis=0)

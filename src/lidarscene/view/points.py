@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.budget import Budget
-from ..cloud import COLUMNS, RANGE, STATUS_NAMES, Column, PointCloud
+from ..cloud import STATUS_NAMES, Column, PointCloud
 from .blob import packed
 
 Matrix = np.ndarray[Any, Any]
@@ -77,7 +77,7 @@ def frame_blob(
 def _columns(cloud: PointCloud) -> list[tuple[Field, Matrix]]:
     """Every column, angles in degrees, and the error of the range."""
     shown = []
-    for column in (RANGE, *cloud.columns):
+    for column in cloud.columns:
         values, unit = cloud.column(column.name), cloud.metadata.get(f"{column.name}_unit", column.unit)
         if unit == "rad":
             values, unit = np.degrees(values), "°"
@@ -107,8 +107,8 @@ def _group(column: Column) -> str:
 def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
     """Names by value of a column that sorts points, None for one that measures."""
     tables = {
-        "status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "body": cloud.body_names,
-        "class": cloud.class_names, "material": cloud.material_names,
+        "status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "sensor_index": cloud.sensor_names,
+        "body": cloud.body_names, "class": cloud.class_names, "material": cloud.material_names,
     }  # fmt: skip
     return tables.get(name)
 
@@ -116,7 +116,7 @@ def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
 def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Matrix]]:
     if budget is None:
         return []
-    unit = cloud.metadata.get("intensity_unit", next(c.unit for c in COLUMNS if c.name == "intensity"))
+    unit = cloud.metadata.get("intensity_unit", "A or cells")
     shown = (
         ("echo_power", budget.echo_power_w, "W", "peak power of the echo on the detector"),
         ("lambertian_power", budget.lambertian_power_w, "W", "the same by (5), of a Lambertian surface"),

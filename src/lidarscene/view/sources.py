@@ -15,13 +15,16 @@ from .. import catalog
 from ..analysis.budget import budget_of, pulses_of
 from ..api import load_sensor
 from ..cloud import PointCloud
+from ..echoes import Ambient, Echoes
 from ..errors import InputError
+from ..frame import LARGEST_FLOAT32_M, Frame
 from ..geometry import Pose
-from ..kernel.light import light_of
+from ..kernel.light import COLUMNS, light_of
 from ..pixels import camera_for
 from ..scene import Scene
 from ..sensor import Sensor
-from ..simulate import LARGEST_FLOAT32_M, Simulator, Summary, ambient_of
+from ..simulate import Simulator, Summary, ambient_of
+from ..trajectory import pose_at
 from .blob import packed
 from .controls import DETECTOR, Equipment, Settings
 from .points import frame_blob
@@ -99,13 +102,19 @@ class Clouds:
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
     def _loaded(self, number: int) -> PointCloud:
-        """A cloud; one in the sensor's frame stands where the scene's sensor does."""
+        """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
         cloud = PointCloud.load(self.paths[number])
-        if self.scene is None or cloud.metadata.get("frame") == "world":
+        frame = cloud.metadata.get("frame", "sensor")
+        if self.scene is None or frame == "world":
             return cloud
-        sensor = self._sensor_of(cloud)
-        place = self.scene.sensor_pose @ (sensor.mounting if sensor else Pose())
-        position = " ".join(repr(float(x)) for x in place.position_m)
+        start_s = float(cloud.metadata.get("frame_start_s", "0"))
+        if frame == "sensor":
+            sensor = self._sensor_of(cloud)
+            riding = self.scene.sensor_pose @ (sensor.mounting if sensor else Pose())
+        else:
+            riding = Pose()
+        place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
+        position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
         metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position}
         return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata)
 
@@ -135,7 +144,7 @@ class Live:
         self.equipment = Equipment(scene, sensor or scene.sensor_name, overrides)
         self._simulator = Simulator(scene, self.equipment.sensor, pose=pose)
         self._first = self._simulator.render(seed=seed)
-        self._origin = _origin_of(self._simulator.pose.position_m)
+        self._origin = _origin_of(pose_at(self._simulator.motion).position_m)
         self.title = _title(self._first.metadata, scene.name)
 
     def stage(self) -> bytes:
@@ -165,12 +174,21 @@ class Live:
             "beams": summary.beams, "seconds": seconds, "sun": scene.sun.direction.tolist(),
         }  # fmt: skip
         ambient = ambient_of(scene, sensor)
-        light = light_of(
-            simulator.world, sensor, ambient, sun=scene.sun.direction, place=simulator.pose,
-            pulse=pulses_of(cloud, sensor.scanner), seed=self.seed,
-        )  # fmt: skip
+        light = self._light(simulator, cloud, ambient)
         budget = budget_of(cloud, sensor, ambient, light=light)
         return frame_blob(cloud, name="", origin_m=self._origin, budget=budget, told=told)
+
+    def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient) -> Echoes:
+        """Of the pulse of each point."""
+        scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
+        now = Frame.of(scene, sensor, world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
+        count = sensor.scanner.pulses
+        light = light_of(
+            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(0, count),
+            first=0, count=count, seed=self.seed,
+        )  # fmt: skip
+        pulse = pulses_of(cloud, sensor.scanner)
+        return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
 
 
 def stage_blob(

@@ -10,7 +10,7 @@ uniform vec3 eye;
 uniform float size, low, high;
 uniform int scale;      // 0 linear, 1 logarithmic, 2 a category
 uniform uint hidden;    // a bit for each status
-uniform bool alarms;    // whether false alarms have a colour of their own
+uniform bool alarms;    // whether what is no echo has a colour of its own
 uniform sampler2D map;
 out vec4 colour;
 const float PULL_M = 0.2;
@@ -28,7 +28,7 @@ void main() {
     float part = scale == 1 ? log(max(value, 1e-37) / low) / log(high / low) : (value - low) / (high - low);
     colour = value > 1e38 ? vec4(0.42, 0.45, 0.5, 1.0) : texelFetch(map, ivec2(clamp(part, 0.0, 1.0) * 255.0, 0), 0);
   }
-  if (alarms && status == 1.0) colour = vec4(1.0, 0.18, 0.82, 1.0);
+  if (alarms && status > 0.0) colour = vec4(1.0, 0.18, 0.82, 1.0);
   if (((hidden >> uint(status)) & 1u) == 1u || colour.a == 0.0) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
 }`, `#version 300 es
 precision highp float;

@@ -1,0 +1,290 @@
+"""The command `render`: a scene and a sensor, or a rig of them, in; point clouds, frame after frame, out."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .cli_types import number as seconds
+from .cli_types import pose, whole
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .cloud import PointCloud
+    from .rig import Mounted
+    from .scene import Scene
+    from .simulate import Simulator, Summary
+
+RENDER_HELP = """\
+examples:
+  lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png
+  lidarscene render scenes/car.toml -o out/car.ply --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene render my_scene.xml -o cloud.ply --pose -5,0,1.8,0,-2,0 --json
+  lidarscene render scenes/drive.toml -o out/drive --frames 10 --deskew
+"""
+
+SUFFIXES = {"output": (".ply",), "deskewed": (".ply",), "keep_missed": (".npz",), "picture": (".png", ".svg")}
+
+MOST_FRAMES = 10_000
+"""By the four digits of their file names."""
+
+
+def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    """Add `render`; ``told`` makes a command's run function of one that returns its text."""
+    render = commands.add_parser(
+        "render", help="a point cloud of a scene", epilog=RENDER_HELP,
+        description="Simulate one frame of a lidar in a scene, or several, and write their point clouds.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    render.add_argument(
+        "scene", metavar="SCENE", type=Path, help="scene file (.toml) or Mitsuba scene (.xml)"
+    )
+    add = render.add_argument_group("what is simulated").add_argument
+    add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
+    add("--rig", metavar="RIG.toml", type=Path, help="several sensors on one vehicle, in place of --sensor")
+    add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated")  # fmt: skip
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
+        "a rig); positive pitch looks up")  # fmt: skip
+    add("--frames", metavar="N", type=whole(1, MOST_FRAMES),
+        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on")  # fmt: skip
+    add("--begin", metavar="S", type=seconds, default=0.0,
+        help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
+    add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
+    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
+    add = render.add_argument_group("what is written").add_argument
+    add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
+        help="the point cloud; a folder with --frames, and with --rig unless merged")  # fmt: skip
+    add("--frame", choices=("world", "vehicle", "sensor"), default="world",
+        help="frame of the points (default world)")  # fmt: skip
+    add("--merge", action="store_true", help="one cloud of all sensors of the rig")
+    add("--deskew", action="store_true",
+        help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")  # fmt: skip
+    add("--no-truth", action="store_true", help="leave the ground truth out")
+    add("--ascii", action="store_true", help="write text instead of binary")
+    add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
+    add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
+    add("--json", action="store_true", help="print the summary as JSON")
+    render.set_defaults(run=told(render_text))
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """One cloud's files by key of SUFFIXES, and what happened in its frame."""
+
+    files: dict[str, Path]
+    summary: Summary
+
+
+def render_text(arguments: argparse.Namespace) -> str:
+    """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
+    from . import api
+    from .simulate import Summary
+
+    _check_options(arguments)
+    before, since = Summary(), time.perf_counter()
+    rig = None if arguments.rig is None else api.load_rig(arguments.rig, overrides=arguments.overrides)
+    labels = [""] if rig is None else [one.label for one in rig.sensors]
+    groups = [labels] if arguments.merge else [[label] for label in labels]
+    wanted = [_files(arguments, group[0], number) for number in _numbers(arguments) for group in groups]
+    _check_outputs(wanted)
+    scene = api.load_scene(arguments.scene)
+    sensors = _sensors(arguments, scene) if rig is None else rig.sensors
+    _keep_inputs(arguments, wanted)
+    since = before.spent("load", since)
+    simulators = dict(_simulators(arguments, scene, sensors))
+    before.spent("build", since)
+    written: list[_Written] = []
+    for number in _numbers(arguments):
+        for group in groups:
+            one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
+            _render(
+                arguments,
+                scene,
+                {label: simulators[label] for label in group},
+                number,
+                one,
+            )
+            written.append(one)
+    return _told(arguments, written)
+
+
+def _numbers(arguments: argparse.Namespace) -> range:
+    return range(arguments.frames or 1)
+
+
+def _sensors(arguments: argparse.Namespace, scene: Scene) -> Sequence[Mounted]:
+    """The one that is asked for, or else the scene's, without a label."""
+    from . import api
+    from .rig import Mounted
+
+    sensor = api.load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
+    return [Mounted(label="", sensor=sensor, pose=arguments.pose or scene.sensor_pose)]
+
+
+def _simulators(
+    arguments: argparse.Namespace, scene: Scene, sensors: Sequence[Mounted]
+) -> Iterator[tuple[str, Simulator]]:
+    from .rig import simulators
+
+    vehicle = arguments.pose if arguments.rig is not None else None
+    return simulators(scene, sensors, pose=vehicle)
+
+
+def _render(
+    arguments: argparse.Namespace, scene: Scene, simulators: dict[str, Simulator], number: int, one: _Written
+) -> None:
+    """One frame of one sensor, or of those whose clouds are merged, into files."""
+    from . import report
+    from .deskew import deskewed
+    from .rig import merged
+    from .simulate import DEFAULT_CHUNK
+
+    clouds, without_motion = [], []
+    missed = report.MissedPulses() if "keep_missed" in one.files else None
+    for simulator in simulators.values():
+        with _progress(simulator.sensor.scanner.pulses) as progress:
+            cloud = simulator.render(
+                seed=arguments.seed, number=number, begin_s=arguments.begin,
+                chunk=arguments.chunk or DEFAULT_CHUNK, frame=arguments.frame,
+                progress=progress, missed=missed, summary=one.summary,
+            )  # fmt: skip
+        since = time.perf_counter()
+        if arguments.no_truth:
+            cloud = cloud.without_truth()
+        clouds.append(cloud)
+        if "deskewed" in one.files:
+            without_motion.append(deskewed(cloud, simulator.motion))
+        one.summary.spent("write", since)
+    since = time.perf_counter()
+    for key, kind in (("output", clouds), ("deskewed", without_motion)):
+        if key in one.files:
+            together = merged(kind, list(simulators)) if arguments.merge else kind[0]
+            together.save(one.files[key], ascii=arguments.ascii)
+    if missed is not None:
+        missed.save(one.files["keep_missed"], simulator.sensor)
+    since = one.summary.spent("write", since)
+    if "picture" in one.files:
+        _picture(
+            arguments, scene, merged(clouds, list(simulators)) if arguments.merge else clouds[0], one.files
+        )
+        one.summary.spent("picture", since)
+
+
+def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, files: dict[str, Path]) -> None:
+    from .plots import frame_picture
+
+    # The scene's view belongs to the scene's own sensor where it stands, in the world.
+    moved = arguments.pose is not None or arguments.rig is not None or scene.ego is not None
+    own = scene.view if not moved and arguments.frame == "world" else None
+    frame_picture(cloud, files["picture"], **(dataclasses.asdict(own) if own else {}))
+
+
+def _files(arguments: argparse.Namespace, label: str, number: int) -> dict[str, Path]:
+    """The files of one cloud, by key of SUFFIXES. ``label`` is that of the rig's sensor, or of its first if merged."""
+    if arguments.merge:
+        label = ""
+    counted = f"{number:04d}" if arguments.frames else ""
+    output = arguments.output
+    if arguments.frames:
+        output = output / label / f"frame_{counted}.ply"
+    elif label:
+        output = output / f"{label}.ply"
+    files = {"output": output}
+    if arguments.deskew:
+        files["deskewed"] = output.with_suffix(".deskewed.ply")
+    for key in ("keep_missed", "picture"):
+        path = getattr(arguments, key)
+        if path is not None:
+            files[key] = path.with_name("_".join(filter(None, (path.stem, label, counted))) + path.suffix)
+    return files
+
+
+def _check_options(arguments: argparse.Namespace) -> None:
+    """Refuse options that do not go together."""
+    if arguments.rig is not None and arguments.sensor is not None:
+        raise InputError("--sensor and --rig: one of them was expected")
+    if arguments.merge:
+        if arguments.rig is None:
+            raise InputError("--merge goes with --rig")
+        if arguments.frame == "sensor":
+            raise InputError("--merge: a frame that all sensors have was expected, --frame world or vehicle")
+        if arguments.keep_missed is not None:
+            raise InputError("--keep-missed: goes with the clouds of single sensors, not with --merge")
+    many = " and ".join(
+        option for option, given in (("--frames", arguments.frames), ("--rig", arguments.rig)) if given
+    )
+    is_folder = bool(arguments.frames) or (arguments.rig is not None and not arguments.merge)
+    if is_folder and (arguments.output.suffix.lower() in SUFFIXES["output"] or arguments.output.is_file()):
+        raise InputError(f"--output {arguments.output}: with {many} a folder was expected")
+
+
+def _option(key: str) -> str:
+    return "--output" if key == "deskewed" else f"--{key.replace('_', '-')}"
+
+
+def _check_outputs(wanted: Sequence[dict[str, Path]]) -> None:
+    """Refuse what could not be written, before any work goes into it."""
+    from .io.files import require_writable
+
+    for files in wanted:
+        for key, path in files.items():
+            if path.suffix.lower() not in SUFFIXES[key]:
+                expected = " or ".join(SUFFIXES[key])
+                raise InputError(f"{_option(key)} {path}: a name that ends in {expected} was expected")
+            require_writable(path)
+
+
+def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]]) -> None:
+    """Refuse to write over a file that is read."""
+    from .io.rig_file import files_of_rig
+    from .io.scene_file import files_of_scene
+
+    inputs = [*files_of_scene(arguments.scene), *([Path(arguments.sensor)] if arguments.sensor else [])]
+    inputs += files_of_rig(arguments.rig) if arguments.rig is not None else []
+    for files in wanted:
+        for key, path in files.items():
+            if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
+                raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
+
+
+def _told(arguments: argparse.Namespace, written: Sequence[_Written]) -> str:
+    """The summary, of all frames together; as JSON with each of them if there are several."""
+    from . import report
+    from .simulate import Summary
+
+    total = Summary.total([one.summary for one in written])
+    names = [{key: str(path) for key, path in one.files.items()} for one in written]
+    if not arguments.json:
+        many = len(written) > 1
+        shown = [f"{len(written)} clouds in {arguments.output}"] if many else list(names[0].values())
+        return report.as_text(total, shown)
+    if len(written) == 1:
+        return json.dumps(report.as_dict(total) | names[0])
+    frames = [report.as_dict(one.summary) | files for one, files in zip(written, names, strict=True)]
+    return json.dumps(report.as_dict(total) | {"frames": frames})
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int], None] | None]:
+    """A bar on the terminal's error stream for frames of more than a second; none where nobody looks."""
+    if total < 4_000_000 or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("tracing", total=total)
+        yield lambda done: bar.update(task, completed=done)

@@ -1,0 +1,133 @@
+"""Frame: which pulses one frame has, when they leave, and where the sensor and all that moves are then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+from .geometry import Pose
+from .kernel import device
+from .kernel.world import World, at_rest
+from .motion import Paths, Placement
+from .scan import Scanner
+from .scene import Scene
+from .sensor import Sensor
+from .trajectory import Course, Motion, Riding, pose_at
+
+Matrix = np.ndarray[Any, Any]
+
+LARGEST_FLOAT32_M = 1000.0
+"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
+
+COORDINATES = ("world", "vehicle", "sensor")
+
+PULSE_NUMBERS = 2**31
+"""Scanners know their pulses by numbers below this."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One frame of a scanner, as the device needs it.
+
+    number        of the frame
+    first_pulse   its number
+    scanner_s     when that leaves, by the scanner's clock
+    start_s       when that leaves, by the scene's clock, in which motions are given
+    place         pose of the sensor in the world at the start
+    vehicle       pose of the ego vehicle in the world at the start
+    origin        the same place in the traced frame, opaque; for all pulses unless the sensor moves
+    paths         where the sensor (0) and the world's movers (1, ...) are, numbers on the device; None: all stands
+    moves         whether the sensor does
+    """
+
+    number: int
+    first_pulse: int
+    scanner_s: float
+    start_s: float
+    place: Pose
+    vehicle: Pose
+    origin: Placement
+    paths: Paths | None
+    moves: bool
+    _scanner: Scanner
+
+    @classmethod
+    def of(
+        cls, scene: Scene, sensor: Sensor, world: World, *, number: int, begin_s: float, sensor_pose: Pose
+    ) -> Frame:
+        """Frame ``number`` of a run that begins at ``begin_s`` by the scene's clock.
+
+        Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+        """
+        scanner = sensor.scanner
+        first = number * scanner.pulses
+        if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
+            raise InputError(
+                f"frame number: 0 to {PULSE_NUMBERS // scanner.pulses - 1} was expected, with {scanner.pulses} "
+                f"pulses in a frame; {number} came"
+            )
+        edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
+        scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
+        start_s, length_s = begin_s + scanner_s, max(end_s - scanner_s, 1e-9)
+        _check_spans(scene, start_s, start_s + end_s - scanner_s)
+        riding = motion_of(scene, sensor, sensor_pose)
+        place = pose_at(riding, start_s)
+        moves = scene.ego is not None
+        paths = None
+        if moves or world.movers:
+            paths = Paths.of(
+                [riding, *(mover.motion for mover in world.movers)],
+                start_s=start_s, length_s=length_s, centre_m=world.centre_m,
+            )  # fmt: skip
+        return cls(
+            number=number, first_pulse=first, scanner_s=scanner_s, start_s=start_s,
+            place=place, vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
+            origin=at_rest(place, world.centre_m),
+            paths=None if paths is None else device.opaque(paths),
+            moves=moves, _scanner=scanner,
+        )  # fmt: skip
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """(n,) float64 times since the start of the frame at which these pulses leave."""
+        return self._scanner.time_s(pulse) - self.scanner_s
+
+    def placements(self, first: int, count: int) -> tuple[Placement, list[Placement] | None]:
+        """Of the sensor and of each mover when ``count`` pulses from ``first`` on leave; None: nothing moves."""
+        if self.paths is None:
+            return self.origin, None
+        # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
+        times = self.time_s(np.arange(first, first + count, dtype=np.uint32))
+        on_device = device.from_numpy(times)
+        sensor, *movers = (self.paths.at(on_device, i) for i in range(len(self.paths.table.values)))
+        return sensor if self.moves else self.origin, movers
+
+    def goal(self, coordinates: str) -> Pose:
+        """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""
+        if coordinates == "sensor":
+            return Pose()
+        return self.place if coordinates == "world" else self.vehicle.inverse() @ self.place
+
+
+def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:
+    """The sensor's own: it rides on the ego vehicle, at a pose there that its mounting is added to."""
+    return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
+
+
+def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
+    motions = [("ego", scene.ego), *((f"body '{body.name}'", body.motion) for body in scene.bodies)]
+    for name, motion in motions:
+        if motion is None:
+            continue
+        first, last = motion.span_s
+        if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
+            raise InputError(
+                f"scene '{scene.name}': motion of {name}: poses from {first:g} to {last:g} s came, "
+                f"the frame needs {start_s:g} to {end_s:g} s"
+            )
+
+
+TOLERANCE_S = 1e-6
+"""A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""

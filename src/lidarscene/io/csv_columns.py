@@ -1,0 +1,36 @@
+"""CSV files with a first line of column names: the columns that are known in, numbers out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+Matrix = np.ndarray[Any, Any]
+
+
+def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Matrix]:
+    """(n,) float64 values of each known column by name; n may be 0. Raises InputError."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            names = [name.strip() for name in file.readline().split(",")]
+            used = [number for number, name in enumerate(names) if known(name)]
+            if not used:
+                raise InputError(f"{path}: a first line with the names of the columns was expected")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that there are no rows is told by the caller
+                values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}"
+        ) from None
+    return {
+        names[number]: column for number, column in zip(used, values.reshape(-1, len(used)).T, strict=True)
+    }
