@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from chromium import Chromium
-from conftest import COARSE
 from matplotlib import colormaps, image
 from served import served
+from small_scene import COARSE
 
 import lidarscene
 from lidarscene import PointCloud, Pose, load_scene, load_sensor

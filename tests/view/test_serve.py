@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import COARSE
 from served import served
+from small_scene import COARSE
 
 import lidarscene
 from lidarscene.errors import InputError
