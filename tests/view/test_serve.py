@@ -2,8 +2,10 @@
 
 import json
 import socket
+import struct
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -69,8 +71,12 @@ def test_what_it_refuses(mi: Any, scene_file: Path) -> None:
 
 
 def test_ctrl_c_ends_it(mi: Any, scene_file: Path) -> None:
+    """And a page that was closed, which resets its connection, leaves no trace in the terminal."""
     with served(scene_file, *SETS) as view:
         assert view.get("")[0] == 200
+        with socket.create_connection((HOST, urlsplit(view.url).port)) as closed:
+            closed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        assert view.get("stage")[0] == 200
         code, out, err = view.interrupt()
     assert (code, out, err) == (0, "ended\n", "")
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 from ..errors import InputError, LidarSceneError
 from .page import page
@@ -60,6 +62,11 @@ class Server(ThreadingHTTPServer):
                     self._do(*self.jobs.get(timeout=POLL_S))
         finally:
             self.shutdown()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that is closed breaks its connections; anything else is told in the terminal."""
+        if not isinstance(sys.exc_info()[1], ConnectionError):
+            super().handle_error(request, client_address)
 
     def done(self, job: Job) -> bytes:
         """What a job gives, done by the serving thread. Called by the others."""
