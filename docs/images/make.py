@@ -1,6 +1,7 @@
 """Make the pictures of the documentation again: `python docs/images/make.py`, from the repository's root."""
 
 import dataclasses
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,11 +15,30 @@ HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"
 WIDTH, COLOURS = 1200, 256
 
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
+from chromium import Chromium, executable  # noqa: E402
+from served import served  # noqa: E402
+
+# The point of the car's paint that is nearest to this place in the picture.
+CLICK = """(() => {
+    const { frame, renderer, matrix } = viewer, { xyz, material, incidence_angle } = frame.arrays;
+    const paint = frame.fields.find(field => field.name === "material").names.indexOf("car_paint_white");
+    let nearest = [-1, Infinity];
+    for (let i = 0; i < frame.count; i++) {
+        if (material[i] !== paint || incidence_angle[i] > 70) continue;
+        const seen = renderer.project(matrix, ...xyz.subarray(3 * i, 3 * i + 3));
+        const away = Math.hypot(seen[0] - 560, seen[1] - 470);
+        if (away < nearest[1]) nearest = [i, away];
+    }
+    viewer.select(nearest[0]);
+})()"""
+
 
 def main() -> None:
     """Every picture, small enough for a repository."""
     car()
     compare()
+    view()
 
 
 def car() -> None:
@@ -56,6 +76,23 @@ def compare() -> None:
     for number, one in enumerate(charts):
         whole.paste(one, (number * half, top.height))
     store(whole, "compare.png")
+
+
+def view() -> None:
+    """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
+    if not executable():
+        return
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served(SCENES / "car.toml") as page,
+        Chromium(Path(folder) / "profile", width=1280, height=860) as browser,
+    ):
+        browser.open(page.url)
+        browser.value("viewer.camera.zoom(0.72), viewer.draw()")
+        browser.value(CLICK)
+        browser.value("new Promise(done => setTimeout(done, 500))")
+        browser.screenshot(Path(folder) / "view.png")
+        store(Image.open(Path(folder) / "view.png"), "view.png")
 
 
 def store(picture: Image.Image, name: str) -> None:

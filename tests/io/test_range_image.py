@@ -28,7 +28,7 @@ def test_png_in_pillow(tmp_path: Path) -> None:
 def test_every_beam_has_its_pixel(tmp_path: Path, street_cloud: PointCloud) -> None:
     """Reference: the raster of the street, 151 by 61 beams with an echo below the horizon. Range to half a step."""
     files = write_range_image(tmp_path / "a.png", street_cloud)
-    assert [file.name for file in files] == ["a.png", "a.intensity.png", "a.status.png"]
+    assert [file.name for file in files] == ["a.png", "a.intensity.png", "a.ambient.png", "a.status.png"]
     found = {}
     for file in files:
         with PIL.Image.open(file) as image:

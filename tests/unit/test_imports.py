@@ -30,6 +30,7 @@ TIERS = (
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
     ("analysis",),
+    ("view",),
     (
         "cli",
         "cli_analysis",
@@ -38,6 +39,7 @@ TIERS = (
         "cli_output",
         "cli_render",
         "cli_types",
+        "cli_view",
         "doctor",
         "__main__",
     ),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
@@ -66,8 +68,6 @@ def repeated(values: Any, times: int) -> tuple[Any, Any]:
 
 def from_numpy(values: Any) -> Any:
     """(n,) numbers in single precision."""
-    import numpy as np
-
     return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
 
 
