@@ -15,7 +15,7 @@ from .cloud import CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient
 from .errors import InputError
-from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
+from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
@@ -142,6 +142,11 @@ class Simulator:
     def motion(self) -> Motion:
         """The sensor's own in the world: what `deskewed` takes off."""
         return motion_of(self.scene, self.sensor, self.pose)
+
+    def check_frames(self, frames: int, *, begin_s: float = 0.0) -> None:
+        """Raises InputError unless every motion lasts for so many frames, and there are numbers for their pulses."""
+        for number in (0, frames - 1):
+            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
 
     def render(
         self,
