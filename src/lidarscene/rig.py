@@ -15,7 +15,6 @@ from .scene import Scene
 from .sensor import Sensor
 from .simulate import Simulator
 
-
 JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
 """Metadata of which a merged cloud has one for each sensor, and what stands between them."""
 
@@ -27,6 +26,11 @@ class Mounted:
     label: str
     sensor: Sensor
     pose: Pose = field(default_factory=Pose)
+
+    @property
+    def placed(self) -> Sensor:
+        """The sensor with its whole place on the vehicle as its mounting."""
+        return replace(self.sensor, mounting=self.pose @ self.sensor.mounting)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

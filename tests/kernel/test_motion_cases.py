@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_motion import EGO, SENSOR, direction, frozen, traffic
 
+from lidarscene import catalog
 from lidarscene.cloud import PointCloud
 from lidarscene.deskew import deskewed
 from lidarscene.errors import InputError
@@ -17,7 +18,7 @@ from lidarscene.io.scene_file import read_scene
 from lidarscene.rig import Mounted, merged, require_common_frames, simulators
 from lidarscene.scene import Ball, Body, Scene
 from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course, Spline, pose_at
+from lidarscene.trajectory import Course, Riding, Spline, pose_at
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -92,7 +93,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     sipm = chain.sensor("table1-sipm", *SENSOR)
     rig = [
         Mounted(label="roof", sensor=table1(), pose=MOUNT),
-        Mounted(label="rear", sensor=sipm, pose=Pose.from_degrees(position_m=(-2, 0, 1), yaw_deg=180.0)),
+        Mounted(label="rear", sensor=sipm, pose=Pose.from_degrees(position_m=(-2, 0, 1), yaw_deg=-20.0)),
     ]
     made = dict(simulators(traffic(), rig))
     assert made["roof"].world is made["rear"].world
@@ -101,8 +102,8 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
         alone = Simulator(traffic(), one.sensor, pose=one.pose).render(seed=3, frame="vehicle")
         # The shared world has another origin: single precision, and beams that graze an edge.
         assert len(alone) == pytest.approx(len(cloud), rel=1e-3)
-        near = np.isclose(alone.time_s.sum(), cloud.time_s.sum(), rtol=1e-3)
-        assert near
+        assert len(alone) > 10_000
+        assert np.mean(np.isin(alone.time_s, cloud.time_s)) > 0.999
     together = merged(clouds, list(made))
     assert together.sensor_names == ("roof", "rear")
     assert len(together) == sum(map(len, clouds))
@@ -114,7 +115,10 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     np.testing.assert_allclose(positions, [MOUNT.position_m, [-2, 0, 1]], atol=1e-12)
     assert len(together.metadata["sensor_rotation"].split()) == 18
     assert together.metadata["frame_start_s"].split() == ["0.0", "0.0"]
-    assert (together.metadata["sensor"], together.metadata["intensity_unit"]) == ("table1-apd, table1-sipm", "A or cells")
+    assert (together.metadata["sensor"], together.metadata["intensity_unit"]) == (
+        "table1-apd, table1-sipm",
+        "A or cells",
+    )
     together.save(tmp_path / "rig.ply")
     back = PointCloud.load(tmp_path / "rig.ply")
     np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
@@ -124,10 +128,12 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
 
 
 def test_frames_that_drift_apart_are_not_merged() -> None:
-    short = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
-    pair = [Mounted(label="fine", sensor=table1()), Mounted(label="coarse", sensor=short)]
+    longer = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
+    pair = [Mounted(label="short", sensor=table1()), Mounted(label="long", sensor=longer)]
     require_common_frames(pair, 1)
-    with pytest.raises(InputError, match=r"9 merged frames: .* 'coarse' has them of .* s and 'fine' of .* s"):
+    with pytest.raises(
+        InputError, match=r"9 merged frames: .* 'short' has them of 0.37926 s and 'long' of 0.60732 s"
+    ):
         require_common_frames(pair, 9)
     require_common_frames([pair[0], pair[0]], 10_000)
 
@@ -146,7 +152,9 @@ def moved(scene: Scene, by: np.ndarray) -> Scene:
         if isinstance(motion, Spline):
             motion = Spline(time_s=motion.time_s, poses=tuple(shift @ one for one in motion.poses))
         bodies.append(dataclasses.replace(body, motion=motion, pose=shift @ body.pose))
-    return dataclasses.replace(scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start))
+    return dataclasses.replace(
+        scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start)
+    )
 
 
 def test_utm_coordinates_cost_nothing() -> None:
@@ -174,12 +182,6 @@ def test_a_scene_in_which_everything_moves() -> None:
     """No static shape at all: box and wall ride with the sensor, so that nothing seems to move."""
     still = chain.scene(chain.facing(range_m=30.0), chain.box(at=(15.0, 2.0, 0.0)))
     riding = tuple(
-        dataclasses.replace(body, motion=dataclasses.replace(EGO, start=EGO.start @ body.pose)) for body in still.bodies
-    )
-    # Courses turn about their own origins: each must ride on the vehicle's instead.
-    from lidarscene.trajectory import Riding
-
-    riding = tuple(
         dataclasses.replace(body, motion=Riding(carrier=EGO, pose=body.pose)) for body in still.bodies
     )
     scene = dataclasses.replace(still, bodies=riding, ego=EGO)
@@ -202,7 +204,10 @@ def test_many_bodies_of_one_shape() -> None:
 
     Each stands alone in its direction, so that it is known which of them, and which part, a beam must meet.
     """
-    low, high = chain.box(at=(0, 0, 0), size_m=(1.0, 1.0, 0.8)).parts[0], chain.box(at=(0, 0, 0), material="dark").parts[0]
+    low, high = (
+        chain.box(at=(0, 0, 0), size_m=(1.0, 1.0, 0.8)).parts[0],
+        chain.box(at=(0, 0, 0), material="dark").parts[0],
+    )
     high = dataclasses.replace(high, vertices_m=high.vertices_m * 0.3 + [0.0, 0.0, 0.7])
     parts = (low, high, Ball(radius_m=0.2, material="grey"))
     bodies = []
@@ -210,7 +215,8 @@ def test_many_bodies_of_one_shape() -> None:
         azimuth = math.radians(-55.0 + 10.0 * number)
         distance = 10.0 + number
         start = Pose.from_degrees(
-            position_m=(distance * math.cos(azimuth), distance * math.sin(azimuth), 0.0), yaw_deg=37.0 * number
+            position_m=(distance * math.cos(azimuth), distance * math.sin(azimuth), 0.0),
+            yaw_deg=37.0 * number,
         )
         bodies.append(
             Body(name=f"b{number}", class_name=f"c{number % 3}", parts=parts,
@@ -245,8 +251,6 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
         'material = "own"\nposition_m = [12, 0, 0]\n[bodies.motion]\nvelocity_m_s = [0, 3, 0]\n'
         "[materials.own]\nreflectivity = 0.3\n"
     )
-    from lidarscene import catalog
-
     scene = read_scene(tmp_path / "scene.toml", catalogue=catalog.material)
     cloud = echoes(Simulator(scene, table1()).render(seed=6))
     ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
@@ -263,8 +267,8 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.5, atol=1e-4)
 
 
-def test_a_body_that_stands_on_the_sensor_frame_with_no_sun_on_its_back() -> None:
-    """Shadows move too: a roof that flies over a board darkens it only while it is between board and sun."""
+def test_shadows_move() -> None:
+    """A roof that flies over a board darkens it only while it is between board and sun."""
     board = chain.facing(range_m=30.0, size_m=20.0)
     still = chain.scene(board)
     towards = still.sun.direction

@@ -259,7 +259,9 @@ def test_one_value_stays_one_value() -> None:
 
 
 @pytest.mark.parametrize("capacity", [0, 30])
-@pytest.mark.parametrize("order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)])
+@pytest.mark.parametrize(
+    "order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)]
+)
 def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: int) -> None:
     """Constant chunks of another value, and chunks of many values (None), wherever they come."""
     parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]

@@ -100,7 +100,9 @@ def test_placements_there_and_back() -> None:
     point = (1.0, -2.0, 3.0)
     there = place.point_within(place.point(point))
     np.testing.assert_allclose(rows(there), np.tile(point, (5, 1)), atol=1e-13)
-    np.testing.assert_allclose(rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13)
+    np.testing.assert_allclose(
+        rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13
+    )
     assert Placement(origin_m=(0, 0, 0), rotation=place.rotation).velocity_at(point) == (0.0, 0.0, 0.0)
 
 
@@ -110,6 +112,11 @@ def test_numpy_and_device_agree(mi) -> None:
     time_s = np.linspace(0.0, FRAME_S, 333)
     for which in (0, 1):
         here, there = paths.at(time_s, which), device.opaque(paths).at(device.from_numpy(time_s), which)
-        for name, tolerance in (("origin_m", 1e-5), ("rotation", 1e-6), ("velocity_m_s", 1e-5), ("turning_rad_s", 1e-5)):
+        for name, tolerance in (
+            ("origin_m", 1e-5),
+            ("rotation", 1e-6),
+            ("velocity_m_s", 1e-5),
+            ("turning_rad_s", 1e-5),
+        ):
             came = np.stack([np.array(x.numpy()) for x in getattr(there, name)], axis=-1)
             np.testing.assert_allclose(came, rows(getattr(here, name)), atol=tolerance)

@@ -38,7 +38,8 @@ def test_nothing_moves_without_being_told(tmp_path: Path) -> None:
 def test_constant_speeds(tmp_path: Path) -> None:
     scene = scene_of(
         tmp_path,
-        "[ego]\nposition_m = [1, 2, 0]\nyaw_deg = 90\nspeed_m_s = 20\nyaw_rate_deg_s = -10\n" + BOX
+        "[ego]\nposition_m = [1, 2, 0]\nyaw_deg = 90\nspeed_m_s = 20\nyaw_rate_deg_s = -10\n"
+        + BOX
         + "position_m = [5, 0, 0]\nyaw_deg = 180\n[bodies.motion]\nspeed_m_s = 3\nvelocity_m_s = [0, 1, 0]\n",
     )
     assert isinstance(scene.ego, Course)
@@ -60,7 +61,9 @@ def test_poses_move_the_frame_that_the_pose_is_in(tmp_path: Path) -> None:
     )
     motion = scene.bodies[0].motion
     assert isinstance(motion, Riding)
-    np.testing.assert_allclose(motion.at(np.array([0.0, 2.0])).position_m, [[10, 1, 0], [9, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(
+        motion.at(np.array([0.0, 2.0])).position_m, [[10, 1, 0], [9, 0, 0]], atol=1e-12
+    )
     np.testing.assert_allclose(scene.bodies[0].pose.position_m, [10, 1, 0], atol=1e-12)
 
 
@@ -99,7 +102,8 @@ def test_riding_with_the_ego_vehicle_and_instances(tmp_path: Path) -> None:
     """Instances of a body that rides stand where their poses say, in the vehicle's frame; they share their shape."""
     scene = scene_of(
         tmp_path,
-        "[ego]\nyaw_deg = 90\nspeed_m_s = 10\n" + BOX
+        "[ego]\nyaw_deg = 90\nspeed_m_s = 10\n"
+        + BOX
         + "position_m = [1, 0, 0]\ninstances = [{}, { position_m = [0, 2, 0] }]\n"
         "[bodies.motion]\nwith_ego = true\n",
     )
@@ -111,9 +115,7 @@ def test_riding_with_the_ego_vehicle_and_instances(tmp_path: Path) -> None:
 
 
 def test_instances_move_each_from_its_own_pose(tmp_path: Path) -> None:
-    scene = scene_of(
-        tmp_path, BOX + "instances = [{}, { yaw_deg = 90 }]\n[bodies.motion]\nspeed_m_s = 2\n"
-    )
+    scene = scene_of(tmp_path, BOX + "instances = [{}, { yaw_deg = 90 }]\n[bodies.motion]\nspeed_m_s = 2\n")
     places = [pose_at(body.motion, 1.0).position_m for body in scene.bodies if body.motion]
     np.testing.assert_allclose(places, [[2, 0, 0], [0, 2, 0]], atol=1e-14)
 
@@ -140,7 +142,7 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (EGO + "poses_file = 'bad.txt'\n" + BOX, r"bad\.txt: lines of 8 numbers were expected .*, 3 came"),
         (EGO + "poses_file = 'word.txt'\n" + BOX, r"word\.txt: cannot be read"),
         (EGO + "poses_file = 'nan.csv'\n" + BOX, r"nan\.csv: y_m of pose 2 is not a finite number"),
-        (EGO + "poses_file = 'quat.csv'\n" + BOX, r"quat\.csv: a quaternion of length 1 was expected, 2 came for pose 1"),
+        (EGO + "poses_file = 'quat.csv'\n" + BOX, r"quat\.csv: a quaternion of length 1 .*, 2 came for pose 1"),
         (EGO + "poses_file = 'both.csv'\n" + BOX, r"both\.csv: either qx, qy, qz, qw or yaw_deg"),
         (EGO + "poses_file = 'empty.txt'\n" + BOX, r"empty\.txt: .*two poses or more"),
         (EGO + "poses_file = 'empty.csv'\n" + BOX, r"empty\.csv: .*names of the columns"),
@@ -200,13 +202,17 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert rig.sensors[1].sensor.name == "table1-sipm"
     assert files_of_rig(path) == [path, tmp_path / "own.toml"]
     assert load_rig(rig) is rig
-    changed = load_rig(rig_of(tmp_path, 'name = "x"' + RIG), overrides=["roof:detector.gain=9", "left:detector.cells=77"])
+    changed = load_rig(
+        rig_of(tmp_path, 'name = "x"' + RIG), overrides=["roof:detector.gain=9", "left:detector.cells=77"]
+    )
     assert changed.name == "x"
     assert [one.sensor.detector for one in changed.sensors] == [
         dataclasses.replace(rig.sensors[0].sensor.detector, gain=9.0),
         dataclasses.replace(rig.sensors[1].sensor.detector, cells=77),
     ]
-    with pytest.raises(InputError, match=r"--set rear:a\.b=1: 'rear' is not among the sensors here: roof, left"):
+    with pytest.raises(
+        InputError, match=r"--set rear:a\.b=1: 'rear' is not among the sensors here: roof, left"
+    ):
         load_rig(path, overrides=["rear:a.b=1"])
 
 
