@@ -150,7 +150,7 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
         (("-o", "a.ply", "--begin", "nan"), "--begin"),
         (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
         (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--sensor and --rig: one of them was expected"),
-        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--frame", "sensor"), "--merge: a frame that all sensors have"),
+        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--frame", "sensor"), "--merge: a frame that all sensors"),
         (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
         (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
         (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),

@@ -186,8 +186,8 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
     told = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
-        "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place on "
-        "the rig's vehicle."
+        "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
+        "on the rig's vehicle."
     )
     draw = partial(
         charts_fov.save_scatter, groups=groups, x_label="distance [m]", y_label="points on the body",
