@@ -100,9 +100,17 @@ def primitive(name, shape, kind, material, *, position_m=None, instances=None, *
     )
 
 
-def header(name, description, *, made_by, sun, sky, air, sensor, picture, ego=None):
-    """What stands above the bodies: the five tables of numbers, and how the vehicle drives that has the sensor."""
+def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ego=None):
+    """What stands above the bodies: the tables of numbers."""
     first = f"# Made by assets/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
-    parts = {"sun": sun, "sky": sky, "air": air, "ego": ego, "sensor": sensor, "picture": picture}
+    parts = {
+        "sun": sun,
+        "sky": sky,
+        "air": air,
+        "weather": weather,
+        "ego": ego,
+        "sensor": sensor,
+        "picture": picture,
+    }
     return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts.items() if entries)])

@@ -17,11 +17,14 @@ from lidarscene.trajectory import Course, Spline
 MOVERS = (1, 5, 10, 20)
 STILL = "still"
 
-FAST = "laser.repetition_rate_khz=250"  # as fast as its window allows: tables of four seconds instead of twenty
+FAST = (
+    "laser.repetition_rate_khz=250"  # as fast as its window allows: tables of four seconds instead of twenty
+)
 
-TEXT = """The frame of `table1-apd` above, at 250 kHz, with the sensor on a vehicle that drives (slowly), and with the cars and
-people nearest to it as moving bodies (which stand still, so that the same surfaces are met). Cars of one colour share
-one shape, and so do the people. Tables: numpy's work before a frame, where everything is in 0.1 s, by splines."""
+TEXT = """The frame of `table1-apd` above, at 250 kHz, with the sensor on a vehicle that drives (slowly), and with the
+cars and people nearest to it as moving bodies (which stand still, so that the same surfaces are met). Cars of one
+colour share one shape, and so do the people. Tables: numpy's work before a frame, where everything is in 0.1 s, by
+splines."""
 
 
 def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:

@@ -16,6 +16,7 @@ from lidarscene.io import open3d_door
 from lidarscene.kernel import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ["LIDARSCENE_CACHE"] = ""  # what an earlier run left must not decide a test
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then

@@ -115,6 +115,11 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: more than 0 was expected, 0 came"),
         (WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n", ("air: one way to say it was expected, "
          "transmittance and visibility_km came")),
+        (WALL + "[weather]\nfog = 'thick'\n", ("weather.fog: 'strong_advection', 'moderate_advection', 'radiation', "
+         "'strong_spray', 'moderate_spray' or 'chu_hogg' was expected, \"thick\" came")),
+        (WALL + "[weather]\nfog_visibility_km = 0\n", "weather.fog_visibility_km: 0.005 or more was expected, 0 came"),
+        (WALL + "[weather]\nsnow = 'powder'\n", "weather.snow: 'dry' or 'wet' was expected, \"powder\" came"),
+        (WALL + "[weather]\nrain = 5\n", "unknown key 'weather.rain'; known here: fog, fog_visibility_km, rain_mm_h,"),
         (WALL + "[sun]\nilluminance_klux = -1\n", "sun.illuminance_klux: 0 or more was expected, -1 came"),
         (WALL + "[sensor]\nname = 'none.toml'\n", "none.toml: no such file"),
         (WALL + "[sensor]\nname = 'table2'\n", "no sensor 'table2' in the catalogue; did you mean table1-"),

@@ -8,13 +8,14 @@ import math
 import os
 import re
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from .mesh_cache import cached
+from .submesh import SubMesh
 
 Matrix = np.ndarray[Any, Any]
 
@@ -26,28 +27,13 @@ MOST_CUTS = 512
 """Cuts along an axis, beyond which triangles grow instead: on planes of more than 8 km."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SubMesh:
-    """One piece of a mesh file, placed by the file's own node transforms.
-
-    vertices_m  (v, 3) float64; faces (f, 3) integers
-    keys        names it may be called by: its material's, geometry's and node's
-    grey        mean of its base colour if the file gives one, else None
-    """
-
-    vertices_m: Matrix
-    faces: Matrix
-    keys: tuple[str, ...]
-    grey: float | None = None
-
-
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
     if not os.path.isfile(path):
         raise InputError(
             f"{path}: {'is a folder, a mesh file was expected' if os.path.isdir(path) else 'no such file'}"
         )
-    pieces = [piece for piece in _pieces(path) if len(piece.faces)]
+    pieces = [piece for piece in cached(path, lambda: _pieces(path)) if len(piece.faces)]
     if not pieces:
         raise InputError(f"{path}: the mesh is empty, at least one triangle was expected")
     for piece in pieces:

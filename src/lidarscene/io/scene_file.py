@@ -17,9 +17,10 @@ from ..geometry import Pose
 from ..materials import Material, Spectrum
 from ..scene import Ball, Body, Part, Scene, Sky, View
 from ..trajectory import Motion, Riding
-from . import meshes
+from . import interference_file, meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
+from .submesh import SubMesh
 from .toml_file import read_toml, validated
 
 MaterialLookup = Callable[[str], Material]
@@ -82,7 +83,9 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         materials=surfaces.materials,
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(),
+        air=file.air.build(file.weather.build()),
+        lamps_w_m2=interference_file.lamps_w_m2(file.interference),
+        interferers=interference_file.interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
@@ -181,7 +184,7 @@ def _placed(
     ]
 
 
-MeshReader = Callable[[Path], list[meshes.SubMesh]]
+MeshReader = Callable[[Path], list[SubMesh]]
 
 
 def _parts(
@@ -232,7 +235,7 @@ def _mesh_parts(
     )
 
 
-def _material_of(piece: meshes.SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
     """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
     named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if named is not None:

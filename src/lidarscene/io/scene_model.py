@@ -10,7 +10,9 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..scene import Air, Sun
+from ..weather import Weather
 from . import pvlib_door
+from .interference_file import AnyInterferenceFile
 from .material_file import MaterialFile
 from .motion_model import BodyMotionFile, EgoFile
 from .sensor_file import PoseFile, Vector
@@ -20,6 +22,9 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
+FogKind = Literal[
+    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
+]
 
 
 def _instant(value: object) -> datetime:
@@ -106,13 +111,36 @@ class AirFile(FileModel):
             raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
         return self
 
-    def build(self) -> Air:
-        """The air in metres."""
+    def build(self, weather: Weather) -> Air:
+        """The air in metres, with this weather in it."""
         return Air(
             transmittance=1.0 if self.transmittance is None else self.transmittance,
             extinction_per_m=self.extinction_per_m or 0.0,
             visibility_m=math.inf if self.visibility_km is None else self.visibility_km * 1e3,
             model=self.model,
+            weather=weather,
+        )
+
+
+class WeatherFile(FileModel):
+    """[weather]: what falls or floats in the air, on top of [air]; none without."""
+
+    fog: FogKind | None = Field(
+        default=None, description="kind, as dense as published unless fog_visibility_km is given"
+    )
+    fog_visibility_km: Annotated[float, Field(ge=0.005, le=50)] | None = None
+    rain_mm_h: Annotated[float, Field(ge=0, le=300)] = 0.0
+    snow_mm_h: Annotated[float, Field(ge=0, le=50, description="of water")] = 0.0
+    snow: Literal["dry", "wet"] = "dry"
+
+    def build(self) -> Weather:
+        """The weather in metres."""
+        return Weather(
+            fog=self.fog,
+            fog_visibility_m=None if self.fog_visibility_km is None else self.fog_visibility_km * 1e3,
+            rain_mm_h=self.rain_mm_h,
+            snow_mm_h=self.snow_mm_h,
+            snow=self.snow,
         )
 
 
@@ -196,6 +224,8 @@ class SceneFile(FileModel):
     sun: SunFile = SunFile()
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
+    weather: WeatherFile = WeatherFile()
+    interference: tuple[AnyInterferenceFile, ...] = ()
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None

@@ -1,0 +1,85 @@
+"""The mesh cache: the same pieces as from the file, never out of date, never in the way."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene.io import mesh_cache, meshes
+from lidarscene.io.submesh import SubMesh
+
+CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
+
+IN_A_FRESH_PYTHON = """
+import json, sys
+from pathlib import Path
+from lidarscene.io.meshes import read_mesh
+pieces = read_mesh(Path(sys.argv[1] if len(sys.argv) > 1 else {path!r}))
+print(json.dumps(["trimesh" in sys.modules, sum(len(p.faces) for p in pieces)]))
+"""
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(mesh_cache.VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache" / "meshes"
+
+
+def assert_same(a: list[SubMesh], b: list[SubMesh]) -> None:
+    assert [(p.keys, p.grey) for p in a] == [(p.keys, p.grey) for p in b]
+    for one, other in zip(a, b, strict=True):
+        np.testing.assert_array_equal(one.vertices_m, other.vertices_m, strict=True)
+        np.testing.assert_array_equal(one.faces, other.faces, strict=True)
+
+
+def test_the_cache_gives_what_the_file_gives(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from_file = meshes.read_mesh(CAR)
+    assert len(list(cache.iterdir())) == 1
+    monkeypatch.setattr(meshes, "_pieces", lambda path: pytest.fail("the file was read"))
+    assert_same(meshes.read_mesh(CAR), from_file)
+
+
+def test_a_warm_start_needs_no_mesh_library(cache: Path, run_python) -> None:
+    code = IN_A_FRESH_PYTHON.format(path=str(CAR))
+    first, second = (
+        json.loads(run_python(code, **{mesh_cache.VARIABLE: str(cache.parent)}).stdout) for _ in range(2)
+    )
+    assert first[0]
+    assert not second[0]
+    assert first[1] == second[1] > 1000
+
+
+def test_a_changed_file_is_read_again(cache: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.off"
+    path.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    assert meshes.read_mesh(path)[0].vertices_m.max() == 1.0
+    path.write_text("OFF\n3 1 0\n0 0 0\n2 0 0\n0 2 0\n3 0 1 2\n")
+    assert meshes.read_mesh(path)[0].vertices_m.max() == 2.0
+    assert len(list(cache.iterdir())) == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a zip", None])
+def test_a_damaged_entry_is_made_again(cache: Path, damage: bytes | None) -> None:
+    expected = meshes.read_mesh(CAR)
+    (entry,) = cache.iterdir()
+    whole = entry.read_bytes()
+    entry.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    assert_same(meshes.read_mesh(CAR), expected)
+    assert entry.read_bytes() == whole
+
+
+def test_what_takes_from_other_files_is_not_kept(cache: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    meshes.read_mesh(tmp_path / "a.obj")
+    assert not cache.exists()
+
+
+def test_it_can_be_turned_off_and_may_be_unwritable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(mesh_cache.VARIABLE, "")
+    assert mesh_cache.folder() is None
+    meshes.read_mesh(CAR)
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv(mesh_cache.VARIABLE, str(tmp_path / "file"))
+    meshes.read_mesh(CAR)
+    assert (tmp_path / "file").read_text() == "in the way"
