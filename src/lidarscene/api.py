@@ -63,7 +63,10 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[
 
 
 def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
-    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor. Raises InputError."""
+    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor, or as LABEL:KEY=VALUE to one.
+
+    Raises InputError.
+    """
     if isinstance(rig, Rig):
         return rig
     return read_rig(
@@ -91,6 +94,7 @@ def render_frames(
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, pose=pose, rays=rays)
+    simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
@@ -111,8 +115,8 @@ def render(
     scene      scene file, Mitsuba XML or `Scene`
     sensor     catalogue name, sensor file or `Sensor`; the scene's own if None
     seed       32 bits; the same seed gives the same cloud
-    pose       where the sensor stands in the world; the scene's own if None
-    frame      "world" or "sensor": frame of the points
+    pose       where the sensor stands, in the world or on the scene's ego vehicle; the scene's own if None
+    frame      "world", "vehicle" or "sensor": frame of the points
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
     overrides  changes to the sensor file's values, ``detector.gain=60``

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .cli_output import (
     add_output_options,
     check_output_options,
@@ -61,7 +63,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
     add("--rig", metavar="RIG.toml", type=Path, help="several sensors on one vehicle, in place of --sensor")
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, such as detector.gain=60; may be repeated")  # fmt: skip
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
+        "sensor of a rig")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
@@ -102,6 +105,7 @@ class _Written:
 def render_text(arguments: argparse.Namespace) -> str:
     """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
     from . import api
+    from .rig import require_common_frames
     from .simulate import Summary
 
     _check_options(arguments)
@@ -115,19 +119,17 @@ def render_text(arguments: argparse.Namespace) -> str:
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
     since = before.spent("load", since)
+    if arguments.merge:
+        require_common_frames(sensors, arguments.frames or 1)
     simulators = dict(_simulators(arguments, scene, sensors))
+    for simulator in simulators.values():
+        simulator.check_frames(arguments.frames or 1, begin_s=arguments.begin)
     before.spent("build", since)
     written: list[_Written] = []
     for number in _numbers(arguments):
         for group in groups:
             one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
-            _render(
-                arguments,
-                scene,
-                {label: simulators[label] for label in group},
-                number,
-                one,
-            )
+            _render(arguments, scene, {label: simulators[label] for label in group}, number, one)
             written.append(one)
     return _told(arguments, written)
 
@@ -192,19 +194,28 @@ def _render(
         write_range_image(one.files["range_image"], clouds[0])
     since = one.summary.spent("write", since)
     if "picture" in one.files:
-        _picture(
-            arguments, scene, merged(clouds, list(simulators)) if arguments.merge else clouds[0], one.files
-        )
+        together = merged(clouds, list(simulators)) if arguments.merge else clouds[0]
+        _picture(arguments, scene, together, one.files["picture"])
         one.summary.spent("picture", since)
 
 
-def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, files: dict[str, Path]) -> None:
+def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, path: Path) -> None:
     from .plots import frame_picture
+    from .scene import View
+    from .trajectory import Course, pose_at
 
-    # The scene's view belongs to the scene's own sensor where it stands, in the world.
-    moved = arguments.pose is not None or arguments.rig is not None or scene.ego is not None
-    own = scene.view if not moved and arguments.frame == "world" else None
-    frame_picture(cloud, files["picture"], **(dataclasses.asdict(own) if own else {}))
+    # The scene's view is that of its vehicle, which stands at the world's origin where none moves. It belongs to the
+    # scene's own sensor where it stands, or to whatever rides on the vehicle that moves.
+    own = scene.view
+    if arguments.frame == "sensor" or (scene.ego is None and (arguments.pose or arguments.rig)):
+        own = None
+    if own is not None and arguments.frame == "world":
+        vehicle = pose_at(scene.ego or Course(), float(cloud.metadata["frame_start_s"].split()[0]))
+        eye_m, target_m = vehicle.apply(np.array([own.eye_m, own.target_m])).tolist()
+        own = View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=own.fov_deg)
+    # Of several sensors, who sees what: their intensities may be amperes and cells.
+    colour_by = "sensor_index" if arguments.merge else "intensity"
+    frame_picture(cloud, path, colour_by=colour_by, **(dataclasses.asdict(own) if own else {}))
 
 
 def _files(arguments: argparse.Namespace, label: str, number: int) -> dict[str, Path]:

@@ -98,7 +98,7 @@ def _source(arguments: argparse.Namespace) -> Source:
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:
     """Cloud files in the order given; those of a folder by the numbers in their names."""
-    from .cloud import FORMATS
+    from .formats import FORMATS
 
     found: list[Path] = []
     for path in paths:

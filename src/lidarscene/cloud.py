@@ -90,7 +90,7 @@ SENSOR_TO_WORLD = "sensor_to_world"
 class PointCloud:
     """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
 
-    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default) or "world"
+    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
     range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
     truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
     names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
@@ -326,6 +326,7 @@ class PointCloud:
 
 class CloudBuilder:
     """Gathers a cloud chunk by chunk. A single chunk is taken as it is; of several each column is one array.
+    One value that was broadcast (all strides 0), the same in every chunk, stays one value.
 
     capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
               without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
@@ -353,7 +354,10 @@ class CloudBuilder:
             return
         end = self._points + n
         for a, values in checked.items():
-            self._columns[a] = self._with_room(self._columns[a], end)
+            if _is_constant(kept := self._columns[a]) and _is_constant(values) and kept[0] == values[0]:
+                self._columns[a] = np.broadcast_to(kept[0], end)
+                continue
+            self._columns[a] = self._with_room(kept, end)
             self._columns[a][self._points : end] = values
         self._points = end
 
@@ -376,6 +380,11 @@ class CloudBuilder:
             columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
         self._columns, self._points, self._chunks = {}, 0, 0
         return PointCloud(**columns, **description)
+
+
+def _is_constant(column: Array) -> bool:
+    """Whether it is one value that numpy repeats."""
+    return len(column) > 0 and not any(column.strides)
 
 
 def sensor_positions_m(metadata: Mapping[str, str]) -> Array:

@@ -17,7 +17,7 @@ from .detectors import Apd
 from .echoes import Ambient, Echoes
 from .errors import InputError
 from .footprint import footprint, spread
-from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
+from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
@@ -201,6 +201,11 @@ class Simulator:
     def motion(self) -> Motion:
         """The sensor's own in the world: what `deskewed` takes off."""
         return motion_of(self.scene, self.sensor, self.pose)
+
+    def check_frames(self, frames: int, *, begin_s: float = 0.0) -> None:
+        """Raises InputError unless every motion lasts for so many frames, and there are numbers for their pulses."""
+        for number in (0, frames - 1):
+            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
 
     def render(
         self,
