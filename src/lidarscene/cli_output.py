@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,6 +90,20 @@ def cloud_files(arguments: argparse.Namespace, label: str, number: int) -> dict[
             for count, beside in enumerate(label_paths(path, format=arguments.labels), start=1):
                 files[f"{key}_labels{count if count > 1 else ''}"] = beside
     return files
+
+
+def streams(arguments: argparse.Namespace) -> bool:
+    """Whether the cloud can go to its file while it is made, because nothing needs the whole of it."""
+    whole = ("deskew", "merge", "labels", "dataset", "range_image", "picture")
+    return bool(chosen_format(arguments).appender) and not any(getattr(arguments, one) for one in whole)
+
+
+@contextmanager
+def streamed(arguments: argparse.Namespace, path: Path) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block as `save` writes them together, without labels."""
+    options = {"ascii": True} if arguments.ascii else {}
+    with chosen_format(arguments).stream()(path, **options) as append:
+        yield lambda cloud: append(cloud.without_truth() if arguments.no_truth else cloud)
 
 
 def save(arguments: argparse.Namespace, path: Path, cloud: PointCloud, scene: Scene) -> None:

@@ -23,6 +23,8 @@ from .cli_output import (
     is_folder,
     save,
     save_dataset_frame,
+    streamed,
+    streams,
 )
 from .cli_types import number as seconds
 from .cli_types import pose, whole
@@ -169,11 +171,16 @@ def _render(
     missed = report.MissedPulses() if "keep_missed" in one.files else None
     for simulator in simulators.values():
         with _progress(simulator.sensor.scanner.pulses) as progress:
-            cloud = simulator.render(
-                seed=arguments.seed, number=number, begin_s=arguments.begin,
-                chunk=arguments.chunk or DEFAULT_CHUNK, frame=arguments.frame,
-                progress=progress, missed=missed, summary=one.summary,
-            )  # fmt: skip
+            options: dict[str, Any] = {
+                "seed": arguments.seed, "number": number, "begin_s": arguments.begin,
+                "chunk": arguments.chunk or DEFAULT_CHUNK, "frame": arguments.frame,
+                "progress": progress, "missed": missed, "summary": one.summary,
+            }  # fmt: skip
+            if streams(arguments):
+                with streamed(arguments, one.files["output"]) as append:
+                    simulator.stream(append, **options)
+                continue
+            cloud = simulator.render(**options)
         since = time.perf_counter()
         clouds.append(cloud)
         if arguments.deskew:
@@ -183,7 +190,7 @@ def _render(
     if arguments.dataset is not None:
         save_dataset_frame(arguments, next(iter(simulators)), number, (without_motion or clouds)[0], scene)
     for key, kind in (("output", clouds), ("deskewed", without_motion)):
-        if key in one.files and arguments.dataset is None:
+        if kind and key in one.files and arguments.dataset is None:
             together = merged(kind, list(simulators)) if arguments.merge else kind[0]
             save(arguments, one.files[key], together, scene)
     if missed is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ class Format:
 
     suffix   what names of such files end in
     reader   "" where a file cannot hold enough to become a cloud again
+    appender "" where a file cannot be written piece by piece, bit for bit as it is from the whole cloud
     options  of the writer
     extra    group of optional packages that it needs (`lidarscene.io.optional`)
     text     whether the writer knows ``ascii``
@@ -26,6 +28,7 @@ class Format:
     module: str
     writer: str
     reader: str = ""
+    appender: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     extra: str = ""
     text: bool = False
@@ -37,6 +40,10 @@ class Format:
     def read(self) -> Callable[..., Any]:
         """The reader: path to cloud."""
         return self._function(self.reader)
+
+    def stream(self) -> Callable[..., AbstractContextManager[Callable[[Any], None]]]:
+        """The appender: path and options to a block in which clouds are appended to the file."""
+        return self._function(self.appender)
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -56,17 +63,24 @@ _PCD: dict[str, Any] = {"suffix": ".pcd", "module": "pcd", "writer": "write_pcd"
 _LAS: dict[str, Any] = {"module": "las", "writer": "write_las", "reader": "read_las", "extra": "las"}
 
 FORMATS = {
-    "ply": Format(suffix=".ply", module="ply", writer="write_ply", reader="read_ply", text=True),
+    "ply": Format(
+        suffix=".ply", module="ply", writer="write_ply", reader="read_ply", appender="ply_stream", text=True
+    ),
     "pcd": Format(**_PCD, text=True),
     "pcd-compressed": Format(**_PCD, options={"compressed": True}, extra="pcd"),
-    "las": Format(suffix=".las", **_LAS),
+    "las": Format(suffix=".las", **_LAS, appender="las_stream"),
     "laz": Format(suffix=".laz", **_LAS, options={"compressed": True}),
     "e57": Format(suffix=".e57", module="e57", writer="write_e57", extra="e57"),
     "kitti": Format(suffix=".bin", module="kitti", writer="write_kitti"),
     "nuscenes": Format(suffix=".pcd.bin", module="nuscenes", writer="write_nuscenes"),
     "npz": Format(suffix=".npz", module="npz", writer="write_npz", reader="read_npz"),
     "parquet": Format(
-        suffix=".parquet", module="parquet", writer="write_parquet", reader="read_parquet", extra="parquet"
+        suffix=".parquet",
+        module="parquet",
+        writer="write_parquet",
+        reader="read_parquet",
+        appender="parquet_stream",
+        extra="parquet",
     ),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),

@@ -76,6 +76,14 @@ class Summary:
                 whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
         return whole
 
+    def count(self, outcome: Matrix, status: Matrix | None) -> None:
+        """Add some pulses, and the points of them if there are any."""
+        self.beams += len(outcome)
+        self.outcomes += np.bincount(outcome, minlength=len(Outcome))
+        if status is not None:
+            self.points += len(status)
+            self.statuses += np.bincount(status, minlength=len(Status))
+
     def spent(self, stage: str, since: float) -> float:
         """Add the time since ``since`` to a stage; returns now."""
         now = time.perf_counter()
@@ -240,34 +248,82 @@ class Simulator:
         _check_call(seed=seed, chunk=chunk, frame=frame)
         now = self._frame(number, begin_s, pose)
         summary = Summary() if summary is None else summary
-        pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
-        builder = CloudBuilder(capacity=pulses * stops)
+        builder = CloudBuilder(capacity=self.sensor.scanner.pulses * self.sensor.tdc.stops)
+        self._hand_out(
+            now, builder.append, "assemble", seed=seed, chunk=chunk, frame=frame, progress=progress,
+            missed=missed, observer=observer, summary=summary,
+        )  # fmt: skip
+        since = time.perf_counter()
+        cloud = builder.build(**self._description(now, seed, frame))
+        summary.spent("assemble", since)
+        return cloud
+
+    def stream(
+        self,
+        sink: Callable[[PointCloud], None],
+        *,
+        seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
+        pose: Pose | None = None,
+        chunk: int = DEFAULT_CHUNK,
+        frame: str = "world",
+        progress: Callable[[int], None] | None = None,
+        missed: Callable[[Matrix, Matrix], None] | None = None,
+        summary: Summary | None = None,
+    ) -> None:
+        """One frame, chunk by chunk: the memory that it takes does not grow with its pulses.
+
+        sink    called with clouds, at least one, which together are that of `render`; the time that it takes is
+                that of the stage "write". What `formats.Format.stream` gives is such a sink
+        others  as those of `render`
+        """
+        _check_call(seed=seed, chunk=chunk, frame=frame)
+        now = self._frame(number, begin_s, pose)
+        description, empty = self._description(now, seed, frame), True
+
+        def take(columns: Mapping[str, Any]) -> None:
+            nonlocal empty
+            empty = False
+            sink(PointCloud(**columns, **description))
+
+        self._hand_out(
+            now, take, "write", seed=seed, chunk=chunk, frame=frame, progress=progress,
+            missed=missed, observer=None, summary=Summary() if summary is None else summary,
+        )  # fmt: skip
+        if empty:
+            sink(CloudBuilder().build(**description))
+
+    def _hand_out(
+        self,
+        now: Frame,
+        take: Callable[[Mapping[str, Any]], None],
+        stage: str,
+        *,
+        seed: int,
+        chunk: int,
+        frame: str,
+        progress: Callable[[int], None] | None,
+        missed: Callable[[Matrix, Matrix], None] | None,
+        observer: Observer | None,
+        summary: Summary,
+    ) -> None:
+        """A frame's columns to ``take``, all else to who asked for it; ``stage`` is what taking is called."""
+        done = 0
         for first, columns, outcome in self._chunks(
             now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
         ):
             since = time.perf_counter()
+            done += len(outcome)
+            summary.count(outcome, None if columns is None else columns["status"])
             if columns is not None:
-                builder.append(columns)
-            summary.beams += len(outcome)
-            summary.outcomes += np.bincount(outcome, minlength=len(Outcome))
+                take(columns)
             if missed is not None:
                 lost = np.flatnonzero(outcome)
                 missed((lost + first).astype(np.uint32), outcome[lost].astype(np.uint8))
             if progress is not None:
-                progress(summary.beams)
-            summary.spent("assemble", since)
-        since = time.perf_counter()
-        cloud = builder.build(
-            sensor_names=(self.sensor.name,),
-            body_names=self.world.body_names,
-            class_names=self.class_names,
-            material_names=self.world.material_names,
-            metadata=self._metadata(now, seed, frame),
-        )
-        summary.points += len(cloud)
-        summary.statuses += np.bincount(cloud.status, minlength=len(Status))
-        summary.spent("assemble", since)
-        return cloud
+                progress(done)
+            summary.spent(stage, since)
 
     def _chunks(
         self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
@@ -375,6 +431,16 @@ class Simulator:
         if self.sensor.intensity is not None:
             return {"range_corrected": "W", "reflectivity": "of 255"}[self.sensor.intensity.kind]
         return "A" if isinstance(self.sensor.detector, Apd) else "cells"
+
+    def _description(self, now: Frame, seed: int, frame: str) -> dict[str, Any]:
+        """Names and metadata of the frame's cloud."""
+        return {
+            "sensor_names": (self.sensor.name,),
+            "body_names": self.world.body_names,
+            "class_names": self.class_names,
+            "material_names": self.world.material_names,
+            "metadata": self._metadata(now, seed, frame),
+        }
 
     def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
         from . import __version__

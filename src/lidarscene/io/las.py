@@ -10,11 +10,14 @@ has another field of that name). The `described.description` is in a VLR of the 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud import Column, PointCloud
 from lidarscene.errors import InputError
 
 from .described import described_cloud, description, reading, unit_of
@@ -32,18 +35,78 @@ VLR_USER, VLR_RECORD, LARGEST_VLR = "lidarscene", 1, 65535
 UNCLASSIFIED, LOW_NOISE, FIRST_OF_USERS, LARGEST_CLASS = 1, 7, 64, 255
 SCAN_ANGLE_STEP_DEG = 0.006
 MOST_RETURNS = 15
+BLOCK_POINTS = 1 << 16
 
 
 def write_las(path: str | os.PathLike[str], cloud: PointCloud, *, compressed: bool = False) -> None:
     """Write the cloud, as LAZ if ``compressed``."""
+    peak = float(cloud.intensity.max(initial=0.0))
+    with _appended(path, compressed=compressed, peak=peak) as append:
+        append(cloud)
+
+
+@contextmanager
+def las_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+
+    LAS only: the standard intensity is of the largest in the file, known last, and LAZ cannot be written again.
+    """
+    with _appended(path, compressed=False, peak=None) as append:
+        yield append
+
+
+@contextmanager
+def _appended(
+    path: str | os.PathLike[str], *, compressed: bool, peak: float | None
+) -> Iterator[Callable[[PointCloud], None]]:
+    """``peak``: the largest intensity of all, if it is known."""
     laspy = optional("laspy", extra="las")
     backend = None
     if compressed:
         optional("lazrs", extra="las")
         backend = laspy.LazBackend.Lazrs
-    las = _las(laspy, cloud, path)
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        las.write(file, do_compress=compressed, laz_backend=backend)
+    writer: Any = None
+    text, largest = b"", 0.0
+    with atomic_output(path) as temporary:
+        with open(temporary, "wb") as file:
+
+            def append(cloud: PointCloud) -> None:
+                nonlocal writer, text, largest
+                if writer is None:
+                    text = description(cloud).encode("ascii")
+                    header = _header(laspy, cloud)
+                    if len(text) <= LARGEST_VLR:
+                        header.vlrs.append(_record(laspy, text))
+                    writer = laspy.LasWriter(
+                        file, header, do_compress=compressed, closefd=False, laz_backend=backend
+                    )
+                largest = max(largest, float(cloud.intensity.max(initial=0.0)))
+                if len(cloud):
+                    writer.write_points(_points(laspy, cloud, writer.header, path, peak or 0.0))
+
+            yield append
+            if len(text) > LARGEST_VLR:
+                writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([_record(laspy, text)]))
+            writer.close()
+        if peak is None:
+            _put_intensity(temporary, writer.header, largest)
+
+
+def _record(laspy: Any, text: bytes) -> Any:
+    return laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", text)
+
+
+def _put_intensity(path: Path, header: Any, peak: float) -> None:
+    """Write the standard intensity into the points of a file, from the column."""
+    dtype, start = header.point_format.dtype(), header.offset_to_point_data
+    with open(path, "r+b") as file:
+        for first in range(0, header.point_count, BLOCK_POINTS):
+            place = start + first * dtype.itemsize
+            file.seek(place)
+            block = np.fromfile(file, dtype, count=min(BLOCK_POINTS, header.point_count - first))
+            block["intensity"] = _intensity(block[LAS_NAMES["intensity"]], peak)
+            file.seek(place)
+            file.write(block.view(np.uint8).data)
 
 
 def read_las(path: str | os.PathLike[str]) -> PointCloud:
@@ -60,54 +123,65 @@ def read_las(path: str | os.PathLike[str]) -> PointCloud:
         return described_cloud(columns, ours[0].record_data_bytes().decode())
 
 
-def _las(laspy: Any, cloud: PointCloud, path: str | os.PathLike[str]) -> Any:
-    """The cloud as laspy has it."""
+def _header(laspy: Any, cloud: PointCloud) -> Any:
+    """The file's header, but for what counts the points."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
     header.generating_software = "lidarscene"
-    if len(cloud) and np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
-        raise InputError(
-            f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther"
-        )
-    columns = {LAS_NAMES.get(c.name, c.name): c for c in cloud.columns if c.name not in ("x", "y", "z")}
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(
-                name=name, type=cloud.column(c.name).dtype, description=unit_of(cloud, c.name)[:32]
+                name=LAS_NAMES.get(c.name, c.name),
+                type=cloud.column(c.name).dtype,
+                description=unit_of(cloud, c.name)[:32],
             )
-            for name, c in columns.items()
+            for c in _columns(cloud)
         ]
     )
-    las = laspy.LasData(header)
-    las.points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+    # The largest and least of extra bytes are left out: laspy 2.7 takes the first point's for them.
+    for extra in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        extra.options = 0
+    return header
+
+
+def _columns(cloud: PointCloud) -> list[Column]:
+    """Those in extra bytes."""
+    return [c for c in cloud.columns if c.name not in ("x", "y", "z")]
+
+
+def _points(laspy: Any, cloud: PointCloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
+    """The points as laspy has them."""
+    if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
+        raise InputError(
+            f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther"
+        )
+    points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     for axis, values in zip("xyz", cloud.xyz_m.T, strict=True):
-        las[axis] = values
-    for name, c in columns.items():
-        las[name] = cloud.column(c.name)
-    for name, values in _standard_fields(cloud).items():
-        las[name] = values
-    text = description(cloud).encode("ascii")
-    record = laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", text)
-    if len(text) <= LARGEST_VLR:
-        las.vlrs.append(record)
-    else:
-        las.evlrs = laspy.vlrs.vlrlist.VLRList([record])
-    return las
+        points[axis] = values
+    for column in _columns(cloud):
+        points[LAS_NAMES.get(column.name, column.name)] = cloud.column(column.name)
+    for name, values in _standard_fields(cloud, peak).items():
+        points[name] = values
+    return points
 
 
-def _standard_fields(cloud: PointCloud) -> dict[str, Array]:
-    """What LAS calls things, as far as it can hold them."""
-    peak = float(cloud.intensity.max(initial=0.0))
+def _standard_fields(cloud: PointCloud, peak: float) -> dict[str, Array]:
+    """What LAS calls things, as far as it can hold them; ``peak`` is the largest intensity of the file."""
     returns = cloud.return_number.clip(1, MOST_RETURNS)
     angle = np.rint(np.degrees(cloud.azimuth_rad.astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
     return {
-        "intensity": np.rint(cloud.intensity.clip(0) * (65535.0 / (peak or 1.0))).astype(np.uint16),
+        "intensity": _intensity(cloud.intensity, peak),
         "return_number": returns,
         "number_of_returns": returns_of_pulses(cloud).clip(returns, MOST_RETURNS),
         "gps_time": cloud.time_s,
         "classification": _classification(cloud),
         "scan_angle": angle.clip(-30000, 30000).astype(np.int16),
     }
+
+
+def _intensity(values: Array, peak: float) -> Array:
+    """16 bits of the largest intensity; all of it where that is not known yet."""
+    return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
 
 def returns_of_pulses(cloud: PointCloud) -> Array:

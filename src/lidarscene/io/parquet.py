@@ -6,6 +6,8 @@ The `described.description` is in the file's key-value metadata under `lidarscen
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from lidarscene.cloud import PointCloud
@@ -15,21 +17,62 @@ from .files import atomic_output
 from .optional import optional
 
 KEY = b"lidarscene"
+GROUP_POINTS = 1 << 20  # rows of a row group: some 100 MB
 
 
 def write_parquet(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write one column of the table for each of the cloud's, compressed with Zstandard."""
+    with parquet_stream(path) as append:
+        append(cloud)
+
+
+@contextmanager
+def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+
+    Row groups are of one size however the cloud was cut.
+    """
     arrow, parquet = _arrow()
-    fields, arrays = [], []
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        waiting: list[Any] = []  # tables of fewer points than a row group, together
+        writer: Any = None
+
+        def append(cloud: PointCloud) -> None:
+            nonlocal writer
+            if writer is None:
+                schema = _schema(arrow, cloud)
+                writer = parquet.ParquetWriter(file, schema, compression="zstd")
+            for first in range(0, max(len(cloud), 1), GROUP_POINTS):
+                piece = cloud.select(slice(first, first + GROUP_POINTS))
+                waiting.append(_table(arrow, piece, writer.schema))
+                table = arrow.concat_tables(waiting)
+                whole = len(table) - len(table) % GROUP_POINTS
+                waiting[:] = [table.slice(whole)]
+                if whole:
+                    write(table.slice(0, whole))
+
+        def write(table: Any) -> None:
+            # In one piece, or the pages would begin where the pieces did.
+            writer.write_table(table.combine_chunks(), row_group_size=GROUP_POINTS)
+
+        yield append
+        if len(waiting[0]) or not file.tell() > len(b"PAR1"):
+            write(waiting[0])
+        writer.close()
+
+
+def _schema(arrow: Any, cloud: PointCloud) -> Any:
+    fields = []
     for column in cloud.columns:
-        # The positions are every third number of an array; Arrow wants them side by side.
-        array = arrow.array(cloud.column(column.name).copy())
         text = {"unit": unit_of(cloud, column.name), "meaning": column.meaning}
-        fields.append(arrow.field(column.name, array.type, nullable=False, metadata=text))
-        arrays.append(array)
-    schema = arrow.schema(fields, metadata={KEY: description(cloud)})
-    with atomic_output(path) as temporary:
-        parquet.write_table(arrow.table(arrays, schema=schema), temporary, compression="zstd")
+        kind = arrow.from_numpy_dtype(cloud.column(column.name).dtype)
+        fields.append(arrow.field(column.name, kind, nullable=False, metadata=text))
+    return arrow.schema(fields, metadata={KEY: description(cloud)})
+
+
+def _table(arrow: Any, cloud: PointCloud, schema: Any) -> Any:
+    # The positions are every third number of an array; Arrow wants them side by side.
+    return arrow.table([arrow.array(cloud.column(name).copy()) for name in schema.names], schema=schema)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> PointCloud:

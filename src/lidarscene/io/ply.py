@@ -2,8 +2,9 @@ r"""Point clouds as PLY: a PointCloud in, a file out, and back.
 
 The header names lidarscene, the metadata, the units and the names behind the numbers in comments. Text that
 would not survive there (line breaks, non-ASCII) is backslash-escaped; long text goes on in lines that start
-with `comment +`, because common readers stop at 1024 characters. In ASCII files infinity is written as
-3.40282346e+38, the largest float, because they do not know the word.
+with `comment +`, because common readers stop at 1024 characters. `comment room ...` makes headers of one length
+whatever the number of points, which is known last where a cloud is written piece by piece. In ASCII files infinity
+is written as 3.40282346e+38, the largest float, because they do not know the word.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import IO, Any
 
@@ -28,22 +30,38 @@ PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
+COUNT_DIGITS = 18
 _NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
-_RESERVED = ("lidarscene", "unit", "+", *_NAMES)
+_RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
 def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False) -> None:
     """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block."""
-    dtype = _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
-    columns = {c.name: cloud.column(c.name) for c in cloud.columns}
+    with ply_stream(path, ascii=ascii) as append:
+        append(cloud)
+
+
+@contextmanager
+def ply_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False
+) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        file.write(_header(cloud, dtype, ascii=ascii))
-        block = np.zeros(min(BLOCK_POINTS, len(cloud)), dtype)
-        for first in range(0, len(cloud), BLOCK_POINTS):
-            part = block[: len(cloud) - first]
-            for name, values in columns.items():
-                part[name] = values[first : first + len(part)]
-            file.write(_as_text(part) if ascii else part.view(np.uint8).data)
+        first: list[PointCloud] = []
+        points = 0
+
+        def append(cloud: PointCloud) -> None:
+            nonlocal points
+            if not first:
+                first.append(cloud.select(slice(0, 0)))
+                file.write(_header(cloud, points=0, ascii=ascii))
+            points += len(cloud)
+            for block in _blocks(cloud):
+                file.write(_as_text(block) if ascii else block.view(np.uint8).data)
+
+        yield append
+        file.seek(0)
+        file.write(_header(first[0], points=points, ascii=ascii))
 
 
 def read_ply(path: str | os.PathLike[str]) -> PointCloud:
@@ -86,8 +104,23 @@ def _properties(dtype: np.dtype[Any]) -> list[str]:
     return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]
 
 
-def _header(cloud: PointCloud, dtype: np.dtype[Any], *, ascii: bool) -> bytes:
-    """All of the header."""
+def _cloud_dtype(cloud: PointCloud) -> np.dtype[Any]:
+    return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
+
+
+def _blocks(cloud: PointCloud) -> Iterator[Array]:
+    """The points as they lie in a file, in memory that is used again."""
+    columns = {c.name: cloud.column(c.name) for c in cloud.columns}
+    block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud))
+    for first in range(0, len(cloud), BLOCK_POINTS):
+        part = block[: len(cloud) - first]
+        for name, values in columns.items():
+            part[name] = values[first : first + len(part)]
+        yield part
+
+
+def _header(cloud: PointCloud, *, points: int, ascii: bool) -> bytes:
+    """All of the header, as long for any number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
     for key, value in cloud.metadata.items():
         lines += _comment(_escaped_key(key), value)
@@ -97,7 +130,8 @@ def _header(cloud: PointCloud, dtype: np.dtype[Any], *, ascii: bool) -> bytes:
     for word, attribute in _NAMES.items():
         for index, name in enumerate(getattr(cloud, attribute)):
             lines += _comment(f"{word} {index}", name)
-    lines += [f"element vertex {len(cloud)}", *_properties(dtype), "end_header", ""]
+    lines += [f"comment room {'.' * (COUNT_DIGITS - len(str(points)))}", f"element vertex {points}"]
+    lines += [*_properties(_cloud_dtype(cloud)), "end_header", ""]
     return "\n".join(lines).encode("ascii")
 
 
