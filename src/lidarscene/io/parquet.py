@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from lidarscene.cloud import PointCloud
@@ -33,7 +33,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointClou
     Row groups are of one size however the cloud was cut.
     """
     arrow, parquet = _arrow()
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+    with atomic_output(path) as temporary, open(temporary, "wb") as file, ExitStack() as open_writer:
         waiting: list[Any] = []  # tables of fewer points than a row group, together
         writer: Any = None
 
@@ -41,7 +41,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointClou
             nonlocal writer
             if writer is None:
                 schema = _schema(arrow, cloud)
-                writer = parquet.ParquetWriter(file, schema, compression="zstd")
+                writer = open_writer.enter_context(parquet.ParquetWriter(file, schema, compression="zstd"))
             for first in range(0, max(len(cloud), 1), GROUP_POINTS):
                 piece = cloud.select(slice(first, first + GROUP_POINTS))
                 waiting.append(_table(arrow, piece, writer.schema))
@@ -56,9 +56,8 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointClou
             writer.write_table(table.combine_chunks(), row_group_size=GROUP_POINTS)
 
         yield append
-        if len(waiting[0]) or not file.tell() > len(b"PAR1"):
+        if len(waiting[0]):
             write(waiting[0])
-        writer.close()
 
 
 def _schema(arrow: Any, cloud: PointCloud) -> Any:

@@ -1,0 +1,105 @@
+"""Clouds written piece by piece: the bytes of the whole cloud's file, whole or not at all."""
+
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_formats import need
+from unit.test_cloud import assert_same, small_cloud
+
+from lidarscene.cloud import PointCloud
+from lidarscene.errors import InputError
+from lidarscene.formats import FORMATS
+from lidarscene.io import las, parquet
+
+STREAMED = [name for name, one in FORMATS.items() if one.appender]
+CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])
+
+
+def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
+    with FORMATS[name].stream()(path) as append:
+        for piece in pieces:
+            append(piece)
+    return path.read_bytes()
+
+
+def test_which_formats_can() -> None:
+    assert STREAMED == ["ply", "las", "parquet"]
+
+
+@pytest.mark.parametrize("truth", [False, True])
+@pytest.mark.parametrize("cuts", CUTS, ids=str)
+@pytest.mark.parametrize("name", STREAMED)
+def test_pieces_make_the_file_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, cuts: list[int], truth: bool
+) -> None:
+    """Row groups and blocks of 30 points, so that pieces are both smaller and larger than they are."""
+    need(name)
+    monkeypatch.setattr(parquet, "GROUP_POINTS", 30)
+    monkeypatch.setattr(las, "BLOCK_POINTS", 30)
+    cloud = small_cloud(100, truth=truth)
+    suffix = FORMATS[name].suffix
+    cloud.save(tmp_path / f"whole{suffix}", format=name)
+    pieces = [cloud.select(slice(*ends)) for ends in itertools.pairwise(cuts)]
+    assert written(tmp_path / f"pieces{suffix}", name, pieces) == (tmp_path / f"whole{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("name", STREAMED)
+def test_no_points(tmp_path: Path, name: str) -> None:
+    need(name)
+    path, none = tmp_path / f"a{FORMATS[name].suffix}", small_cloud(0)
+    written(path, name, [none, none])
+    assert_same(PointCloud.load(path), none)
+
+
+@pytest.mark.parametrize("name", STREAMED)
+def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, name: str) -> None:
+    need(name)
+    path = tmp_path / f"a{FORMATS[name].suffix}"
+    path.write_bytes(b"before")
+
+    def failing() -> None:
+        with FORMATS[name].stream()(path) as append:
+            append(small_cloud(10))
+            raise InputError("enough")
+
+    with pytest.raises(InputError, match="enough"):
+        failing()
+    assert path.read_bytes() == b"before"
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    need("parquet")
+    import pyarrow.parquet
+
+    monkeypatch.setattr(parquet, "GROUP_POINTS", 30)
+    written(tmp_path / "a.parquet", "parquet", [small_cloud(25)] * 4)
+    file = pyarrow.parquet.ParquetFile(tmp_path / "a.parquet")
+    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [30, 30, 30, 10]
+
+
+def test_las_intensity_is_of_the_largest_of_all_pieces(tmp_path: Path) -> None:
+    """The second piece holds the largest: the first one's points are put in order afterwards."""
+    need("las")
+    import laspy
+
+    low = small_cloud(2, intensity=np.array([1.0, 2.0], np.float32))
+    written(tmp_path / "a.las", "las", [low, small_cloud(1, intensity=np.array([4.0], np.float32))])
+    # Rounded to 16 bits: a quarter and a half of 65535 are 16383.75 and 32767.5, which goes to the even neighbour.
+    assert laspy.read(tmp_path / "a.las").intensity.tolist() == [16384, 32768, 65535]
+
+
+def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
+    """What the header declares of extra bytes holds for all points, or is not declared."""
+    need("las")
+    import laspy
+
+    small_cloud(100).save(tmp_path / "a.las")
+    las_file = laspy.read(tmp_path / "a.las")
+    for extra in las_file.header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        values = np.asarray(las_file[extra.format_name()])
+        assert not extra.min_is_relevant() or extra.min[0] <= values.min()
+        assert not extra.max_is_relevant() or extra.max[0] >= values.max()
