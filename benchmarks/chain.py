@@ -40,7 +40,7 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Section]:
     tasks[BARE] = _bare(first)
     missing = ""
     try:
-        tasks |= _open3d_tasks(first)
+        tasks |= open3d_tasks(first)
     except LidarSceneError as error:
         missing = f"not measured: {error}"
     seconds = clock.in_turns(tasks, rounds=rounds)
@@ -93,16 +93,17 @@ def _rays(simulator: Simulator) -> tuple[Any, Any]:
     rays = beams.fire(
         device.opaque(simulator.sensor),
         pulse=device.counter(0, simulator.sensor.scanner.pulses),
-        origin_m=device.opaque(_origin(simulator)),
+        origin_m=device.opaque(origin(simulator)),
         rotation=device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel())),
     )
     mi = mitsuba()
-    origin, direction = mi.Point3f(*rays.origin_m), mi.Vector3f(*rays.direction)
-    dr.eval(origin, direction)
-    return origin, direction
+    place, direction = mi.Point3f(*rays.origin_m), mi.Vector3f(*rays.direction)
+    dr.eval(place, direction)
+    return place, direction
 
 
-def _origin(simulator: Simulator) -> tuple[float, float, float]:
+def origin(simulator: Simulator) -> tuple[float, float, float]:
+    """Of the rays where they are traced."""
     x, y, z = (float(x) for x in simulator.pose.position_m - simulator.world.centre_m)
     return x, y, z
 
@@ -113,12 +114,12 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
 
     mi = mitsuba()
     scene = simulator.world.scene
-    origin, direction = _rays(simulator)
+    place, direction = _rays(simulator)
     sun = mi.Vector3f(*device.opaque(tuple(float(x) for x in simulator.scene.sun.direction)))
     context = mi.BSDFContext()
 
     def task() -> Any:
-        ray = mi.Ray3f(origin, direction)
+        ray = mi.Ray3f(place, direction)
         surface = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
         found = surface.is_valid()
         normal = surface.n * dr.select(dr.dot(surface.n, direction) > 0.0, -1.0, 1.0)
@@ -135,26 +136,16 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
     return task
 
 
-def _open3d_tasks(simulator: Simulator) -> dict[str, Callable[[], Any]]:
-    """Open3D on the same triangles, rays and sun; only rays that hit a side facing the sun ask for it."""
+def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callable[[], Any]]:
+    """Open3D on the same triangles, rays and sun; only rays that hit a side facing the sun ask for it.
+
+    threads  0 for as many as there are
+    """
     module = open3d()
     tensor = module.core.Tensor
     scene = module.t.geometry.RaycastingScene()
-    scene.add_triangles(*(tensor(array) for array in _triangles(simulator)))
+    scene.add_triangles(*(tensor(array) for array in triangles(simulator)))
     sun = simulator.scene.sun.direction.astype(np.float32)
-    origin = np.array(_origin(simulator), dtype=np.float32)
-    scanner = simulator.sensor.scanner
-    rotation = simulator.pose.rotation.astype(np.float32)
-    pulse = np.arange(scanner.pulses, dtype=np.uint32)
-
-    def beam_rays() -> np.ndarray:
-        azimuth, elevation = (np.float32(angle) for angle in scanner.angles(pulse))
-        rays = np.zeros((len(pulse), 6), dtype=np.float32)
-        rays[:, :3] = origin
-        level = np.cos(elevation)
-        local = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
-        np.matmul(local, rotation.T, out=rays[:, 3:])
-        return rays
 
     def sun_rays(rays: np.ndarray, answer: dict[str, np.ndarray]) -> np.ndarray:
         direction, normal, t = rays[:, 3:], answer["primitive_normals"], answer["t_hit"]
@@ -169,30 +160,48 @@ def _open3d_tasks(simulator: Simulator) -> dict[str, Callable[[], Any]]:
         return made
 
     def cast(rays: Any) -> dict[str, np.ndarray]:
-        return {name: values.numpy() for name, values in scene.cast_rays(rays).items()}
+        return {name: values.numpy() for name, values in scene.cast_rays(rays, nthreads=threads).items()}
 
-    kept = beam_rays()
+    def in_the_dark(rays: Any) -> np.ndarray:
+        answer: np.ndarray = scene.test_occlusions(rays, nthreads=threads).numpy()
+        return answer
+
+    kept = beam_rays(simulator)
     ready = tensor(kept)
     towards_sun = tensor(sun_rays(kept, cast(ready)))
 
     def sun_from_hits() -> Any:
         answer = cast(ready)
-        return answer, scene.test_occlusions(tensor(sun_rays(kept, answer))).numpy()
+        return answer, in_the_dark(tensor(sun_rays(kept, answer)))
 
     def all_built() -> Any:
-        rays = beam_rays()
+        rays = beam_rays(simulator)
         answer = cast(tensor(rays))
-        return answer, scene.test_occlusions(tensor(sun_rays(rays, answer))).numpy()
+        return answer, in_the_dark(tensor(sun_rays(rays, answer)))
 
     bodies: tuple[Callable[[], Any], ...] = (
-        lambda: (cast(ready), scene.test_occlusions(towards_sun).numpy()),
+        lambda: (cast(ready), in_the_dark(towards_sun)),
         sun_from_hits,
         all_built,
     )
     return dict(zip(OPEN3D, bodies, strict=True))
 
 
-def _triangles(simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
+def beam_rays(simulator: Simulator) -> np.ndarray:
+    """(n, 6) float32, origins and directions from angles, by numpy."""
+    scanner = simulator.sensor.scanner
+    azimuth, elevation = (
+        np.float32(angle) for angle in scanner.angles(np.arange(scanner.pulses, dtype=np.uint32))
+    )
+    rays = np.zeros((scanner.pulses, 6), dtype=np.float32)
+    rays[:, :3] = origin(simulator)
+    level = np.cos(elevation)
+    local = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+    np.matmul(local, simulator.pose.rotation.astype(np.float32).T, out=rays[:, 3:])
+    return rays
+
+
+def triangles(simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
     """All triangles of the scene where they are traced: vertices (v, 3) float32, faces (f, 3) uint32."""
     vertices, faces, start = [], [], 0
     for body in simulator.scene.bodies:
@@ -242,14 +251,14 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     sensor = device.opaque(simulator.sensor)
     ambient = device.opaque(ambient_of(simulator.scene, simulator.sensor))
     sun = device.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
-    origin = device.opaque(_origin(simulator))
+    place = device.opaque(origin(simulator))
     rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
     seed = device.opaque_uint32(0)
 
     def up_to(last: str) -> Callable[[], None]:
         def task() -> None:
             pulse = device.counter(0, simulator.sensor.scanner.pulses)
-            rays = beams.fire(sensor, pulse=pulse, origin_m=origin, rotation=rotation)
+            rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
             hits = trace(simulator.world, rays, sun=sun)
             kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
             if last == "hits":

@@ -7,7 +7,10 @@ from pathlib import Path
 
 from lidarscene.kernel import backend
 
-PACKAGES = ("lidarscene", "mitsuba", "drjit", "karellen-llvm-core", "open3d", "numpy", "trimesh", "scipy")
+PACKAGES = (
+    "lidarscene", "mitsuba", "drjit", "karellen-llvm-core", "numpy", "trimesh", "scipy", "open3d", "embreex",
+    "mujoco", "mujoco-lidar",
+)  # fmt: skip
 
 
 def described() -> list[str]:

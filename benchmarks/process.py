@@ -15,7 +15,8 @@ from table import Row, Section
 
 ROOT = Path(__file__).parents[1]
 GOAL_SECONDS = 3.0
-GOAL_GIB = 4.0
+GOAL_GIB = 2.0
+GOAL_WHOLE_GIB = 4.0
 
 STAGES = """
 import sys, time
@@ -72,9 +73,9 @@ def start(scene: Path, *, rounds: int, warm_up: bool = True) -> Section:
 START = """`lidarscene render` in a process of its own, with a warm kernel cache; below it the same work in steps, with
 the imports first."""
 
-MEMORY = (
-    """One frame by the command line: the kernel's count of the memory that the process ever held at once."""
-)
+MEMORY = """One frame by the command line: the kernel's count of the memory that the process ever held at once. A PLY is
+written chunk by chunk while the frame is traced; a PCD is written of the whole cloud, as everything is that a
+picture, labels or a merge need."""
 
 
 NO_SCIPY = """
@@ -87,24 +88,31 @@ sys.exit(main(sys.argv[1:]))
 
 def memory(scene: Path, *, step_deg: float) -> Section:
     """Peak memory and time of one large frame by the command line."""
-    steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
+    name = scene.name
+    rows = [
+        *_large(scene, ".ply", step_deg, f"peak memory of one frame, {name}", GOAL_GIB),
+        *_large(scene, ".pcd", step_deg, f"the same of the whole cloud, {name}", GOAL_WHOLE_GIB),
+    ]
+    return Section("A large frame", MEMORY, rows)
+
+
+def _large(scene: Path, suffix: str, step_deg: float, title: str, goal: float) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "big.ply"
+        target = Path(folder) / f"big{suffix}"
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json"]
-        for step in steps:
-            command += ["--set", step]
+        for axis in ("azimuth", "elevation"):
+            command += ["--set", f"scanner.{axis}_step_deg={step_deg}"]
         seconds, peak, answer = _run(command)
         size = target.stat().st_size
     summary = json.loads(answer)
     parts = ", ".join(f"{name} {value:.1f}" for name, value in summary["seconds"].items())
     frame = f"{summary['beams']:,} beams, {summary['points']:,} points"
-    verdict = f"under {GOAL_GIB:g} GiB: {'met' if peak < GOAL_GIB else 'NOT met'}"
-    rows = [
-        Row(f"peak memory of one frame, {scene.name}", f"{peak:.2f} GiB", "one run", frame, verdict),
-        Row("its time from start to end", f"{seconds:.1f} s", "one run", parts),
-        Row("its file", f"{size / 2**30:.2f} GiB", "", "what its columns take in memory, but for the range"),
+    verdict = f"under {goal:g} GiB: {'met' if peak < goal else 'NOT met'}"
+    return [
+        Row(title, f"{peak:.2f} GiB", "one run", frame, verdict),
+        Row(f"its time from start to end, to {suffix}", f"{seconds:.1f} s", "one run", parts),
+        Row(f"its file, {suffix}", f"{size / 2**30:.2f} GiB"),
     ]
-    return Section("A large frame", MEMORY, rows)
 
 
 def _stages(scene: Path, target: Path) -> dict[str, float]:

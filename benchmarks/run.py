@@ -6,41 +6,41 @@ Writes out/benchmarks.md (or --output); docs/benchmarks.md is such a page.
 import argparse
 import dataclasses
 import datetime
+import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import chain
 import machine
 import motion
+import peers
 import process
+import rays
 import table
 
 from lidarscene.errors import LidarSceneError
 
 ROOT = Path(__file__).parents[1]
+STREET_DEG = 0.0548  # a million beams
+SIZES = {"65k": 0.2145, "262k": 0.1072, "1M": STREET_DEG}
+LARGER = {"10M": 0.0173}
+SYNTHETIC = (1_000_000, 10_000_000)
+
+Parts = dict[str, Callable[[], list[table.Section]]]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes: shows that it works, not how fast")
+    parser.add_argument("--only", metavar="PART", nargs="+", choices=PARTS, default=PARTS,
+                        help=f"of {', '.join(PARTS)}")  # fmt: skip
+    parser.add_argument("--large", action="store_true", help="10 million beams against the peers too")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "out" / "benchmarks.md")
     arguments = parser.parse_args()
-    scenes = ROOT / "scenes"
+    parts = quick_parts() if arguments.quick else full_parts(large=arguments.large)
     try:
-        if arguments.quick:
-            sections = [
-                *chain.measure(scenes / "car.toml", step_deg=0.5, rounds=3),
-                motion.measure(scenes / "car.toml", step_deg=0.5, rounds=3),
-                process.start(scenes / "car.toml", rounds=1, warm_up=False),
-                process.memory(scenes / "car.toml", step_deg=0.5),
-            ]
-        else:
-            sections = [
-                *chain.measure(scenes / "street.toml", step_deg=0.0548, rounds=9),
-                motion.measure(scenes / "street.toml", step_deg=0.0548, rounds=9),
-                process.start(scenes / "car.toml", rounds=5),
-                process.memory(scenes / "street.toml", step_deg=0.00774),
-            ]
+        sections = [section for name in PARTS if name in arguments.only for section in parts[name]()]
     except LidarSceneError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_code
@@ -51,12 +51,48 @@ def main() -> int:
     return 0
 
 
+PARTS = ("chain", "peers", "rays", "motion", "start", "memory")
+
+
+def full_parts(*, large: bool) -> Parts:
+    """Each part of the page by name."""
+    street, car = ROOT / "scenes" / "street.toml", ROOT / "scenes" / "car.toml"
+    sizes = SIZES | (LARGER if large else {})
+    return {
+        "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
+        "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
+        "rays": lambda: [
+            rays.measure(street, single_deg=STREET_DEG, many_deg=4 * STREET_DEG, rays=16, rounds=5)
+        ],
+        "motion": lambda: [motion.measure(street, step_deg=STREET_DEG, rounds=9)],
+        "start": lambda: [process.start(car, rounds=5)],
+        "memory": lambda: [process.memory(street, step_deg=0.00774)],
+    }
+
+
+def quick_parts() -> Parts:
+    """The same in small."""
+    car = ROOT / "scenes" / "car.toml"
+    return {
+        "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
+        "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
+        "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],
+        "motion": lambda: [motion.measure(car, step_deg=0.5, rounds=3)],
+        "start": lambda: [process.start(car, rounds=1, warm_up=False)],
+        "memory": lambda: [process.memory(car, step_deg=0.5)],
+    }
+
+
 def report(sections: list[table.Section], *, quick: bool) -> str:
     head = [f"Measured {datetime.date.today()} by `make bench`, which writes this page to out/benchmarks.md."]
     if quick:
         head = ["Small sizes by `--quick`: these figures say nothing about speed."]
         for section in sections:
             section.rows[:] = [dataclasses.replace(row, goal="") for row in section.rows]
+    if hasattr(os, "getloadavg"):
+        head.append(
+            f"Load average of the last 15 minutes at its end: {os.getloadavg()[2]:.1f}, this run included."
+        )
     lines = "".join(f"* {line}\n" for line in [*head, *machine.described()])
     return f"# Benchmarks\n\n{lines}\n{table.markdown(sections)}"
 

@@ -33,12 +33,22 @@ SECTIONS = {
             "device, returns",
         )
     ],
+    "Against other ray casters": [
+        f"{scene}, 12k beams, 1 threads: {caster}"
+        for scene in ("car.toml", "2,000 triangles")
+        for caster in ("lidarscene", "Open3D", "trimesh + embreex", "mujoco-lidar")
+    ],
+    "Many rays to a pulse": ["rate of 16 rays a pulse / one", "share of the waveform"],
     "Motion": ["vehicle drives / still", "1 bodies move / still", "tables of 2 motions"],
     "From process start to a file": [
         "process start to end: render car.toml",
         *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),
     ],
-    "A large frame": ["peak memory of one frame, car.toml", "its time from start to end"],
+    "A large frame": [
+        "peak memory of one frame, car.toml",
+        "its time from start to end, to .ply",
+        "the same of the whole cloud, car.toml",
+    ],
 }
 
 
