@@ -250,7 +250,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
         def task() -> None:
             pulse = device.counter(0, simulator.sensor.scanner.pulses)
             rays = beams.fire(sensor, pulse=pulse, origin_m=origin, rotation=rotation)
-            hits = trace(simulator.world, rays, sun=sun)
+            hits, *_ = trace(simulator.world, rays, sun=sun)
             kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
             if last == "hits":
                 kept += [hits.backscatter_per_sr, hits.sun_scatter_per_sr]

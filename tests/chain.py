@@ -94,7 +94,7 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None) -> La
         origin_m=device.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
         rotation=device.opaque(tuple(float(x) for x in place.rotation.ravel())),
     )
-    hits = trace(world, rays, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
+    hits, *_ = trace(world, rays, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
     light = echoes.receive(rays, hits, on_device, device.opaque(ambient_of(described, equipped)))
     detection = returns.detect(light, on_device, seed=device.opaque_uint32(seed), pulse=pulse)
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)

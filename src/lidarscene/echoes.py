@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from .arrays import Array, xp
 from .beams import Beams
@@ -44,7 +45,10 @@ class Echoes:
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
-    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky."""
+    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky.
+
+    Panes and mirrors on the way dim the sun's light once and the echo twice.
+    """
     ops = xp(hits.range_m)
     optics = sensor.optics
     transmittance = air.transmittance(
@@ -56,7 +60,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         transmittance=transmittance,
         aperture_m2=beams.aperture_m2,
-        efficiency=optics.efficiency_laser,
+        efficiency=optics.efficiency_laser * hits.throughput * hits.throughput,
     )
     surface = sunlight.surface_radiance_w_m2_sr(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
@@ -72,7 +76,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
         transmittance=ops.where(hits.found, transmittance, ambient.transmittance),
-        efficiency=optics.efficiency_sun,
+        efficiency=optics.efficiency_sun * hits.throughput,
     )
     return Echoes(
         found=hits.found,
@@ -80,3 +84,9 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         peak_power_w=ops.where(hits.found, peak, 0.0),
         background_power_w=background,
     )
+
+
+def first_of(ways: Sequence[Echoes]) -> Echoes:
+    """The echo of a beam's first way, under the light that all of its ways bring from sun and sky."""
+    background = sum(way.background_power_w for way in ways)
+    return ways[0] if len(ways) == 1 else replace(ways[0], background_power_w=background)

@@ -19,7 +19,7 @@ from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
-from .kernel.trace import trace
+from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
 from .returns import Detection, Outcome
@@ -82,8 +82,7 @@ class _Chunk:
         hits, detection = self.hits, self.detection
         needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
         needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
-        if is_drjit(hits.radial_velocity_m_s):
-            needed.append(hits.radial_velocity_m_s)
+        needed += [one for one in (hits.radial_velocity_m_s, hits.interactions, hits.mirrored) if is_drjit(one)]
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
         return needed
@@ -120,14 +119,23 @@ class Simulator:
     """
 
     def __init__(
-        self, scene: Scene, sensor: Sensor, *, world: World | None = None, pose: Pose | None = None
+        self,
+        scene: Scene,
+        sensor: Sensor,
+        *,
+        world: World | None = None,
+        pose: Pose | None = None,
+        interactions: int = INTERACTIONS,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
+        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
         """
-        self.scene, self.sensor = scene, sensor
+        if not 0 <= interactions <= MOST_INTERACTIONS:
+            raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
+        self.scene, self.sensor, self.interactions = scene, sensor, interactions
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -240,13 +248,14 @@ class Simulator:
         rays = beams.fire(
             self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
-        hits = trace(
+        ways = trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+            interactions=self.interactions,
         )  # fmt: skip
-        light = echoes.receive(rays, hits, self._device_sensor, self._device_ambient)
-        detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)
-        return _Chunk(first, pulse, hits, detection)
+        light = [echoes.receive(rays, hits, self._device_sensor, self._device_ambient) for hits in ways]
+        detection = returns.detect(echoes.first_of(light), self._device_sensor, seed=seed, pulse=pulse)
+        return _Chunk(first, pulse, ways[0], detection)
 
     def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> dict[str, Any] | None:
         """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none."""
@@ -271,8 +280,8 @@ class Simulator:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         columns["time_s"] = now.time_s(columns["time_s"])
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(columns["time_s"]))
-        if "radial_velocity_m_s" not in columns:
-            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(columns["time_s"]))
+        for name, nothing in collect.ABSENT.items():
+            columns.setdefault(name, np.broadcast_to(nothing, len(columns["time_s"])))
         return columns
 
     def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Array, is_drjit
 from ..beams import reported
 from ..hits import Hits
@@ -15,6 +17,10 @@ from ..returns import Detection
 from ..sensor import Sensor
 from .backend import mitsuba
 from .world import World
+
+
+ABSENT = {"radial_velocity_m_s": np.float32(0.0), "interactions": np.uint8(0), "ghost": np.uint8(0)}
+"""Columns that only some worlds have, and what they hold in the others."""
 
 
 def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:
@@ -42,8 +48,8 @@ def columns(
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
-    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; no radial velocity
-    where nothing moves.
+    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; none of
+    `ABSENT` where nothing moves, or where nothing lets through or mirrors.
 
     sensor  with its numbers on the device
     pulse   (n,) pulse numbers of the chunk's lanes
@@ -71,9 +77,16 @@ def columns(
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     rays = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
     body = where_known(world.face_body, face)
-    moving = is_drjit(hits.radial_velocity_m_s)
-    velocity = {"radial_velocity_m_s": of_lane(hits.radial_velocity_m_s)} if moving else {}
-    return velocity | {
+    counted = {
+        "radial_velocity_m_s": hits.radial_velocity_m_s,
+        "interactions": hits.interactions,
+        "ghost": hits.mirrored,
+    }
+    given = {name: of_lane(values) for name, values in counted.items() if is_drjit(values)}
+    if "interactions" in given:
+        given["interactions"] = mi.UInt8(given["interactions"])
+        given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    return given | {
         "xyz_m": dr.ravel(
             mi.Point3f(*(s + d * range_m for s, d in zip(rays.origin_m, rays.direction, strict=True)))
         ),

@@ -5,7 +5,7 @@ What moves is traced apart, in its own frame, so that nothing is built again whe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..trajectory import Motion
 from . import base_scene, device
 from .backend import mitsuba
 from .bsdfs import bsdf_dict, diffuse_share
+from .speculars import Speculars
 
 Matrix = np.ndarray[Any, Any]
 
@@ -54,6 +55,7 @@ class World:
     face_material   (f,) Int32 on the device, index into ``material_names``
     body_class      (b,) Int32 on the device, index into ``class_names``
     has_foreign     whether some BSDF comes from a Mitsuba file as it is
+    speculars       where a beam goes on, or None: nowhere
     """
 
     scene: Any
@@ -68,6 +70,7 @@ class World:
     class_names: tuple[str, ...]
     material_names: tuple[str, ...]
     has_foreign: bool
+    speculars: Speculars | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,7 +233,18 @@ def _compiled(
         class_names=class_names,
         material_names=tuple(material_names),
         has_foreign=any(shape.reflectivity is None for shape in shapes),
+        speculars=Speculars.of([_surface(shape) for shape in shapes]),
     )
+
+
+def _surface(shape: _Shape) -> tuple[int, Any, Hashable]:
+    """A shape's number, its BSDF, and what that is: names of BSDFs in a Mitsuba file may stand for several."""
+    import drjit as dr
+
+    mi = mitsuba()
+    bsdf = shape.shape.bsdf()
+    own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    return _registry_number(shape.shape), bsdf, own if shape.reflectivity is None else shape.material
 
 
 def _registry_number(shape: Any) -> int:
