@@ -11,6 +11,7 @@ from .cloud import PointCloud
 from .geometry import Pose
 from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .kernel.trace import INTERACTIONS
 from .rig import Rig
 from .scene import Scene
 from .sensor import Sensor
@@ -52,6 +53,7 @@ def render_frames(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -60,7 +62,7 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose)
+    simulator = Simulator(described, equipped, pose=pose, interactions=interactions)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
@@ -73,6 +75,7 @@ def render(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -83,9 +86,11 @@ def render(
     pose       where the sensor stands in the world; the scene's own if None
     frame      "world" or "sensor": frame of the points
     chunk      pulses traced at a time; bounds the memory, changes nothing else
+    interactions  panes and mirrors that a beam may meet
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose).render(seed=seed, frame=frame, chunk=chunk)
+    simulator = Simulator(described, equipped, pose=pose, interactions=interactions)
+    return simulator.render(seed=seed, frame=frame, chunk=chunk)

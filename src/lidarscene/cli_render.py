@@ -61,6 +61,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--begin", metavar="S", type=seconds, default=0.0,
         help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
+    add("--interactions", metavar="N", type=whole(0, 8), default=3,
+        help="panes and mirrors that a beam may pass or be mirrored by; 0: it ends at the first (default 3)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
@@ -138,7 +140,7 @@ def _simulators(
     from .rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
-    return simulators(scene, sensors, pose=vehicle)
+    return simulators(scene, sensors, pose=vehicle, interactions=arguments.interactions)
 
 
 def _render(

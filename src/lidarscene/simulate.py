@@ -82,7 +82,9 @@ class _Chunk:
         hits, detection = self.hits, self.detection
         needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
         needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
-        needed += [one for one in (hits.radial_velocity_m_s, hits.interactions, hits.mirrored) if is_drjit(one)]
+        needed += [
+            one for one in (hits.radial_velocity_m_s, hits.interactions, hits.mirrored) if is_drjit(one)
+        ]
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
         return needed

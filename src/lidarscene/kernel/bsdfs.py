@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import xp
 from ..errors import InputError
+from ..physics import dielectrics
 from .backend import mitsuba
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
@@ -31,7 +32,7 @@ def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
 
 def diffuse_share(values: Mapping[str, Any]) -> float:
     """What of the sky's light a surface returns evenly: metal and glass mirror it instead."""
-    return 0.0 if values["bsdf"] in ("conductor", "glass") else float(values["reflectivity"])
+    return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
 
 
 def _two_sided(inner: dict[str, Any]) -> dict[str, Any]:
@@ -93,8 +94,31 @@ def _conductor(values: dict[str, Any]) -> dict[str, Any]:
     return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
 
 
+def _mirror(values: dict[str, Any]) -> dict[str, Any]:
+    inner: dict[str, Any] = {"type": "conductor"}
+    if "index_n" in values:
+        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
+    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+
+
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "thindielectric", "int_ior": values["index_n"]}
+    """Mitsuba's pane is lossless: what glass absorbs at normal incidence is taken off at every angle."""
+    index = values["index_n"]
+    pane: dict[str, Any] = {"type": "thindielectric", "int_ior": index, "ext_ior": 1.0}
+    if not values["index_k"] or "thickness_m" not in values:
+        return pane
+    surface = float(dielectrics.fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))
+    internal = dielectrics.internal_transmittance(
+        index_k=values["index_k"], thickness_m=values["thickness_m"], wavelength_m=values["wavelength_m"]
+    )
+    reflected, transmitted = (
+        law(surface=surface, internal=internal) / law(surface=surface, internal=1.0)
+        for law in (dielectrics.pane_reflectance, dielectrics.pane_transmittance)
+    )
+    return pane | {
+        "specular_reflectance": _spectrum(reflected),
+        "specular_transmittance": _spectrum(transmitted),
+    }
 
 
 def _retroreflector(values: dict[str, Any]) -> dict[str, Any]:
@@ -111,6 +135,7 @@ _BUILDERS = {
     "diffuse": _diffuse,
     "coated": _coated,
     "conductor": _conductor,
+    "mirror": _mirror,
     "glass": _glass,
     "retroreflector": _retroreflector,
 }

@@ -128,18 +128,10 @@ def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) 
     import drjit as dr
 
     mi = mitsuba()
-    behind = active & moment.blocked(ray, active)
-    share = dr.select(active & ~behind, mi.Float(1.0), 0.0)
-    way = Way(ray=ray)
-    for number in range(interactions + 1):
-        last = number == interactions
-        if last:
-            open_ = behind & ~moment.blocked(way.ray, behind)
-        else:
-            met = moment.meet(way.ray, behind)
-            open_ = behind & ~met.found
-        share = dr.select(open_, way.throughput, share)
-        if not last:
-            behind = behind & met.found & is_pane(moment, kind_of(moment, met))
-            way = gone_on(moment, way, met, behind, reflected=False)
-    return share
+    way, share, open_ = Way(ray=ray), mi.Float(0.0), active
+    for _ in range(interactions):
+        met = moment.meet(way.ray, open_)
+        share = dr.select(open_ & ~met.found, way.throughput, share)
+        open_ = open_ & is_pane(moment, kind_of(moment, met))
+        way = gone_on(moment, way, met, open_, reflected=False)
+    return dr.select(open_ & ~moment.blocked(way.ray, open_), way.throughput, share)
