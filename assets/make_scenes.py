@@ -7,6 +7,7 @@ from pathlib import Path
 import car_scene
 import fog_scene
 import garage_scene
+import glass_scene
 import make_range_scene
 import street_scene
 
@@ -16,6 +17,7 @@ SCENES = {
     "street": street_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "glass": glass_scene.text,
 }
 
 
