@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import itertools
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .cli_types import number
+from .cli_types import number, rising
 from .errors import InputError
 
 FOV_HELP = """\
@@ -33,7 +31,12 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    add("--time", metavar="S,S,...", type=times, help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)")
+    add(
+        "--time",
+        metavar="S,S,...",
+        type=rising("seconds", "0.1,0.5,1"),
+        help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
+    )
     add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
     add("--mask", choices=("outline", "reached"), default="outline",
         help="the field of view: the pattern's convex outline (default), or cells ever reached")  # fmt: skip
@@ -44,18 +47,6 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
         help="change a value of the sensor files, may be repeated")  # fmt: skip
     add("--json", action="store_true", help="print the numbers as JSON")
     command.set_defaults(run=told(fov_text))
-
-
-def times(text: str) -> tuple[float, ...]:
-    """An argparse type: positive numbers that rise."""
-    try:
-        values = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        values = ()
-    rising = all(a < b for a, b in itertools.pairwise(values))
-    if not values or not rising or not all(math.isfinite(v) and v > 0.0 for v in values):
-        raise argparse.ArgumentTypeError(f"seconds that rise, such as 0.1,0.5,1, were expected, {text} came")
-    return values
 
 
 def fov_text(arguments: argparse.Namespace) -> str:

@@ -51,7 +51,7 @@ COLUMNS = (
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
     Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference"),
     Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .arrays import Array
+from .scan.vectors import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +27,7 @@ class Hits:
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
     throughput          (n,) share of the light that panes and mirrors leave, one way; back it is the same again
     interactions        (n,) uint32, panes and mirrors on the way
+    direction           (x, y, z) unit vector along the last of the way, or None: that of the beam
     mirrored            (n,) bool, whether one of them mirrored it: the surface is not where the beam points
     """
 
@@ -42,3 +44,4 @@ class Hits:
     throughput: Array = 1.0
     interactions: Array = 0
     mirrored: Array = False
+    direction: Vector | None = None

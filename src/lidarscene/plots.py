@@ -263,11 +263,19 @@ def _title(figure: Any, cloud: PointCloud) -> None:
 def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
     """A small colour bar with quantity and unit."""
     from matplotlib.cm import ScalarMappable
+    from matplotlib.ticker import NullLocator
 
     mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
+    low, high = shades.norm.vmin, shades.norm.vmax
     ticks = ROUND_RANGES_M if shades.name.endswith("range") else bar.get_ticks()
-    bar.set_ticks([t for t in ticks if shades.norm.vmin <= t <= shades.norm.vmax])
+    if (
+        shades.name in LOGARITHMIC and high < 30.0 * low
+    ):  # few powers of ten, so 1, 2 and 5 of each, written out
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
+        ticks = np.outer(decades, (1.0, 2.0, 5.0)).ravel()
+        bar.formatter, bar.minorlocator = (lambda value, _: f"{value:g}"), NullLocator()
+    bar.set_ticks([t for t in ticks if low <= t <= high])
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
     bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import Any
 
-from . import noise
+from . import ambient, intensity, interference, noise
 from .arrays import Array, xp
 from .detectors import WorkingPoint
 from .echoes import Echoes
@@ -21,6 +21,7 @@ class Status(enum.IntEnum):
 
     ECHO = 0
     FALSE_ALARM = 1
+    INTERFERENCE = 2  # another lidar's pulse
 
 
 class Outcome(enum.IntEnum):
@@ -41,12 +42,14 @@ class Returns:
     status     (n,) int32, a `Status`
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
+    intensity  (n,) on the maker's scale, `intensity.reported`
     """
 
     reported: Array
     status: Array
     range_m: Array
     amplitude: Array
+    intensity: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,12 +59,14 @@ class Detection:
     snr                    (n,) (19) or (27): peak signal over the noise without echo; 0 without an echo
     detection_probability  (n,) that this echo trips the comparator; 0 without an echo
     outcome                (n,) int32, an `Outcome`
+    ambient                (n,) background counts, `ambient.counts`
     stops                  one `Returns` for each stop, first crossing first
     """
 
     snr: Array
     detection_probability: Array
     outcome: Array
+    ambient: Array
     stops: tuple[Returns, ...]
 
 
@@ -87,23 +92,27 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     threshold = sensor.threshold(point)
     edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
     in_window = edge.found & (edge.crossing_s < sensor.tdc.window_s)
-    alarms = _false_alarms(sensor, point, threshold, seed=seed, pulse=pulse)
+    others = interference.crossings(echoes.interference, point, threshold)
+    alarms = _false_alarms(sensor, point, threshold, others, seed=seed, pulse=pulse)
 
     echo_left = in_window
     stops = []
     for stop in range(sensor.tdc.stops):
         # Alarms come in order, so this stop holds the echo if it is still unreported and comes next.
         used = stop - _as_int(ops, in_window & ~echo_left)
-        alarm_s, alarm_amplitude = _nth(ops, alarms, used)
+        alarm_s, alarm_amplitude, alarm_status = _nth(ops, alarms, used)
         alarm = alarm_s < sensor.tdc.window_s
         echo_now = echo_left & ~(alarm & (alarm_s < edge.crossing_s))
         echo_left = echo_left & ~echo_now
+        range_m = _range(ops, sensor, ops.where(echo_now, edge.reported_s, alarm_s))
+        amplitude = ops.where(echo_now, edge.amplitude, alarm_amplitude)
         stops.append(
             Returns(
                 reported=echo_now | alarm,
-                status=ops.where(echo_now, int(Status.ECHO), int(Status.FALSE_ALARM)),
-                range_m=_range(ops, sensor, ops.where(echo_now, edge.reported_s, alarm_s)),
-                amplitude=ops.where(echo_now, edge.amplitude, alarm_amplitude),
+                status=ops.where(echo_now, int(Status.ECHO), alarm_status),
+                range_m=range_m,
+                amplitude=amplitude,
+                intensity=intensity.reported(echoes, sensor, point, amplitude=amplitude, range_m=range_m),
             )
         )
     outcome = ops.where(echo_left, int(Outcome.HIDDEN), int(Outcome.KEPT))
@@ -116,6 +125,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
         snr=ops.where(echoes.found, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
         detection_probability=ops.where(echoes.found, edge.probability, 0.0),
         outcome=outcome,
+        ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
         stops=tuple(stops),
     )
 
@@ -136,6 +146,8 @@ def _edge(
     # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
     tripped = normal_tail(deviate) < probability if point.exact else signal >= level
     found = echoes.found & tripped
+    if point.saturation is not None:
+        found = found & (threshold < point.saturation)
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
@@ -145,7 +157,7 @@ def _edge(
     # What shifted the edge is still in the peak if that comes within the noise's memory.
     kept = tdc.noise_correlation(lag_s=early, bandwidth_hz=sensor.tdc.bandwidth_hz)
     peak_noise = kept * deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * of_peak
-    amplitude = ops.maximum(signal + peak_noise * sigma, threshold)
+    amplitude = point.measured(ops.maximum(signal + peak_noise * sigma, threshold))
     walk = _walk_s(sensor, point, threshold, measured=amplitude, true_power_w=power)
     return _Edge(
         found=found,
@@ -175,16 +187,23 @@ def _converted(ops: Any, sensor: Sensor, time_s: Array, *, seed: Array, pulse: A
 
 
 def _false_alarms(
-    sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
-) -> list[tuple[Array, Array]]:
-    """Time and amplitude of the first noise crossings of each pulse, one for every stop, in order.
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    others: tuple[interference.Crossings, ...],
+    *,
+    seed: Array,
+    pulse: Array,
+) -> list[tuple[Array, Array, Array]]:
+    """Time, amplitude and status of the first crossings without an echo of ours, one for every stop, in order.
 
-    Crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M. Where none can
+    Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M. Where none can
     come the time is far beyond any window.
     """
     ops = xp(threshold)
     p_false = point.false_alarm_probability(threshold)
-    rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    rate = sum((one.rate_hz for one in others), noise_rate)
     never = rate <= 0.0
     arrivals = []
     elapsed: Array = 0.0
@@ -196,20 +215,28 @@ def _false_alarms(
             noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
         )
         # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-        excess = height * point.noise * point.noise / threshold
+        amplitude = threshold + height * point.noise * point.noise / threshold
+        status: Array = int(Status.FALSE_ALARM)
+        if others:
+            theirs, amplitude = interference.assigned(
+                others, point, noise_rate_hz=noise_rate, noise_amplitude=amplitude, threshold=threshold,
+                seed=seed, pulse=pulse, draw=draw,
+            )  # fmt: skip
+            status = ops.where(theirs, int(Status.INTERFERENCE), status)
         time_s = ops.where(never, 1.0, elapsed / ops.where(never, 1.0, rate))
-        arrivals.append((ops.minimum(time_s, 1.0), threshold + excess))
+        arrivals.append((ops.minimum(time_s, 1.0), amplitude, status))
     return arrivals
 
 
-def _nth(ops: Any, alarms: list[tuple[Array, Array]], index: Array) -> tuple[Array, Array]:
+def _nth(ops: Any, alarms: list[tuple[Array, Array, Array]], index: Array) -> tuple[Array, Array, Array]:
     """The index-th alarm of each pulse (index differs by pulse)."""
-    time_s, amplitude = alarms[0]
-    for number, (later_s, later_amplitude) in enumerate(alarms[1:], start=1):
+    time_s, amplitude, status = alarms[0]
+    for number, (later_s, later_amplitude, later_status) in enumerate(alarms[1:], start=1):
         chosen = index >= number
         time_s = ops.where(chosen, later_s, time_s)
         amplitude = ops.where(chosen, later_amplitude, amplitude)
-    return time_s, amplitude
+        status = ops.where(chosen, later_status, status)
+    return time_s, amplitude, status
 
 
 def _as_int(ops: Any, flag: Array) -> Array:

@@ -114,6 +114,20 @@ class Air:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Interferer:
+    """Another lidar, whose pulses reach the receiver at random times, whichever way it looks.
+
+    rate_hz          mean rate of the pulses that do
+    irradiance_w_m2  median of their peaks, in the sensor's band, at the receiver's aperture
+    spread_db        standard deviation of ten times the decimal logarithm of the peak
+    """
+
+    rate_hz: float
+    irradiance_w_m2: float
+    spread_db: float = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class View:
     """Where pictures of the scene are taken from: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
@@ -128,6 +142,8 @@ class Scene:
 
     bodies          in the order of the file; a point's `body` is an index into `body_names`
     materials       by name, every one that a part names
+    lamps_w_m2      irradiance of all surfaces by lamps, in the sensor's band
+    interferers     other lidars
     sensor_name     catalogue name or file of the sensor to use unless another is given
     sensor_pose     where the sensor stands: on the ego vehicle, or in the world without one
     ego             how the vehicle moves that carries the sensor, or None: it stands at the world's origin
@@ -142,6 +158,8 @@ class Scene:
     sun: Sun = field(default_factory=Sun)
     sky: Sky = field(default_factory=Sky)
     air: Air = field(default_factory=Air)
+    lamps_w_m2: float = 0.0
+    interferers: tuple[Interferer, ...] = ()
     sensor_name: str = "table1-apd"
     sensor_pose: Pose = field(default_factory=Pose)
     ego: Motion | None = None

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from .arrays import Array, xp
 from .detectors import Detector, WorkingPoint
 from .geometry import Pose
+from .overlap import Overlap
 from .physics import radiometry
 from .scan import Scanner
 
@@ -40,13 +41,18 @@ class Laser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """Receiver. ``sun_irradiance_w_m2`` is in band, at normal incidence and 100 klux (E_sun of (6))."""
+    """Receiver.
+
+    sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
+    overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    """
 
     aperture_radius_m: Array
     focal_length_m: Array
     efficiency_laser: Array
     efficiency_sun: Array
     sun_irradiance_w_m2: Array
+    overlap: Overlap | None = None
 
     @property
     def aperture_m2(self) -> Array:
@@ -66,6 +72,7 @@ class Tdc:
     stops                     crossings reported per shot, first ones first
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is, "none" takes off exactly what it is
+    ambient_window_s          time in which the background is counted, or None: the whole window
     """
 
     window_s: Array
@@ -76,11 +83,42 @@ class Tdc:
     jitter_s: Array = 0.0
     stops: int = 1
     walk: str = "corrected"
+    ambient_window_s: Array | None = None
+
+    @property
+    def ambient_s(self) -> Array:
+        """Time in which the background is counted."""
+        return self.window_s if self.ambient_window_s is None else self.ambient_window_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intensity:
+    """The scale on which the maker reports intensity, `physics.intensity`.
+
+    kind                "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
+    white_value         of a white Lambertian surface across the beam
+    retro               the scale above that: "linear" or "logarithmic"
+    retro_reflectivity  that reads 255 on a logarithmic one
+    """
+
+    kind: str
+    reference_m: Array = 10.0
+    white_value: Array = 100.0
+    retro: str = "logarithmic"
+    retro_reflectivity: Array = 1000.0
+
+    @property
+    def unit(self) -> str:
+        """Of the number that is reported."""
+        return "W" if self.kind == "range_corrected" else "1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file."""
+    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
+
+    intensity  as the maker reports it, or None: the amplitude
+    """
 
     name: str
     laser: Laser
@@ -89,6 +127,7 @@ class Sensor:
     detector: Detector
     tdc: Tdc
     mounting: Pose = field(default_factory=Pose)
+    intensity: Intensity | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,9 @@ Matrix = np.ndarray[Any, Any]
 
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
+
+Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
+"""Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
 
 
 @dataclass(slots=True)
@@ -164,6 +167,7 @@ class Simulator:
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
         """One frame as a point cloud.
@@ -178,6 +182,7 @@ class Simulator:
                   it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
+        observer  told of every pulse that met a surface: what rates of detection need
         summary   filled if given
         Raises InputError for a seed, number, chunk or frame that is none, or a motion that ends too early.
         """
@@ -187,7 +192,7 @@ class Simulator:
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
         builder = CloudBuilder(capacity=pulses * stops)
         for first, columns, outcome in self._chunks(
-            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary
+            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
         ):
             since = time.perf_counter()
             if columns is not None:
@@ -214,7 +219,7 @@ class Simulator:
         return cloud
 
     def _chunks(
-        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary
+        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
 
@@ -236,7 +241,10 @@ class Simulator:
             since = time.perf_counter()
             device.wait()
             since = summary.spent("trace", since)
-            columns, outcome = self._columns(now, part, placing), part.detection.outcome.numpy()
+            pulse, columns = self._columns(now, part, placing)
+            outcome = part.detection.outcome.numpy()
+            if observer is not None:
+                observer(pulse, self._surfaces(part))
             summary.spent("collect", since)
             done = part.first
             if following is not None:
@@ -259,11 +267,11 @@ class Simulator:
         detection = returns.detect(echoes.first_of(light), self._device_sensor, seed=seed, pulse=pulse)
         return _Chunk(first, pulse, ways[0], detection)
 
-    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> dict[str, Any] | None:
-        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none."""
+    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
+        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         lanes = collect.kept_lanes(part.detection)
         if lanes is None:
-            return None
+            return np.zeros(0, np.uint32), None
         on_device = collect.columns(
             world=self.world,
             sensor=self._device_sensor,
@@ -274,17 +282,23 @@ class Simulator:
             turn=placing.turn,
             shift=placing.shift,
         )
-        device.start(list(on_device.values()))
-        device.wait()
-        columns = {name: array.numpy() for name, array in on_device.items()}
+        columns = _fetched(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
-        columns["time_s"] = now.time_s(columns["time_s"])
-        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(columns["time_s"]))
+        pulse = columns["time_s"]
+        columns["time_s"] = now.time_s(pulse)
+        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
         for name, nothing in collect.ABSENT.items():
-            columns.setdefault(name, np.broadcast_to(nothing, len(columns["time_s"])))
-        return columns
+            columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
+        return pulse, columns
+
+    def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
+        """`collect.surfaces` of a chunk; empty without any."""
+        on_device = collect.surfaces(
+            world=self.world, pulse=part.pulse, hits=part.hits, detection=part.detection
+        )
+        return {} if on_device is None else _fetched(on_device)
 
     def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:
         return Frame.of(
@@ -323,7 +337,14 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"frame: {' or '.join(map(repr, COORDINATES))} was expected, {frame!r} came")
 
 
-def _numbers(values: Matrix) -> tuple[float, ...]:
+def _fetched(on_device: dict[str, Any]) -> dict[str, Matrix]:
+    """Columns off the device."""
+    device.start(list(on_device.values()))
+    device.wait()
+    return {name: array.numpy() for name, array in on_device.items()}
+
+
+def _numbers(values: Matrix) -> tuple[Any, ...]:
     return tuple(float(x) for x in values.ravel())
 
 
@@ -344,4 +365,7 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=_numbers(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
     )

@@ -17,19 +17,20 @@ TIERS = (
     ("arrays",),
     ("noise", "geometry", "trajectory"),
     ("physics",),
-    ("scene", "weather", "materials", "sensor", "detectors", "scan"),
+    ("scene", "weather", "materials", "sensor", "detectors", "overlap", "scan"),
     ("motion",),
     ("beams",),
     ("hits",),
     ("echoes",),
+    ("ambient", "intensity", "interference"),
     ("returns",),
     ("cloud",),
     ("kernel",),
     ("simulate", "frame", "rig", "deskew"),
-    ("catalog", "io", "pixels", "plots", "charts", "charts_fov"),
+    ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "cli_analysis", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
+    ("cli", "cli_analysis", "cli_compare", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 
@@ -37,7 +38,7 @@ RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 MAY_IMPORT = {
     "mitsuba": ("kernel",),
     "drjit": ("kernel", "arrays.py"),
-    "matplotlib": ("plots.py", "charts.py", "charts_fov.py"),
+    "matplotlib": ("plots.py", "charts.py", "charts_fov.py", "charts_compare.py"),
     "open3d": ("io",),
     "pandas": ("io",),
     "pvlib": ("io",),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..io.files import atomic_output, require_writable
+from ..io.files import require_writable
 from ..sensor import Sensor
 from . import fov_figures as figures
 from .fov_cells import Cells
@@ -21,7 +19,7 @@ from .fov_pattern import DWELL_S, CellMaps, Pulses, fired, maps, rate_hz
 from .fov_pattern import field as field_of_view
 from .fov_range import Ground, ground, range_map_m
 from .fov_spacing import PERCENTILES, nearest_deg
-from .paper_page import Page
+from .paper_page import Page, csv_text, put_text
 from .ranging import Target
 
 if TYPE_CHECKING:
@@ -127,7 +125,7 @@ def write(
         stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], told: str
     ) -> None:
         draw(folder / f"{stem}.png")
-        _put(folder / f"{stem}.csv", _csv(*table))
+        put_text(folder / f"{stem}.csv", csv_text(*table))
         page.figure(name=stem, number=stem, caption=told, svg=False)
 
     page.heading("All sensors")
@@ -147,8 +145,8 @@ def write(
         page.heading(one.name)
         for made in (figures.pattern, figures.density, figures.revisit, figures.far):
             show(*made(one))
-    _put(folder / PAGES[0], page.as_markdown())
-    _put(folder / PAGES[1], page.as_html())
+    put_text(folder / PAGES[0], page.as_markdown())
+    put_text(folder / PAGES[1], page.as_html())
     return _told(folder, everything, study, files, as_json=as_json)
 
 
@@ -194,16 +192,3 @@ def _told(
 
 def _coverage(one: Seen, study: Study) -> list[float]:
     return [float(c) for c in one.maps.coverage(np.array(study.times_s))]
-
-
-def _csv(header: Sequence[str], rows: Iterable[Any]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
-    return out.getvalue()
-
-
-def _put(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")

@@ -17,7 +17,7 @@ from ..geometry import Pose
 from ..materials import Material, Spectrum
 from ..scene import Ball, Body, Part, Scene, Sky, View
 from ..trajectory import Motion, Riding
-from . import meshes
+from . import interference_file, meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
 from .submesh import SubMesh
@@ -84,6 +84,8 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
         air=file.air.build(file.weather.build()),
+        lamps_w_m2=interference_file.lamps_w_m2(file.interference),
+        interferers=interference_file.interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,

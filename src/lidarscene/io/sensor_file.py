@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,8 @@ from ..errors import InputError
 from ..geometry import Pose
 from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
-from .filter_file import FilterFile
+from .intensity_file import AnyIntensityFile
+from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .scanner_file import AnyScannerFile
 from .scanner_model import Surroundings
@@ -49,36 +51,6 @@ class LaserFile(FileModel):
     )
 
 
-class OpticsFile(FileModel):
-    """[optics]: the receiver."""
-
-    aperture_radius_mm: Positive
-    focal_length_mm: Positive
-    efficiency_laser: Share
-    efficiency_sun: Share
-    sun_irradiance_w_m2: NotNegative | None = Field(
-        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
-    )
-    filter: FilterFile | None = None
-
-    @model_validator(mode="after")
-    def _one_sun(self) -> OpticsFile:
-        if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
-            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
-        return self
-
-    def build(self, folder: Path) -> Optics:
-        """In SI units; a filter's transmittance file lies in ``folder``."""
-        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return Optics(
-            aperture_radius_m=self.aperture_radius_mm * 1e-3,
-            focal_length_m=self.focal_length_mm * 1e-3,
-            efficiency_laser=self.efficiency_laser,
-            efficiency_sun=self.efficiency_sun,
-            sun_irradiance_w_m2=sun,
-        )
-
-
 class ApdFile(FileModel):
     """[detector] type = "apd"."""
 
@@ -94,6 +66,10 @@ class ApdFile(FileModel):
     temperature_k: Positive = 300.0
     circuit_noise_na: NotNegative = 0.0
     tail: Literal["gaussian", "mcintyre"] = "gaussian"
+    saturation_ua: Positive | None = Field(
+        default=None,
+        description="current at which the amplifier clips, after multiplication; never if left out",
+    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -115,6 +91,7 @@ class ApdFile(FileModel):
             temperature_k=self.temperature_k,
             circuit_noise_a=self.circuit_noise_na * 1e-9,
             tail=self.tail,
+            saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
         )
 
 
@@ -158,6 +135,9 @@ class TdcFile(FileModel):
     jitter_ps: NotNegative = 0.0
     stops: Annotated[int, Field(ge=1, le=16)] = 1
     walk: Literal["none", "raw", "corrected"] = "corrected"
+    ambient_window_us: Positive | None = Field(
+        default=None, description="time in which the background is counted; the window if left out"
+    )
 
     @model_validator(mode="after")
     def _one_threshold(self) -> TdcFile:
@@ -192,6 +172,9 @@ class SensorFile(FileModel):
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
     mounting: PoseFile = PoseFile()
+    intensity: AnyIntensityFile | None = Field(
+        default=None, description="the maker's scale; the amplitude if left out"
+    )
     published: PublishedFile | None = Field(
         default=None, description="for comparison; not used by the simulation"
     )
@@ -209,16 +192,22 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.build()
-        optics = self.optics.build(folder)
+        laser, optics = _laser(self.laser), self.optics.build(folder)
+        if self.optics.overlap is not None:
+            overlap = self.optics.overlap.build(
+                optics=optics, laser=laser, detector_radius_m=self.detector.radius_mm * 1e-3
+            )
+            optics = replace(optics, overlap=overlap)
         return Sensor(
             name=self.name,
             description=self.description,
-            laser=_laser(self.laser),
+            laser=laser,
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
             tdc=_tdc(self.tdc),
             mounting=self.mounting.pose(),
+            intensity=None if self.intensity is None else self.intensity.build(),
             sources=dict(self.sources),
         )
 
@@ -254,6 +243,7 @@ def _tdc(tdc: TdcFile) -> Tdc:
         jitter_s=tdc.jitter_ps * 1e-12,
         stops=tdc.stops,
         walk=tdc.walk,
+        ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
     )
 
 

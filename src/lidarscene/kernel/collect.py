@@ -69,14 +69,11 @@ def columns(
         values = _interleaved([getattr(one, name) for one in detection.stops])
         return dr.gather(type(values), values, lane * stops + stop)
 
-    def where_known(table: Any, index: Any) -> Any:
-        return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
-
     of_pulse = of_lane(pulse)
     range_m, face = of_stop("range_m"), of_lane(hits.face)
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     rays = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
-    body = where_known(world.face_body, face)
+    body = _where_known(world.face_body, face)
     counted = {
         "radial_velocity_m_s": hits.radial_velocity_m_s,
         "interactions": hits.interactions,
@@ -106,9 +103,45 @@ def columns(
         "sun_angle_rad": dr.acos(dr.clip(of_lane(hits.cos_sun), -1.0, 1.0)),
         "in_shadow": mi.UInt8(dr.select((face >= 0) & ~of_lane(hits.lit), mi.UInt32(1), 0)),
         "body": body,
-        "class_id": where_known(world.body_class, body),
-        "material": where_known(world.face_material, face),
+        "class_id": _where_known(world.body_class, body),
+        "material": _where_known(world.face_material, face),
     }
+
+
+def surfaces(*, world: World, pulse: Any, hits: Hits, detection: Detection) -> dict[str, Any] | None:
+    """Every pulse of a chunk that met a surface, kept or not, on the device, not yet computed; None if none did.
+
+    pulse, outcome (an `Outcome`), snr and detection_probability, and the truth by attribute of PointCloud.
+    """
+    import drjit as dr
+
+    lane = dr.compress(hits.found)
+    if dr.width(lane) == 0:
+        return None
+
+    def of_lane(values: Any) -> Any:
+        return dr.gather(type(values), values, lane)
+
+    body = _where_known(world.face_body, of_lane(hits.face))
+    return {
+        "pulse": of_lane(pulse),
+        "outcome": of_lane(detection.outcome),
+        "snr": of_lane(detection.snr),
+        "detection_probability": of_lane(detection.detection_probability),
+        "true_range_m": of_lane(hits.range_m),
+        "incidence_angle_rad": dr.acos(of_lane(hits.cos_incidence)),
+        "reflectivity": of_lane(hits.reflectivity),
+        "body": body,
+        "class_id": _where_known(world.body_class, body),
+    }
+
+
+def _where_known(table: Any, index: Any) -> Any:
+    """Entries of a table of whole numbers, -1 where the index is."""
+    import drjit as dr
+
+    mi = mitsuba()
+    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
 
 
 def _interleaved(arrays: list[Any]) -> Any:

@@ -132,6 +132,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, *, interactions: int) -> Hits
         throughput=way.throughput,
         interactions=way.interactions,
         mirrored=way.mirrored,
+        direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
     )
 
 
