@@ -139,7 +139,10 @@ def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
     """Names by value for a column that sorts points, None for one that measures."""
     tables = {"status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "body": cloud.body_names}
     tables |= {"class": cloud.class_names, "material": cloud.material_names}
-    tables |= {"interactions": ("direct", "after one", "after two", "after three"), "ghost": ("in its place", "ghost")}
+    tables |= {
+        "interactions": ("direct", "after one", "after two", "after three"),
+        "ghost": ("in its place", "ghost"),
+    }
     tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene import InputError, Pose, Simulator
-from lidarscene.kernel.trace import SHADOW_OFFSET_M
+from lidarscene.kernel.onward import START_OFFSET_M
 from lidarscene.kernel.world import build_world
 from lidarscene.scene import Body, Part, Sun
 
@@ -77,7 +77,7 @@ def test_shadow_rays_do_not_jump_through_thin_gaps():
     strip = chain.box(at=(249.995 - 0.0005, 0.503, 0.0), size_m=(0.001, 1.0, 2.0))
     oblique = Sun(azimuth_rad=math.radians(120.0), elevation_rad=0.0)
     sensor = chain.sensor("table1-apd", *chain.NARROW)
-    assert SHADOW_OFFSET_M < 0.005
+    assert START_OFFSET_M < 0.005
     shaded = chain.run(chain.scene(wall, strip, sun=oblique), sensor).hits
     assert shaded.range_m[MIDDLE] == pytest.approx(250.0, abs=1e-3)
     assert not shaded.lit[MIDDLE]

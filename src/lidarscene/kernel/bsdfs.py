@@ -102,23 +102,18 @@ def _mirror(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
-    """Mitsuba's pane is lossless: what glass absorbs at normal incidence is taken off at every angle."""
-    index = values["index_n"]
-    pane: dict[str, Any] = {"type": "thindielectric", "int_ior": index, "ext_ior": 1.0}
-    if not values["index_k"] or "thickness_m" not in values:
-        return pane
-    surface = float(dielectrics.fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))
-    internal = dielectrics.internal_transmittance(
+    """Lossless; what it absorbs is known to `kernel.speculars`."""
+    return {"type": "thindielectric", "int_ior": values["index_n"], "ext_ior": 1.0}
+
+
+def absorption(values: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Index and optical depth of a pane that absorbs; None of everything else."""
+    if values["bsdf"] != "glass" or not values["index_k"] or "thickness_m" not in values:
+        return None
+    depth = dielectrics.optical_depth(
         index_k=values["index_k"], thickness_m=values["thickness_m"], wavelength_m=values["wavelength_m"]
     )
-    reflected, transmitted = (
-        law(surface=surface, internal=internal) / law(surface=surface, internal=1.0)
-        for law in (dielectrics.pane_reflectance, dielectrics.pane_transmittance)
-    )
-    return pane | {
-        "specular_reflectance": _spectrum(reflected),
-        "specular_transmittance": _spectrum(transmitted),
-    }
+    return values["index_n"], depth
 
 
 def _retroreflector(values: dict[str, Any]) -> dict[str, Any]:

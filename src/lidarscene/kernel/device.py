@@ -11,6 +11,9 @@ from .backend import is_cuda, mitsuba
 _KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
 
 
+_ALIGNMENT = 64
+
+
 def opaque(value: Any) -> Any:
     """A copy in which every float and int, however deep in frozen dataclasses and tuples, is on the device.
 
@@ -55,10 +58,16 @@ def counter(first: int, count: int) -> Any:
 
 
 def from_numpy(values: Any) -> Any:
-    """(n,) numbers in single precision."""
+    """(n,) numbers in single precision, always at the same alignment: Dr.Jit takes numpy's memory as it is, and what
+    that is aligned to would become part of the kernel (MITSUBA.md 5.2).
+    """
     import numpy as np
 
-    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+    room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
+    start = -room.ctypes.data % _ALIGNMENT
+    aligned = room[start : start + 4 * len(values)].view(np.float32)
+    aligned[:] = values
+    return mitsuba().Float(aligned)
 
 
 def start(arrays: list[Any]) -> None:

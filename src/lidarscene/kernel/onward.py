@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..arrays import Array, xp
-from . import device
+from ..physics import dielectrics
 from .backend import mitsuba
 from .meeting import Meeting, Moment
 
@@ -115,9 +115,20 @@ def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bo
         sample, weight = bsdf.sample(context, met.surface, lobe, mi.Point2f(0.5), here)
         direction = dr.select(here, sample.wo, direction)
         share = dr.select(here, weight[0] * sample.pdf, share)
+        if number < speculars.panes and (glass := speculars.glass[number]) is not None:
+            absorbing = _of_pane(*glass, cosine=dr.abs(met.surface.wi.z), reflected=reflected)
+            share = dr.select(here, absorbing, share)
     if reflected:  # `null` lets everything through, whatever is asked
         share = dr.select(direction.z * met.surface.wi.z > 0.0, share, 0.0)
     return direction, share
+
+
+def _of_pane(index: Array, depth: Array, *, cosine: Array, reflected: bool) -> Array:
+    """T or R of a pane that absorbs: Mitsuba's is lossless, and light's way inside is longer at an angle."""
+    surface = dielectrics.fresnel_reflectance(cos_incidence=cosine, index=index)
+    internal = dielectrics.internal_transmittance(depth=depth, cos_incidence=cosine, index=index)
+    law = dielectrics.pane_reflectance if reflected else dielectrics.pane_transmittance
+    return law(surface=surface, internal=internal)
 
 
 def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from . import device
 from .backend import mitsuba
 
 
@@ -17,33 +18,39 @@ class Speculars:
 
     bsdfs  panes first, then mirrors; a few, and asked by name: sampling every BSDF of the world would compile all
     panes  how many of them are panes
+    glass  index and optical depth of each pane that absorbs, opaque; None of the others
     kind   by Mitsuba's registry number of a shape: 0 where a beam ends, else 1 + the index into ``bsdfs``
     """
 
     bsdfs: tuple[Any, ...]
     panes: int
+    glass: tuple[tuple[Any, Any] | None, ...]
     kind: Any
 
     @classmethod
-    def of(cls, shapes: Sequence[tuple[int, Any, Hashable]]) -> Speculars | None:
-        """From registry number, Mitsuba's BSDF and identity of the material of each shape.
+    def of(cls, shapes: Sequence[tuple[int, Any, Hashable, Any]]) -> Speculars | None:
+        """From registry number, Mitsuba's BSDF, identity of the material, and `bsdfs.absorption` of each shape.
 
         None where a beam goes on nowhere.
         """
         mi = mitsuba()
         panes: dict[Hashable, Any] = {}
         mirrors: dict[Hashable, Any] = {}
-        for _, bsdf, material in shapes:
+        glass: list[Any] = []
+        for _, bsdf, material, absorbs in shapes:
+            if _what(mi, bsdf) == "pane" and material not in panes:
+                glass.append(None if absorbs is None else device.opaque(absorbs))
             found = {"pane": panes, "mirror": mirrors}.get(_what(mi, bsdf))
             if found is not None:
                 found.setdefault(material, bsdf)
         if not panes and not mirrors:
             return None
         order = [*panes, *mirrors]
-        kind = np.zeros(max(number for number, _, _ in shapes) + 1, dtype=np.uint32)
-        for number, _, material in shapes:
+        kind = np.zeros(max(number for number, *_ in shapes) + 1, dtype=np.uint32)
+        for number, _, material, _ in shapes:
             kind[number] = order.index(material) + 1 if material in order else 0
-        return cls(bsdfs=(*panes.values(), *mirrors.values()), panes=len(panes), kind=mi.UInt32(kind))
+        bsdfs = (*panes.values(), *mirrors.values())
+        return cls(bsdfs=bsdfs, panes=len(panes), glass=tuple(glass), kind=mi.UInt32(kind))
 
     @property
     def mirrors(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Array, xp
 
 
-def fresnel_reflectance(*, cos_incidence: Array, index: float) -> Array:
+def fresnel_reflectance(*, cos_incidence: Array, index: Array) -> Array:
     """Share of unpolarised light that a smooth surface of a lossless body reflects: (R_s + R_p) / 2.
 
     index  n of the body over that of the medium; above 1
@@ -33,9 +33,19 @@ def diffuse_fresnel_reflectance(index: float) -> float:
     return float(np.dot(weights, cosines * reflected))
 
 
-def internal_transmittance(*, index_k: float, thickness_m: float, wavelength_m: float) -> float:
-    """Share of light that is left after one straight passage: exp(-4 pi k d / lambda) (Beer and Lambert)."""
-    return math.exp(-4.0 * math.pi * index_k * thickness_m / wavelength_m)
+def optical_depth(*, index_k: float, thickness_m: float, wavelength_m: float) -> float:
+    """Of a layer straight across: 4 pi k d / lambda."""
+    return 4.0 * math.pi * index_k * thickness_m / wavelength_m
+
+
+def internal_transmittance(*, depth: Array, cos_incidence: Array, index: Array) -> Array:
+    """Share of light that one passage of a pane leaves, exp(-depth / cos of the angle inside) (Beer, Lambert, Snell).
+
+    depth  from `optical_depth`
+    """
+    ops = xp(cos_incidence)
+    inside = ops.sqrt(1.0 - (1.0 - cos_incidence * cos_incidence) / (index * index))
+    return ops.exp(-depth / inside)
 
 
 def pane_reflectance(*, surface: Array, internal: Array) -> Array:
