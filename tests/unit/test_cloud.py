@@ -53,8 +53,8 @@ def assert_same(a: PointCloud, b: PointCloud) -> None:
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
         "x y z range intensity snr detection_probability time channel azimuth elevation return_number status "
-        "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow radial_velocity body class "
-        "material"
+        "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions ghost "
+        "radial_velocity body class material"
     )
     attributes = [c.attribute for c in COLUMNS[2:]]
     assert sorted(attributes) == sorted(MEASURED + TRUTH)
@@ -155,7 +155,7 @@ def test_concatenate_refuses_what_does_not_belong_together() -> None:
         PointCloud.concatenate([])
     with pytest.raises(ValueError, match="name different"):
         PointCloud.concatenate([cloud, small_cloud(class_names=("car", "road"))])
-    with pytest.raises(ValueError, match=r"not as before: body, class_id, in_shadow"):
+    with pytest.raises(ValueError, match=r"not as before: body, class_id, ghost, in_shadow"):
         PointCloud.concatenate([cloud, cloud.without_truth()])
 
 
