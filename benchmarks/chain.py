@@ -163,9 +163,7 @@ def _open3d_tasks(simulator: Simulator) -> dict[str, Callable[[], Any]]:
         chosen = np.flatnonzero(np.isfinite(t) & ((normal @ sun) * facing > 0.0))
         made = np.zeros((len(chosen), 6), dtype=np.float32)
         np.multiply(direction[chosen], t[chosen, None], out=made[:, :3])
-        made[:, :3] += rays[chosen, :3] + normal[chosen] * (
-            facing[chosen, None] * np.float32(START_OFFSET_M)
-        )
+        made[:, :3] += rays[chosen, :3] + normal[chosen] * (facing[chosen, None] * np.float32(START_OFFSET_M))
         made[:, 3:] = sun
         return made
 

@@ -100,7 +100,7 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, **tra
     ways = trace(world, rays, sun=sun, **tracing)
     ambient = device.opaque(ambient_of(described, equipped))
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
-    light = echoes.first_of(light_of_ways)
+    light = echoes.with_all_background(light_of_ways)[0]
     detection = returns.detect(light, on_device, seed=device.opaque_uint32(seed), pulse=pulse)
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(

@@ -54,6 +54,7 @@ def render_frames(
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -62,7 +63,7 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, interactions=interactions)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
@@ -76,6 +77,7 @@ def render(
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -85,12 +87,13 @@ def render(
     seed       32 bits; the same seed gives the same cloud
     pose       where the sensor stands in the world; the scene's own if None
     frame      "world" or "sensor": frame of the points
-    chunk      pulses traced at a time; bounds the memory, changes nothing else
+    chunk      rays traced at a time; bounds the memory, changes nothing else
+    rays       of each pulse, over the footprint of its beam; a single one is its axis
     interactions  panes and mirrors that a beam may meet
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, interactions=interactions)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
     return simulator.render(seed=seed, frame=frame, chunk=chunk)

@@ -19,6 +19,7 @@ from .returns import Status
 
 Array = np.ndarray[Any, Any]
 
+STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather")
 STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
@@ -46,12 +47,13 @@ COLUMNS = (
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
+    Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
     Column("time", "time_s", "float64", "s", "emission of the pulse, from the start of the frame"),
     Column("channel", "channel", "int32", "1", "laser channel"),
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
     Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather"),
     Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
@@ -105,6 +107,7 @@ class PointCloud:
     intensity: Array
     snr: Array
     detection_probability: Array
+    ambient: Array
     time_s: Array
     channel: Array
     azimuth_rad: Array
@@ -151,8 +154,9 @@ class PointCloud:
         return int(self.xyz_m.shape[0])
 
     def __repr__(self) -> str:
-        alarms = int(np.count_nonzero(self.status))
-        counts = f"{len(self)} points: {len(self) - alarms} echoes, {alarms} false alarms"
+        kinds = np.bincount(self.status, minlength=len(Status))
+        told = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
+        counts = f"{len(self)} points: {', '.join(told[:2] + [one for one in told[2:] if one[0] != '0'])}"
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
         extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"

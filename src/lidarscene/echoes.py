@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from .arrays import Array, xp
+import numpy as np
+
+from .arrays import Array, Table, xp
 from .beams import Beams
 from .hits import Hits
 from .physics import air, intensity, radiometry, sunlight
@@ -67,6 +69,73 @@ class Echoes:
     range_m: Array
     peak_power_w: Array
     background_power_w: Array
+    interference: tuple[Interference, ...] = ()
+    white_w_m2: Array = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Volume:
+    """Light of the air itself: one course over range for all pulses, as much of it as each pulse has.
+
+    shape             (samples,) W at a scale of one, from 0 to far_m in even steps; already as broad as the pulse
+                      makes it
+    far_m             of the last sample; nothing comes from behind that
+    hump_m            (from, to): outside of it the course is nowhere concave (`hump_of`)
+    scale             (n,) of each pulse
+    end_m             (n,) where the last of a pulse's light meets a surface: nothing comes from behind that
+    extinction_per_m  alpha, for how the course ends there (T37)
+    """
+
+    shape: Table
+    far_m: Array
+    hump_m: tuple[Array, Array]
+    scale: Array
+    end_m: Array
+    extinction_per_m: Array
+
+
+def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
+    """Where a course of a `Volume` is concave, all of it from the first to the last sample."""
+    values = np.asarray(shape.values, dtype=np.float64)
+    bend = np.diff(values, n=2)
+    concave = np.flatnonzero(bend < -1e-7 * values.max())
+    if len(concave) == 0:
+        return 0.0, 0.0
+    step = far_m / (len(values) - 1)
+    return float(concave[0] * step), float((concave[-1] + 2) * step)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubEchoes:
+    """Sub-echoes of n pulses, equally many of each; lane = pulse lane * count + number.
+
+    range_m       (n count,) anything where there is no echo
+    peak_power_w  (n count,) peak of the sub-echo, 0 where there is none
+    """
+
+    range_m: Array
+    peak_power_w: Array
+    count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoTrain:
+    """Light on the detector, pulses of several sub-echoes, which are numbered through all parts.
+
+    parts               sub-echoes of one kind each
+    surfaces            how many of them are of surfaces, the first ones; the others are of the air
+    found               (n,) bool, whether any of those met a surface
+    background_power_w  (n,) sun and sky
+    volume              backscatter of the air, or None
+    interference        other lidars, as in `Echoes`
+    white_w_m2          (n,) as in `Echoes`
+    """
+
+    parts: tuple[SubEchoes, ...]
+    surfaces: int
+    found: Array
+    background_power_w: Array
+    volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
     white_w_m2: Array = 1.0
 
@@ -160,7 +229,9 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Array:
     )
 
 
-def first_of(ways: Sequence[Echoes]) -> Echoes:
-    """The echo of a beam's first way, under the light that all of its ways bring from sun and sky."""
+def with_all_background(ways: Sequence[Echoes]) -> list[Echoes]:
+    """The ways of a beam, the first of them with the light of sun and sky that all of them bring."""
+    if len(ways) == 1:
+        return list(ways)
     background = sum(way.background_power_w for way in ways)
-    return ways[0] if len(ways) == 1 else replace(ways[0], background_power_w=background)
+    return [replace(ways[0], background_power_w=background), *ways[1:]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .arrays import Array, xp
 from .detectors import WorkingPoint
-from .echoes import Echoes
+from .echoes import Echoes, EchoTrain
 from .physics import intensity as formulas
 from .sensor import Sensor
 
@@ -13,7 +13,7 @@ _LEAST_OVERLAP = 1e-3
 
 
 def reported(
-    echoes: Echoes, sensor: Sensor, point: WorkingPoint, *, amplitude: Array, range_m: Array
+    echoes: Echoes | EchoTrain, sensor: Sensor, point: WorkingPoint, *, amplitude: Array, range_m: Array
 ) -> Array:
     """(n,) the amplitude itself (raw), watts (range_corrected) or 0 to 255 (reflectivity).
 

@@ -61,11 +61,16 @@ def assigned(
     theirs, amplitude = place > noise_rate_hz, noise_amplitude
     before = noise_rate_hz
     for one in others:
-        power = formulas.tripping_power_w(
-            uniform=noise.open_uniform(height), probability=one.probability,
-            median_power_w=one.source.peak_power_w, spread_db=one.source.spread_db,
-        )  # fmt: skip
-        own = point.measured(ops.maximum(point.signal(power), threshold))
+        own = amplitude_of(one, point, threshold, uniform=noise.open_uniform(height))
         amplitude = ops.where(place > before, own, amplitude)
         before = before + one.rate_hz
     return theirs, amplitude
+
+
+def amplitude_of(one: Crossings, point: WorkingPoint, threshold: Array, *, uniform: Array) -> Array:
+    """Peak of a pulse that trips; ``uniform`` is the share of those that trip and are at least as high."""
+    power = formulas.tripping_power_w(
+        uniform=uniform, probability=one.probability,
+        median_power_w=one.source.peak_power_w, spread_db=one.source.spread_db,
+    )  # fmt: skip
+    return point.measured(xp(threshold).maximum(point.signal(power), threshold))

@@ -38,11 +38,13 @@ def simulators(
     sensors: Sequence[Mounted],
     *,
     pose: Pose | None = None,
+    rays: int = 1,
     interactions: int = INTERACTIONS,
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
     pose          of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    rays          of each pulse
     interactions  panes and mirrors that a beam may meet
     """
     worlds: dict[float, World] = {}
@@ -54,6 +56,7 @@ def simulators(
             one.sensor,
             pose=vehicle @ one.pose,
             world=worlds.get(wavelength),
+            rays=rays,
             interactions=interactions,
         )
         worlds.setdefault(wavelength, simulator.world)

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from . import beams, echoes, returns
+from . import beams, echoes, multi_echo, returns, train
+from .air_light import air_light
 from .arrays import is_drjit
 from .cloud import CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient
+from .echoes import Ambient, Echoes
 from .errors import InputError
+from .footprint import footprint, spread
 from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -22,7 +24,7 @@ from .kernel import collect, device
 from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
-from .returns import Detection, Outcome
+from .returns import Detection, Outcome, Status
 from .scene import Scene
 from .sensor import Sensor
 from .trajectory import Motion, pose_at
@@ -43,8 +45,18 @@ class Summary:
     beams: int = 0
     outcomes: Matrix = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
     points: int = 0
-    false_alarms: int = 0
+    statuses: Matrix = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def false_alarms(self) -> int:
+        """Points of noise and of other lidars."""
+        return int(self.statuses[Status.FALSE_ALARM] + self.statuses[Status.INTERFERENCE])
+
+    @property
+    def weather(self) -> int:
+        """Points of fog, rain and snow."""
+        return int(self.statuses[Status.WEATHER])
 
     @property
     def hits(self) -> int:
@@ -59,7 +71,7 @@ class Summary:
             whole.beams += part.beams
             whole.outcomes += part.outcomes
             whole.points += part.points
-            whole.false_alarms += part.false_alarms
+            whole.statuses += part.statuses
             for stage, seconds in part.seconds.items():
                 whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
         return whole
@@ -77,20 +89,45 @@ class _Chunk:
 
     first: int
     pulse: Any
-    hits: Hits
+    paths: Sequence[Hits]
     detection: Detection
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
-        hits, detection = self.hits, self.detection
-        needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-        needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
-        needed += [
-            one for one in (hits.radial_velocity_m_s, hits.interactions, hits.mirrored) if is_drjit(one)
+        detection = self.detection
+        needed = [
+            self.pulse,
+            detection.snr,
+            detection.detection_probability,
+            detection.outcome,
+            detection.ambient,
         ]
+        for hits in self.paths:
+            needed += _needed(hits)
         for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
+            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
+            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            needed += [one for one in own if one is not None]
         return needed
+
+
+def _plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    return sensor.sampler is None and sensor.tdc.keep == "first"
+
+
+def _of_light(light: Echoes) -> list[Any]:
+    """What pulses are put together from."""
+    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
+    found += [one.peak_power_w for one in light.interference]
+    return [one for one in found if is_drjit(one)]
+
+
+def _needed(hits: Hits) -> list[Any]:
+    """What the truth of points is made of."""
+    needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    return [*needed, *(one for one in counted if is_drjit(one))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,17 +167,22 @@ class Simulator:
         *,
         world: World | None = None,
         pose: Pose | None = None,
+        rays: int = 1,
         interactions: int = INTERACTIONS,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
+        rays  of each pulse, over the laser's footprint; a single one is its axis. Raises InputError for less.
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
         interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
         """
         if not 0 <= interactions <= MOST_INTERACTIONS:
             raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
-        self.scene, self.sensor, self.interactions = scene, sensor, interactions
+        if rays < 1:
+            raise InputError(f"rays: at least 1 was expected, {rays} came")
+        self.scene, self.sensor = scene, sensor
+        self.rays, self.interactions = rays, interactions
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -148,7 +190,17 @@ class Simulator:
             centre_m=pose_at(self.motion).position_m,
         )
         self._device_sensor = device.opaque(sensor)
-        self._device_ambient = device.opaque(ambient_of(scene, sensor))
+        ambient = ambient_of(scene, sensor)
+        self._device_ambient = device.opaque(ambient)
+        self._footprint = device.opaque(footprint(sensor.laser, rays))
+        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
+        self._air = device.opaque(air)
+        self.class_names = self.world.class_names
+        self._air_classes = None
+        if air is not None:
+            self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
+            sources = (air.strongest, *air.sources)
+            self._air_classes = device.whole_numbers([self.class_names.index(name) for name in sources])
         self._device_sun = device.opaque(_numbers(scene.sun.direction))
 
     @property
@@ -177,7 +229,7 @@ class Simulator:
         begin_s   when frame 0 begins, by the clock of the scene's motions
         pose      of the sensor (its mounting not included) in the world or on the ego vehicle; as when it was
                   made if None
-        chunk     pulses at a time, bounds the memory
+        chunk     rays at a time, bounds the memory
         frame     "world", "vehicle" or "sensor": in which frame the points are. A sensor that moves does not know
                   it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
@@ -209,12 +261,12 @@ class Simulator:
         cloud = builder.build(
             sensor_names=(self.sensor.name,),
             body_names=self.world.body_names,
-            class_names=self.world.class_names,
+            class_names=self.class_names,
             material_names=self.world.material_names,
             metadata=self._metadata(now, seed, frame),
         )
         summary.points += len(cloud)
-        summary.false_alarms += int(np.count_nonzero(cloud.status))
+        summary.statuses += np.bincount(cloud.status, minlength=len(Status))
         summary.spent("assemble", since)
         return cloud
 
@@ -226,6 +278,7 @@ class Simulator:
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
+        chunk = max(1, chunk // self.rays)
         seed_word = device.opaque_uint32(seed)
         placing = _Placing.of(goal)
 
@@ -254,18 +307,30 @@ class Simulator:
     def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
         """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
         pulse = device.counter(first, count)
-        place, movers = now.placements(first, count)
-        rays = beams.fire(
-            self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
-        )
-        ways = trace(
+        of_ray, ray = (pulse, None) if self.rays == 1 else device.repeated(pulse, self.rays)
+        place, movers = now.placements(first, count, rays=self.rays)
+        sensor, ambient = self._device_sensor, self._device_ambient
+        axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
+        rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
+        paths = trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
             interactions=self.interactions,
         )  # fmt: skip
-        light = [echoes.receive(rays, hits, self._device_sensor, self._device_ambient) for hits in ways]
-        detection = returns.detect(echoes.first_of(light), self._device_sensor, seed=seed, pulse=pulse)
-        return _Chunk(first, pulse, ways[0], detection)
+        light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
+        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
+            return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
+        # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
+        device.start(
+            [
+                *(array for one in light for array in _of_light(one)),
+                *(one for hits in paths for one in _needed(hits)),
+            ]
+        )
+        whole = train.together(
+            light, rays, sensor, ambient, rays=self.rays, air=self._air, seed=seed, pulse=pulse
+        )
+        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
 
     def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
@@ -276,8 +341,10 @@ class Simulator:
             world=self.world,
             sensor=self._device_sensor,
             pulse=part.pulse,
-            hits=part.hits,
+            paths=part.paths,
+            rays=self.rays,
             detection=part.detection,
+            air_classes=self._air_classes,
             lanes=lanes,
             turn=placing.turn,
             shift=placing.shift,
@@ -296,7 +363,7 @@ class Simulator:
     def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
         """`collect.surfaces` of a chunk; empty without any."""
         on_device = collect.surfaces(
-            world=self.world, pulse=part.pulse, hits=part.hits, detection=part.detection
+            world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection
         )
         return {} if on_device is None else _fetched(on_device)
 
@@ -304,6 +371,11 @@ class Simulator:
         return Frame.of(
             self.scene, self.sensor, self.world, number=number, begin_s=begin_s, sensor_pose=pose or self.pose
         )
+
+    def _intensity_unit(self) -> str:
+        if self.sensor.intensity is not None:
+            return {"range_corrected": "W", "reflectivity": "of 255"}[self.sensor.intensity.kind]
+        return "A" if isinstance(self.sensor.detector, Apd) else "cells"
 
     def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
         from . import __version__
@@ -314,7 +386,7 @@ class Simulator:
             "scene": self.scene.name,
             "sensor": self.sensor.name,
             "seed": str(seed),
-            "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
+            "intensity_unit": self._intensity_unit(),
             "frame": frame,
             "frame_number": str(now.number),
             "frame_start_s": repr(now.start_s),

@@ -392,6 +392,21 @@ def test_points_are_where_the_sensor_places_them():
     np.testing.assert_array_equal(cloud.interactions, 1)
 
 
+def test_a_pane_gives_two_echoes_of_a_pulse():
+    """What it mirrors at 15 m, a ghost, and what is behind it at 50 m, in its place: two returns of each pulse."""
+    described = chain.scene(pane(10.0, -45.0), beside(5.0), chain.facing(range_m=50.0), materials=MATERIALS)
+    sensor = chain.sensor("table1-apd", *chain.NARROW, "tdc.stops=2")
+    cloud = Simulator(described, sensor).render(seed=2)
+    assert len(cloud) == 18
+    for number, name, ghost, range_m in ((1, "beside", 1, 15.0), (2, "plane", 0, 50.0)):
+        own = cloud.select(cloud.return_number == number)
+        assert {own.body_names[body] for body in own.body} == {name}
+        np.testing.assert_array_equal(own.ghost, ghost)
+        np.testing.assert_array_equal(own.interactions, 1)
+        np.testing.assert_allclose(own.true_range_m, range_m, rtol=1e-3)
+        np.testing.assert_allclose(own.xyz_m[:, 0], range_m, atol=0.3)
+
+
 def kernels(simulator, **render):
     import drjit as dr
 

@@ -52,7 +52,7 @@ def assert_same(a: PointCloud, b: PointCloud) -> None:
 
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
-        "x y z range intensity snr detection_probability time channel azimuth elevation return_number status "
+        "x y z range intensity snr detection_probability ambient time channel azimuth elevation return_number status "
         "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions ghost "
         "radial_velocity body class material"
     )

@@ -73,7 +73,7 @@ _RATES_SHORT = (
 )
 
 FATE = ("sensor", "pulses", "met a surface", "kept", "lost: below threshold", "of these without any light",
-        "lost: out of window", "lost: hidden by a false alarm", "points", "false alarms")  # fmt: skip
+        "lost: out of window", "lost: hidden", "points", "false alarms")  # fmt: skip
 
 
 def fate(comparison: Comparison) -> Table:

@@ -8,7 +8,7 @@ from typing import Any
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
+_KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
 
 
 _ALIGNMENT = 64
@@ -57,6 +57,16 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
+def repeated(values: Any, times: int) -> tuple[Any, Any]:
+    """Each of (n,) numbers on ``times`` lanes, lane after lane; and which of its lanes each is."""
+    import drjit as dr
+
+    mi = mitsuba()
+    lane = dr.arange(mi.UInt32, dr.width(values) * times)
+    number = lane // times
+    return dr.gather(type(values), values, number), lane - number * times
+
+
 def from_numpy(values: Any) -> Any:
     """(n,) numbers in single precision, always at the same alignment: Dr.Jit takes numpy's memory as it is, and what
     that is aligned to would become part of the kernel (MITSUBA.md 5.2).
@@ -68,6 +78,13 @@ def from_numpy(values: Any) -> Any:
     aligned = room[start : start + 4 * len(values)].view(np.float32)
     aligned[:] = values
     return mitsuba().Float(aligned)
+
+
+def whole_numbers(values: Any) -> Any:
+    """(n,) signed numbers."""
+    import numpy as np
+
+    return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
 def start(arrays: list[Any]) -> None:

@@ -14,6 +14,7 @@ from ..motion import Placement
 from ..scan.vectors import Vector
 from . import device
 from .backend import mitsuba
+from .speculars import Speculars
 from .world import Mover, World
 
 
@@ -53,6 +54,12 @@ class Moment:
     sun: Vector
     coherent: bool
 
+    @property
+    def speculars(self) -> Speculars:
+        """Of a world that has any."""
+        assert self.world.speculars is not None
+        return self.world.speculars
+
     def meet(self, ray: Any, active: Any = True) -> Meeting:
         """The nearest surface of each active ray of the traced frame."""
         import drjit as dr
@@ -82,11 +89,11 @@ class Moment:
 
     def blocked(self, ray: Any, active: Any) -> Any:
         """Whether these rays of the traced frame meet anything."""
+        import drjit as dr
+
         mi = mitsuba()
         self._apart(ray, active)
         dark = self.world.scene.ray_test(ray, coherent=self.coherent, active=active)
-        import drjit as dr
-
         for mover, place in self.moving:
             carried = _carried(mi, ray, place)
             device.apart(dark)

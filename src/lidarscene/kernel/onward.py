@@ -63,14 +63,14 @@ def kind_of(moment: Moment, met: Meeting) -> Any:
     import drjit as dr
 
     mi = mitsuba()
-    speculars = moment.world.speculars
+    speculars = moment.speculars
     number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
     return dr.gather(mi.UInt32, speculars.kind, number, met.found)
 
 
 def is_pane(moment: Moment, kind: Any) -> Any:
     """Whether light goes through surfaces of this kind."""
-    return (kind > 0) & (kind <= moment.world.speculars.panes)
+    return (kind > 0) & (kind <= moment.speculars.panes)
 
 
 def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: bool) -> Way:
@@ -105,7 +105,7 @@ def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bo
     import drjit as dr
 
     mi = mitsuba()
-    speculars = moment.world.speculars
+    speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
     for number, bsdf in enumerate(speculars.bsdfs[: speculars.panes] if reflected else speculars.bsdfs):

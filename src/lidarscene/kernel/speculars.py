@@ -59,7 +59,7 @@ class Speculars:
 
 
 def _what(mi: Any, bsdf: Any) -> str:
-    """ "pane", "mirror" or nothing: a BSDF that has other lobes too ends the beam, and so does a solid of glass."""
+    """Pane, mirror or nothing: a BSDF that has other lobes too ends the beam, and so does a solid of glass."""
     flags, kinds = bsdf.flags(), mi.BSDFFlags
     if mi.has_flag(flags, kinds.Smooth) or mi.has_flag(flags, kinds.DeltaTransmission):
         return ""

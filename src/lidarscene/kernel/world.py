@@ -242,7 +242,7 @@ def _compiled(
 
 
 def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
-    """A shape's number, its BSDF, what that is, and what it absorbs: names of BSDFs in a Mitsuba file may stand for several."""
+    """A shape's number, its BSDF, what that is (a name in a Mitsuba file may stand for several), what it absorbs."""
     import drjit as dr
 
     mi = mitsuba()
