@@ -1,18 +1,40 @@
 """Make the pictures of the documentation again: `python docs/images/make.py`, from the repository's root."""
 
 import dataclasses
+import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 import lidarscene
+from lidarscene import PointCloud
 from lidarscene.analysis import compare_study
-from lidarscene.plots import frame_picture
+from lidarscene.deskew import deskewed
+from lidarscene.plots import BACKGROUND, INK, frame_picture
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"
 WIDTH, COLOURS = 1200, 256
+
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
+from chromium import Chromium, executable  # noqa: E402
+from served import served  # noqa: E402
+
+# The point of the car's paint that is nearest to this place in the picture.
+CLICK = """(() => {
+    const { frame, renderer, matrix } = viewer, { xyz, material, incidence_angle } = frame.arrays;
+    const paint = frame.fields.find(field => field.name === "material").names.indexOf("car_paint_white");
+    let nearest = [-1, Infinity];
+    for (let i = 0; i < frame.count; i++) {
+        if (material[i] !== paint || incidence_angle[i] > 70) continue;
+        const seen = renderer.project(matrix, ...xyz.subarray(3 * i, 3 * i + 3));
+        const away = Math.hypot(seen[0] - 560, seen[1] - 470);
+        if (away < nearest[1]) nearest = [i, away];
+    }
+    viewer.select(nearest[0]);
+})()"""
 
 
 def main() -> None:
@@ -20,6 +42,8 @@ def main() -> None:
     car()
     glass()
     compare()
+    drive()
+    view()
 
 
 def car() -> None:
@@ -69,6 +93,63 @@ def compare() -> None:
     for number, one in enumerate(charts):
         whole.paste(one, (number * half, top.height))
     store(whole, "compare.png")
+
+
+def drive() -> None:
+    """A frame of the drive scene from above, raw and deskewed, coloured by time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scene = lidarscene.load_scene(SCENES / "drive.toml")
+    simulator = lidarscene.Simulator(scene, lidarscene.load_sensor(scene.sensor_name))
+    raw = simulator.render()
+    figure = Figure(figsize=(12.0, 10.8), dpi=100, facecolor=BACKGROUND, layout="constrained")
+    FigureCanvasAgg(figure)
+    clouds = {"raw": raw, "deskewed": deskewed(raw, simulator.motion)}
+    for axes, (name, cloud) in zip(figure.subplots(2, 1), clouds.items(), strict=True):
+        shown = above(axes, cloud, name)
+    figure.axes[-1].set_xlabel("x [m]", color=INK)
+    bar = figure.colorbar(shown, ax=figure.axes, orientation="horizontal", pad=0.01, aspect=70)
+    bar.set_label("time within the frame [ms]", color=INK)
+    bar.ax.tick_params(colors=INK)
+    bar.outline.set_visible(False)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drive.png"
+        figure.savefig(path, facecolor=BACKGROUND)
+        store(Image.open(path), "drive.png")
+
+
+def above(axes, cloud: PointCloud, name: str):
+    """What stands above the ground, from above."""
+    x, y, z = np.asarray(cloud.xyz_m, dtype=np.float64).T
+    kept = (z > 0.3) & (z < 3.0) & (x > 44.0) & (x < 92.0) & (np.abs(y) < 10.0)
+    shown = axes.scatter(
+        x[kept], y[kept], c=1e3 * cloud.time_s[kept], s=1.2, cmap="turbo", vmin=0.0, vmax=100.0, linewidths=0
+    )  # fmt: skip
+    axes.axvline(50.0, color=INK, linewidth=0.6, linestyle=(0, (4, 4)))
+    axes.set(xlim=(44, 92), ylim=(-10, 10), aspect="equal", facecolor=BACKGROUND)
+    axes.set_ylabel("y [m]", color=INK)
+    axes.set_title(name, color=INK, loc="left", fontsize=11)
+    axes.tick_params(colors=INK)
+    axes.spines[:].set_visible(False)
+    return shown
+
+
+def view() -> None:
+    """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
+    if not executable():
+        return
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served(SCENES / "car.toml") as page,
+        Chromium(Path(folder) / "profile", width=1280, height=860) as browser,
+    ):
+        browser.open(page.url)
+        browser.value("viewer.camera.zoom(0.72), viewer.draw()")
+        browser.value(CLICK)
+        browser.value("new Promise(done => setTimeout(done, 500))")
+        browser.screenshot(Path(folder) / "view.png")
+        store(Image.open(Path(folder) / "view.png"), "view.png")
 
 
 def store(picture: Image.Image, name: str) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
 from .arrays import is_drjit
-from .cloud import CloudBuilder, PointCloud
+from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient, Echoes
 from .errors import InputError
 from .footprint import footprint, spread
-from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
+from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
@@ -208,6 +208,11 @@ class Simulator:
         """The sensor's own in the world: what `deskewed` takes off."""
         return motion_of(self.scene, self.sensor, self.pose)
 
+    def check_frames(self, frames: int, *, begin_s: float = 0.0) -> None:
+        """Raises InputError unless every motion lasts for so many frames, and there are numbers for their pulses."""
+        for number in (0, frames - 1):
+            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
+
     def render(
         self,
         *,
@@ -390,6 +395,7 @@ class Simulator:
             "frame": frame,
             "frame_number": str(now.number),
             "frame_start_s": repr(now.start_s),
+            SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
         }
         if now.moves:
             metadata["ego_motion"] = "in the points"

@@ -137,7 +137,7 @@ def view(request: pytest.FixtureRequest, simulator: Simulator, road: Road) -> Vi
         origin_m=device.opaque(origin),
         rotation=device.opaque(tuple(float(v) for v in place.rotation.ravel())),
     )
-    hits, *_ = trace(simulator.world, rays, sun=device.opaque(sun))
+    hits, *_ = trace(simulator.world, rays, sun=device.opaque(sun), interactions=0)
     direction = np.stack([np.array(axis) for axis in rays.direction], axis=1)
     origin_m = np.array([origin], dtype=np.float32)
     names = ("found", "range_m", "cos_incidence", "cos_sun", "lit", "face")

@@ -24,13 +24,25 @@ TIERS = (
     ("echoes",),
     ("ambient", "intensity", "interference", "air_light", "train"),
     ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo"),
-    ("cloud",),
+    ("formats", "cloud", "labels"),
     ("kernel",),
     ("simulate", "frame", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
     ("analysis",),
-    ("cli", "cli_analysis", "cli_compare", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
+    ("view",),
+    (
+        "cli",
+        "cli_analysis",
+        "cli_compare",
+        "cli_fov",
+        "cli_output",
+        "cli_render",
+        "cli_types",
+        "cli_view",
+        "doctor",
+        "__main__",
+    ),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 

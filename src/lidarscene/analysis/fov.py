@@ -23,6 +23,7 @@ from .paper_page import Page, csv_text, put_text
 from .ranging import Target
 
 if TYPE_CHECKING:
+    from ..geometry import Pose
     from ..scene import Scene
     from .fov_scene import OnBody
 
@@ -104,9 +105,14 @@ def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> 
 
 def write(
     folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
-    as_json: bool = False,
+    vehicle: Pose | None = None, as_json: bool = False,
 ) -> str:  # fmt: skip
-    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError."""
+    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError.
+
+    sensors  names and sensors, each where its mounting says
+    scene    on whose bodies points are counted too
+    vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
+    """
     names = [name for name, _ in sensors]
     on_vehicle = any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
     files = file_names(names, with_ground=on_vehicle, with_scene=scene is not None)
@@ -116,7 +122,7 @@ def write(
         seen(name, slug, sensor, study) for (name, sensor), slug in zip(sensors, slugs(names), strict=True)
     ]
     below = _ground(everything, study) if on_vehicle else None
-    bodies = _bodies(sensors, scene) if scene is not None else None
+    bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
     page = Page("Fields of view")
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
     page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
@@ -157,10 +163,14 @@ def _ground(everything: Sequence[Seen], study: Study) -> Ground:
     )
 
 
-def _bodies(sensors: Sequence[tuple[str, Sensor]], scene: Scene) -> list[tuple[str, list[OnBody]]]:
+def _bodies(
+    sensors: Sequence[tuple[str, Sensor]], scene: Scene, vehicle: Pose | None
+) -> list[tuple[str, list[OnBody]]]:
+    from ..rig import Mounted
     from .fov_scene import points_on_bodies
 
-    return [(name, points_on_bodies(scene, sensor)) for name, sensor in sensors]
+    mounted = [Mounted(label=name, sensor=sensor) for name, sensor in sensors]
+    return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
 def _told(

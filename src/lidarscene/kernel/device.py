@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
@@ -71,8 +73,6 @@ def from_numpy(values: Any) -> Any:
     """(n,) numbers in single precision, always at the same alignment: Dr.Jit takes numpy's memory as it is, and what
     that is aligned to would become part of the kernel (MITSUBA.md 5.2).
     """
-    import numpy as np
-
     room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
     aligned = room[start : start + 4 * len(values)].view(np.float32)
