@@ -13,7 +13,7 @@ from table import Row, Section
 
 from lidarscene import api
 from lidarscene.errors import LidarSceneError
-from lidarscene.kernel.trace import SHADOW_OFFSET_M
+from lidarscene.kernel.onward import START_OFFSET_M
 from lidarscene.scene import Body, Part, Scene
 from lidarscene.simulate import Simulator
 
@@ -121,7 +121,7 @@ def _embreex(simulator: Simulator) -> Callable[[], Any]:
         normal = normals[face]
         normal = normal * -np.sign(np.einsum("ij,ij->i", normal, directions[ray]))[:, None]
         sunny = normal @ sun > 0.0
-        start = place[sunny] + SHADOW_OFFSET_M * normal[sunny]
+        start = place[sunny] + START_OFFSET_M * normal[sunny]
         return place, ray, caster.intersects_any(start, np.broadcast_to(sun, start.shape))
 
     return task

@@ -75,13 +75,12 @@ def _up_to(simulator: Simulator, last: str) -> Callable[[], None]:
         of_ray, ray = device.repeated(pulse, count)
         axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
         rays = spread(axes, shape, ray=ray, rotation=rotation)
-        hits = trace(simulator.world, rays, sun=sun)
-        light = echoes.receive(rays, hits, sensor, ambient)
-        device.start([light.found, light.range_m, light.peak_power_w, light.background_power_w, hits.face])
+        paths = trace(simulator.world, rays, sun=sun)
+        light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
+        for one, hits in zip(light, paths, strict=True):
+            device.start([one.found, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
         if last == "waveform":
-            whole = train.together(
-                [light], rays, sensor, ambient, rays=count, air=None, seed=seed, pulse=pulse
-            )
+            whole = train.together(light, rays, sensor, ambient, rays=count, air=None, seed=seed, pulse=pulse)
             found = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
             stops = [array for stop in found.stops for array in (stop.reported, stop.range_m, stop.intensity)]
             device.start([found.outcome, found.snr, *stops])
