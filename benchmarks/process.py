@@ -16,7 +16,6 @@ from table import Row, Section
 ROOT = Path(__file__).parents[1]
 GOAL_SECONDS = 3.0
 GOAL_GIB = 2.0
-GOAL_WHOLE_GIB = 4.0
 
 STAGES = """
 import sys, time
@@ -91,12 +90,12 @@ def memory(scene: Path, *, step_deg: float) -> Section:
     name = scene.name
     rows = [
         *_large(scene, ".ply", step_deg, f"peak memory of one frame, {name}", GOAL_GIB),
-        *_large(scene, ".pcd", step_deg, f"the same of the whole cloud, {name}", GOAL_WHOLE_GIB),
+        *_large(scene, ".pcd", step_deg, f"the same of the whole cloud, {name}", None),
     ]
     return Section("A large frame", MEMORY, rows)
 
 
-def _large(scene: Path, suffix: str, step_deg: float, title: str, goal: float) -> list[Row]:
+def _large(scene: Path, suffix: str, step_deg: float, title: str, goal: float | None) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"big{suffix}"
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json"]
@@ -107,7 +106,7 @@ def _large(scene: Path, suffix: str, step_deg: float, title: str, goal: float) -
     summary = json.loads(answer)
     parts = ", ".join(f"{name} {value:.1f}" for name, value in summary["seconds"].items())
     frame = f"{summary['beams']:,} beams, {summary['points']:,} points"
-    verdict = f"under {goal:g} GiB: {'met' if peak < goal else 'NOT met'}"
+    verdict = "" if goal is None else f"under {goal:g} GiB: {'met' if peak < goal else 'NOT met'}"
     return [
         Row(title, f"{peak:.2f} GiB", "one run", frame, verdict),
         Row(f"its time from start to end, to {suffix}", f"{seconds:.1f} s", "one run", parts),

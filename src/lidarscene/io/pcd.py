@@ -28,6 +28,7 @@ OURS = "# lidarscene "
 LONGEST_TEXT = 800  # common readers stop at 1024 characters
 _KINDS = {"f": "F", "i": "I", "u": "U"}
 _TEXT = {"float32": "%.9g", "float64": "%.17g"}
+BLOCK_POINTS = 1 << 16
 LONGEST_RUN = 32
 """Bytes that one control byte of LZF can announce as they are."""
 
@@ -46,7 +47,8 @@ def write_pcd(
         elif ascii:
             file.writelines(_lines(columns))
         else:
-            cloud.to_structured().tofile(file)
+            for first in range(0, len(cloud), BLOCK_POINTS):
+                cloud.select(slice(first, first + BLOCK_POINTS)).to_structured().tofile(file)
 
 
 def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
