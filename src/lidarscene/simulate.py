@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +13,7 @@ import numpy as np
 
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
-from .arrays import is_drjit
+from .arrays import is_drjit, xp
 from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
 from .echoes import Ambient, Echoes
@@ -87,10 +89,10 @@ class Summary:
 class _Chunk:
     """Some pulses after all stages, on the device."""
 
-    first: int
     pulse: Any
     paths: Sequence[Hits]
     detection: Detection
+    goes_on: Any = None
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
@@ -102,6 +104,8 @@ class _Chunk:
             detection.outcome,
             detection.ambient,
         ]
+        if self.goes_on is not None:
+            needed.append(self.goes_on)
         for hits in self.paths:
             needed += _needed(hits)
         for stop in detection.stops:
@@ -109,6 +113,44 @@ class _Chunk:
             own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
+
+
+def _chunk(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> _Chunk:
+    """A chunk; what goes on is left out of it."""
+    if goes_on is None:
+        return _Chunk(pulse, paths, detection)
+    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
+    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
+    return _Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
+
+
+def _in_order(
+    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
+) -> tuple[Matrix, dict[str, Any] | None]:
+    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
+    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
+    if len(filled) < 2:
+        return filled[0] if filled else parts[0]
+    pulse = np.concatenate([one for one, _ in filled])
+    order = np.argsort(pulse, kind="stable")
+    together = {}
+    for name in filled[0][1] or {}:
+        arrays = [(columns or {})[name] for _, columns in filled]
+        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
+        if len(values) == 1:  # constant columns stay so
+            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
+        else:
+            together[name] = np.concatenate(arrays)[order]
+    return pulse[order], together
+
+
+def _all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
+    """Columns of several collections as one, by pulse."""
+    filled = [one for one in parts if one]
+    if not filled:
+        return {}
+    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
+    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
 
 
 def _plain(sensor: Sensor) -> bool:
@@ -289,53 +331,80 @@ class Simulator:
 
         def started(first: int) -> _Chunk:
             since = time.perf_counter()
-            part = self._chain(now, first, min(chunk, end - first), seed_word)
+            count = min(chunk, end - first)
+            numbers = functools.partial(np.arange, first, first + count, dtype=np.uint32)
+            part = self._chain(now, device.counter(first, count), numbers, seed_word, survey=True)
             device.start(part.arrays())
             summary.spent("record", since)
             return part
 
-        part = started(begin)
+        part, first = started(begin), begin
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             device.wait()
+            parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
-            pulse, columns = self._columns(now, part, placing)
-            outcome = part.detection.outcome.numpy()
+            collected = [self._columns(now, one, placing) for one in parts]
+            pulse, columns = _in_order(collected)
+            outcome = np.array(part.detection.outcome.numpy())
+            for one in parts[1:]:
+                outcome[one.pulse.numpy() - first] = one.detection.outcome.numpy()
             if observer is not None:
-                observer(pulse, self._surfaces(part))
+                observer(pulse, _all_of([self._surfaces(one) for one in parts]))
             summary.spent("collect", since)
-            done = part.first
+            done = first
             if following is not None:
-                part = started(following)
+                part, first = started(following), following
             yield done, columns, outcome
 
-    def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
-        """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
-        pulse = device.counter(first, count)
+    def _gone_on(self, now: Frame, part: _Chunk, seed: Any) -> list[_Chunk]:
+        """The pulses of a chunk that meet panes or mirrors, once more and in full."""
+        lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
+        if lanes is None:
+            return []
+        pulse = collect.gathered(part.pulse, lanes)
+        whole = self._chain(now, pulse, pulse.numpy, seed)
+        device.start(whole.arrays())
+        device.wait()
+        return [whole]
+
+    def _chain(
+        self, now: Frame, pulse: Any, numbers: Callable[[], Matrix], seed: Any, *, survey: bool = False
+    ) -> _Chunk:
+        """Beams, hits, echoes, returns of some pulses, on the device.
+
+        numbers  gives the pulse numbers as numpy, if they are needed
+        survey   leave out the pulses that meet panes or mirrors, and say which these are
+        """
         of_ray, ray = (pulse, None) if self.rays == 1 else device.repeated(pulse, self.rays)
-        place, movers = now.placements(first, count, rays=self.rays)
+        place, movers = now.placements(numbers, rays=self.rays)
+        survey = survey and self.interactions > 0
         sensor, ambient = self._device_sensor, self._device_ambient
         axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
         rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
         paths = trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions,
+            interactions=self.interactions, survey=survey,
         )  # fmt: skip
+        goes_on = paths[0].goes_on if is_drjit(paths[0].goes_on) else None
         light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
         if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
-            return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
+            return _chunk(pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse), goes_on)
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         device.start(
             [
                 *(array for one in light for array in _of_light(one)),
                 *(one for hits in paths for one in _needed(hits)),
+                *([] if goes_on is None else [goes_on]),
             ]
         )
+        if goes_on is not None:
+            goes_on = collect.any_of_pulse(goes_on, self.rays)
         whole = train.together(
             light, rays, sensor, ambient, rays=self.rays, air=self._air, seed=seed, pulse=pulse
         )
-        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
+        return _chunk(pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
