@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +15,7 @@ from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
 from .filter_file import FilterFile
 from .published_file import PublishedFile
-from .scanner_file import AnyScannerFile
+from .scanner_file import AnyScannerFile, TableFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
 
@@ -271,3 +271,13 @@ def sensor_from_tables(
         return file.build(folder or Path())
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
+    """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
+    file = validated(SensorFile, with_overrides(read_toml(path), overrides), str(path), overrides=overrides)
+    yield path
+    if isinstance(file.scanner, TableFile):
+        yield path.parent / file.scanner.file
+    if file.optics.filter is not None and file.optics.filter.csv is not None:
+        yield path.parent / file.optics.filter.csv
