@@ -63,18 +63,17 @@ def profile_as_text(summary: Summary, history: KernelHistory) -> str:
     for stage, seconds in summary.seconds.items():
         lines.append(f"  {stage:<12}{seconds:>12.3f} s {seconds / total:>6.1%}")
     peak = peak_memory_bytes()
-    kernels = (
-        f"{history.launched} launched, {history.compiled} compiled, {history.from_disk} from the disk cache"
+    counts = (
+        f"{history.launched} launched, {history.compiled} compiled, {history.from_disk} from the disk cache; "
+        f"{history.helpers} helpers"
     )
-    return "\n".join(
-        [
-            *lines,
-            f"  kernels     {kernels}; {history.helpers} helpers",
-            f"  their time  {history.device_s:.3f} s on the device, {history.codegen_s:.3f} s to write, "
-            f"{history.compile_s:.3f} s to compile",
-            f"  peak memory {'unknown' if peak is None else f'{peak / 2**20:,.0f} MiB'}",
-        ]
+    times = (
+        f"{history.device_s:.3f} s on the device, {history.codegen_s:.3f} s to write, "
+        f"{history.compile_s:.3f} s to compile"
     )
+    memory = "unknown" if peak is None else f"{peak / 2**20:,.0f} MiB"
+    lines += [f"  kernels     {counts}", f"  their time  {times}", f"  peak memory {memory}"]
+    return "\n".join(lines)
 
 
 def as_text(summary: Summary, written: Sequence[str]) -> str:
