@@ -103,7 +103,7 @@ class _Given:
         self._client = client
         self._how = (str(store.folder), threads)
         self._run = uuid.uuid4().hex[:8]  # Dask would give a name that it still knows the answer of the last run
-        self._waiting = as_completed(with_results=True, raise_errors=False)
+        self._waiting = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         self._counted_s, self._threads = -math.inf, 0
 
     def submit(self, task: FrameTask) -> None:
