@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -179,3 +179,27 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
     told = run._cause(KilledWorker("render-x", None, 3))
     assert "died" in told
     assert run._cause(RuntimeError("a\nb")) == "RuntimeError: a b"
+
+
+def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+    """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone."""
+    if len(tasks) > 1 or tasks[0].seed == 7:
+        raise RuntimeError("broken")
+    return [""], 1e-3
+
+
+def test_a_bundle_that_fails_is_taken_apart(
+    client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: frames are given out several at a time, and one that kills its worker must not take others along."""
+    given, submit = [], run._Given.submit
+
+    def counted(self: Any, bundle: list[FrameTask]) -> None:
+        given.append(len(bundle))
+        submit(self, bundle)
+
+    monkeypatch.setattr(run, "render_frames", fails_in_company)
+    monkeypatch.setattr(run._Given, "submit", counted)
+    progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
+    assert max(given) > 1
+    assert (progress.rendered, list(progress.failed.values())) == (38, ["RuntimeError: broken"] * 2)

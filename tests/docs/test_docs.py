@@ -21,6 +21,7 @@ from pydantic_core import PydanticUndefined
 import lidarscene
 from lidarscene import cli, load_scene, load_sensor
 from lidarscene.cloud import COLUMNS
+from lidarscene.io.job_file import JobFile
 from lidarscene.io.material_file import MaterialFile
 from lidarscene.io.scene_file import SceneFile
 from lidarscene.io.sensor_file import SensorFile
@@ -305,7 +306,7 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return found
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile)
+MODELS = models(SceneFile, SensorFile, MaterialFile, JobFile)
 
 
 def default_of(info: Any) -> str:

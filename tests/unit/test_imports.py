@@ -28,8 +28,8 @@ TIERS = (
     ("simulate", "frame", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov"),
     ("api", "report"),
-    ("analysis",),
-    ("cli", "cli_analysis", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
+    ("analysis", "batch"),
+    ("cli", "cli_analysis", "cli_batch", "cli_fov", "cli_render", "cli_types", "doctor", "__main__"),
 )
 RANK = {name: rank for rank, names in enumerate(TIERS) for name in names}
 
@@ -41,9 +41,10 @@ MAY_IMPORT = {
     "open3d": ("io",),
     "pandas": ("io",),
     "pvlib": ("io",),
+    "distributed": ("batch",),
 }
 
-HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh")
+HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh", "distributed", "pyarrow")
 
 
 def imported(code: str, *, file: Path, modules: set[str]) -> Iterator[str]:

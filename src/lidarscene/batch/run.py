@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +15,16 @@ from typing import Any
 from .manifest import write_manifest
 from .store import Store
 from .tasks import FrameTask, Job
-from .work import render_frame
+from .work import render_frames
 
-GIVEN_OUT_TO_EACH = 16
-"""Frames that the scheduler knows for each thread: enough to keep workers busy, and never millions."""
+BUNDLE_S = 1.0
+"""How long a worker should be busy with what it is given at once: Dask needs some 7 ms for each time."""
+
+MOST_IN_BUNDLE = 100
+"""Frames."""
+
+BUNDLES_FOR_EACH = 4
+"""That the scheduler knows for each thread: enough to keep workers busy, and never millions."""
 
 COUNT_EVERY_S = 5.0
 """How often the cluster's threads are counted."""
@@ -69,60 +75,81 @@ def run_job(
     return progress
 
 
-def _render(missing: Iterable[FrameTask], given: _Given, progress: Progress, told: Told) -> None:
+def _render(missing: Iterator[FrameTask], given: _Given, progress: Progress, told: Told) -> None:
     """Give all of these out, never too many at once, and wait for them."""
 
     def take() -> None:
-        task, cause = given.next()
-        if cause:
-            progress.failed[task.key] = cause
-        else:
-            progress.rendered += 1
-        told(progress, task if cause else None, cause)
+        for task, cause in given.next():
+            if cause:
+                progress.failed[task.key] = cause
+            else:
+                progress.rendered += 1
+            told(progress, task if cause else None, cause)
 
-    given_out: set[str] = set()
-    for task in missing:
-        if task.key in given_out:  # twice in the job
-            progress.reused += 1
-            continue
-        given_out.add(task.key)
-        given.submit(task)
+    seen: set[str] = set()
+    left = progress.frames - progress.reused
+    while bundle := list(itertools.islice(missing, given.share(left))):
+        left -= len(bundle)
+        new = list({task.key: task for task in bundle if task.key not in seen}.values())
+        progress.reused += len(bundle) - len(new)  # twice in the job
+        seen.update(task.key for task in new)
+        if new:
+            given.submit(new)
         while given.is_enough():
             take()
-    while given.tasks:
+    while given.bundles:
         take()
 
 
 class _Given:
-    """Frames that the cluster has and has not brought back, by the names that Dask knows them by."""
+    """Bundles of frames that the cluster has and has not brought back, by the names that Dask knows them by."""
 
     def __init__(self, client: Any, store: Store, threads: int | None) -> None:
         from distributed import as_completed
 
-        self.tasks: dict[str, FrameTask] = {}
+        self.bundles: dict[str, list[FrameTask]] = {}
         self._client = client
         self._how = (str(store.folder), threads)
-        self._run = uuid.uuid4().hex[:8]  # Dask would give a name that it still knows the answer of the last run
+        self._names = (f"render-{uuid.uuid4().hex}-{number}" for number in itertools.count())
         self._waiting = as_completed(loop=client.loop, with_results=True, raise_errors=False)
-        self._counted_s, self._threads = -math.inf, 0
+        self._counted_s, self._threads = -math.inf, 1
+        self._frame_s = BUNDLE_S
 
-    def submit(self, task: FrameTask) -> None:
-        """Give a frame out."""
-        name = f"render-{task.key}-{self._run}"
-        self._waiting.add(self._client.submit(render_frame, task, *self._how, key=name, pure=False))
-        self.tasks[name] = task
+    def share(self, left: int) -> int:
+        """How many frames the next bundle should have if so many are left."""
+        by_time = int(BUNDLE_S / max(self._frame_s, 1e-3))
+        return max(1, min(by_time, MOST_IN_BUNDLE, left // (2 * self._count())))
+
+    def submit(self, bundle: list[FrameTask]) -> None:
+        """Give some frames out, to be rendered one after the other."""
+        name = next(self._names)  # a new one in each run: Dask would answer an old one from its memory
+        self._waiting.add(self._client.submit(render_frames, bundle, *self._how, key=name, pure=False))
+        self.bundles[name] = bundle
 
     def is_enough(self) -> bool:
-        """Whether the cluster, which may grow and shrink, has all that it should have at once."""
+        """Whether the cluster has all that it should have at once."""
+        return len(self.bundles) >= BUNDLES_FOR_EACH * self._count()
+
+    def next(self) -> list[tuple[FrameTask, str]]:
+        """Wait for a bundle; its frames, with what went wrong, if something did."""
+        future, result = next(self._waiting)
+        bundle = self.bundles.pop(future.key)
+        if future.status == "finished":
+            causes, seconds = result
+            self._frame_s = seconds / len(bundle)
+            return list(zip(bundle, causes, strict=True))
+        if len(bundle) == 1:
+            return [(bundle[0], _cause(result[1]))]
+        for task in bundle:  # alone, to know which of them it is; those that are done cost nothing
+            self.submit([task])
+        return []
+
+    def _count(self) -> int:
+        """Threads of the cluster, which may grow and shrink."""
         now = time.monotonic()
         if now - self._counted_s > COUNT_EVERY_S:
-            self._counted_s, self._threads = now, sum(self._client.nthreads().values())
-        return len(self.tasks) >= GIVEN_OUT_TO_EACH * max(1, self._threads)
-
-    def next(self) -> tuple[FrameTask, str]:
-        """Wait for one; with what went wrong, if something did."""
-        future, result = next(self._waiting)
-        return self.tasks.pop(future.key), result if isinstance(result, str) else _cause(result[1])
+            self._counted_s, self._threads = now, max(1, sum(self._client.nthreads().values()))
+        return self._threads
 
 
 def _cause(error: Any) -> str:

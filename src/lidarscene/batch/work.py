@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import signal
+import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -26,12 +27,16 @@ KEPT = 4
 """Worlds, scenes and sensors of each process: few, since each shape that is alive costs time in every trace."""
 
 
-def render_frame(task: FrameTask, folder: str, threads: int | None) -> str:
-    """Render a frame into the job's folder unless it is there; returns "", or what went wrong in one line.
+def render_frames(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+    """Render frames into the job's folder unless they are there.
 
     threads  of Dr.Jit; as many as the Dask worker has if None
+    Returns "" for each, or what went wrong in one line; and the seconds that it took.
     """
-    return _thread().submit(_told, task, Store(Path(folder)), threads or _threads_of_worker()).result()
+    since = time.monotonic()
+    store, used = Store(Path(folder)), threads or _threads_of_worker()
+    causes = [_thread().submit(_told, task, store, used).result() for task in tasks]
+    return causes, time.monotonic() - since
 
 
 def dask_setup(_: Any) -> None:
