@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import car_scene
+import drive_scene
 import fog_scene
 import garage_scene
 import make_range_scene
@@ -14,6 +15,7 @@ SCENES = {
     "car": car_scene.text,
     "range": make_range_scene.text,
     "street": street_scene.text,
+    "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
 }

@@ -47,6 +47,8 @@ def value(item):
     """One TOML value; numbers to 1e-12, which any machine's cosines give alike."""
     if isinstance(item, str):
         return f'"{item}"'
+    if isinstance(item, bool):
+        return str(item).lower()
     if isinstance(item, dict):
         return "{ " + ", ".join(f"{key} = {value(entry)}" for key, entry in item.items()) + " }"
     if isinstance(item, list | tuple):
@@ -55,11 +57,11 @@ def value(item):
 
 
 def table(title, /, **entries):
-    """A TOML table; instances stand one to a line."""
+    """A TOML table; instances and poses stand one to a line."""
     lines = [title]
     for key, entry in entries.items():
-        if key == "instances":
-            lines += ["instances = [", *(f"    {value(one)}," for one in entry), "]"]
+        if key in ("instances", "poses"):
+            lines += [f"{key} = [", *(f"    {value(one)}," for one in entry), "]"]
         else:
             lines.append(f"{key} = {value(entry)}")
     return "\n".join(lines) + "\n"
@@ -73,14 +75,21 @@ def place(x, y, z=0.0, yaw_deg=0.0):
 
 def objects(name, mesh, instances, **paint):
     """A body of one of our meshes, placed once per instance; `paint` gives or changes a part's material."""
-    return table(
-        "[[bodies]]",
-        name=name,
-        mesh=f"{MESHES}/{mesh}.glb",
-        **{"class": CLASSES.get(mesh, mesh)},
-        materials=paint | {part: name for part, name in PARTS[mesh].items() if part not in paint},
-        instances=instances,
-    )
+    return table("[[bodies]]", name=name, **_shape(mesh, paint), instances=instances)
+
+
+def mover(name, mesh, where, motion, **paint):
+    """A body of one of our meshes that moves from `where`, or there in the frame that the poses are of."""
+    body = table("[[bodies]]", name=name, **_shape(mesh, paint), **where)
+    return "\n".join([body, table("[bodies.motion]", **motion)])
+
+
+def _shape(mesh, paint):
+    return {
+        "mesh": f"{MESHES}/{mesh}.glb",
+        "class": CLASSES.get(mesh, mesh),
+        "materials": paint | {part: name for part, name in PARTS[mesh].items() if part not in paint},
+    }
 
 
 def primitive(name, shape, kind, material, *, position_m=None, instances=None, **size):
@@ -91,9 +100,17 @@ def primitive(name, shape, kind, material, *, position_m=None, instances=None, *
     )
 
 
-def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None):
+def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ego=None):
     """What stands above the bodies: the tables of numbers."""
     first = f"# Made by assets/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
-    parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "sensor": sensor, "picture": picture}
+    parts = {
+        "sun": sun,
+        "sky": sky,
+        "air": air,
+        "weather": weather,
+        "ego": ego,
+        "sensor": sensor,
+        "picture": picture,
+    }
     return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts.items() if entries)])

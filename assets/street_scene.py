@@ -11,6 +11,12 @@ PAINTED = {
     "black": [(27.3, 1), (39.5, -1), (64.8, -1), (92.0, 1)],
     "red": [(15.4, 1), (52.0, 1), (87.0, -1)],
 }
+DRIVING = {"grey": [(24.0, -1.6, 0)], "red": [(43.0, 1.7, 180)]}
+LIGHT = {
+    "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
+    "sky": {"diffuse_share": 0.15},
+    "air": {"visibility_km": 15.0, "model": "kruse"},
+}
 
 
 def text():
@@ -19,13 +25,16 @@ def text():
         "street",
         "a street canyon: houses, parked cars, trees, lamp posts, signs, pedestrians",
         made_by="make_scenes.py",
-        sun={"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
-        sky={"diffuse_share": 0.15},
-        air={"visibility_km": 15.0, "model": "kruse"},
+        **LIGHT,
         sensor={"name": "table1-apd", "position_m": [0.0, -1.6, 1.9]},
         picture={"eye_m": [-6.0, -1.6, 4.5], "target_m": [12.0, -1.6, 1.8], "fov_deg": 75.0},
     )
-    return "\n".join([head, *_ground(), *_markings(), *_houses(), *_cars(), *_furniture()])
+    return "\n".join([head, *bodies(DRIVING)])
+
+
+def bodies(driving):
+    """All of the street, with these cars on the road: (x, y, yaw) by colour."""
+    return [*_ground(), *_markings(), *_houses(), *_cars(driving), *_furniture()]
 
 
 def _both(xs, y, z=0.0, *, yaw_deg):
@@ -68,14 +77,13 @@ def _houses():
     return [objects("houses", "house", homes)]
 
 
-def _cars():
-    bodies = []
+def _cars(driving):
+    cars = []
     for colour, places in PAINTED.items():
-        parked = [place(x, s * 4.35, 0, 180 if s > 0 else 0) for x, s in places]
-        parked += [place(24.0, -1.6)] if colour == "grey" else []
-        parked += [place(43.0, 1.7, 0, 180)] if colour == "red" else []
-        bodies.append(objects(f"cars_{colour}", "car", parked, paint=f"car_paint_{colour}"))
-    return bodies
+        there = [place(x, s * 4.35, 0, 180 if s > 0 else 0) for x, s in places]
+        there += [place(x, y, 0, yaw) for x, y, yaw in driving.get(colour, [])]
+        cars.append(objects(f"cars_{colour}", "car", there, paint=f"car_paint_{colour}"))
+    return cars
 
 
 def _furniture():

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import chain
 import machine
+import motion
 import process
 import table
 
@@ -29,12 +30,14 @@ def main() -> int:
         if arguments.quick:
             sections = [
                 *chain.measure(scenes / "car.toml", step_deg=0.5, rounds=3),
+                motion.measure(scenes / "car.toml", step_deg=0.5, rounds=3),
                 process.start(scenes / "car.toml", rounds=1, warm_up=False),
                 process.memory(scenes / "car.toml", step_deg=0.5),
             ]
         else:
             sections = [
                 *chain.measure(scenes / "street.toml", step_deg=0.0548, rounds=9),
+                motion.measure(scenes / "street.toml", step_deg=0.0548, rounds=9),
                 process.start(scenes / "car.toml", rounds=5),
                 process.memory(scenes / "street.toml", step_deg=0.00774),
             ]

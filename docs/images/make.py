@@ -1,33 +1,150 @@
 """Make the pictures of the documentation again: `python docs/images/make.py`, from the repository's root."""
 
 import dataclasses
+import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 import lidarscene
-from lidarscene.plots import frame_picture
+from lidarscene import PointCloud
+from lidarscene.analysis import compare_study
+from lidarscene.deskew import deskewed
+from lidarscene.plots import BACKGROUND, INK, frame_picture
 
 HERE = Path(__file__).parent
+SCENES = HERE.parents[1] / "scenes"
 WIDTH, COLOURS = 1200, 256
+
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
+from chromium import Chromium, executable  # noqa: E402
+from served import served  # noqa: E402
+
+# The point of the car's paint that is nearest to this place in the picture.
+CLICK = """(() => {
+    const { frame, renderer, matrix } = viewer, { xyz, material, incidence_angle } = frame.arrays;
+    const paint = frame.fields.find(field => field.name === "material").names.indexOf("car_paint_white");
+    let nearest = [-1, Infinity];
+    for (let i = 0; i < frame.count; i++) {
+        if (material[i] !== paint || incidence_angle[i] > 70) continue;
+        const seen = renderer.project(matrix, ...xyz.subarray(3 * i, 3 * i + 3));
+        const away = Math.hypot(seen[0] - 560, seen[1] - 470);
+        if (away < nearest[1]) nearest = [i, away];
+    }
+    viewer.select(nearest[0]);
+})()"""
 
 
 def main() -> None:
-    """Render the car scene and store its picture small enough for a repository."""
-    scene = lidarscene.load_scene(HERE.parents[1] / "scenes" / "car.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]  # as `make car`
+    """Every picture, small enough for a repository."""
+    car()
+    compare()
+    drive()
+    view()
+
+
+def car() -> None:
+    """The car scene, as `make car` renders it."""
+    scene = lidarscene.load_scene(SCENES / "car.toml")
+    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
     cloud = lidarscene.render(scene, overrides=finer)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "car.png"
         frame_picture(cloud, path, **view)
-        picture = Image.open(path).convert("RGB")
+        store(Image.open(path), "car.png")
+
+
+def compare() -> None:
+    """Of the comparison in docs/compare.md: the difference cloud, below it rate over range and over illuminance."""
+    scene = lidarscene.load_scene(SCENES / "street.toml")
+    sensors = [
+        (name, lidarscene.load_sensor(name, overrides=["laser.peak_power_w=1"]))
+        for name in ("table1-apd", "table1-sipm")
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        compare_study.of_sensors(scene, sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
+        top, left, right = (
+            Image.open(Path(folder) / f"{name}.png").convert("RGB")
+            for name in ("difference-table1-sipm", "rate-range", "illuminance")
+        )
+    half = WIDTH // 2
+    charts = [
+        one.resize((half, round(half * one.height / one.width)), Image.Resampling.LANCZOS)
+        for one in (left, right)
+    ]
+    whole = Image.new("RGB", (WIDTH, top.height + max(one.height for one in charts)), "white")
+    whole.paste(top, (0, 0))
+    for number, one in enumerate(charts):
+        whole.paste(one, (number * half, top.height))
+    store(whole, "compare.png")
+
+
+def drive() -> None:
+    """A frame of the drive scene from above, raw and deskewed, coloured by time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scene = lidarscene.load_scene(SCENES / "drive.toml")
+    simulator = lidarscene.Simulator(scene, lidarscene.load_sensor(scene.sensor_name))
+    raw = simulator.render()
+    figure = Figure(figsize=(12.0, 10.8), dpi=100, facecolor=BACKGROUND, layout="constrained")
+    FigureCanvasAgg(figure)
+    clouds = {"raw": raw, "deskewed": deskewed(raw, simulator.motion)}
+    for axes, (name, cloud) in zip(figure.subplots(2, 1), clouds.items(), strict=True):
+        shown = above(axes, cloud, name)
+    figure.axes[-1].set_xlabel("x [m]", color=INK)
+    bar = figure.colorbar(shown, ax=figure.axes, orientation="horizontal", pad=0.01, aspect=70)
+    bar.set_label("time within the frame [ms]", color=INK)
+    bar.ax.tick_params(colors=INK)
+    bar.outline.set_visible(False)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drive.png"
+        figure.savefig(path, facecolor=BACKGROUND)
+        store(Image.open(path), "drive.png")
+
+
+def above(axes, cloud: PointCloud, name: str):
+    """What stands above the ground, from above."""
+    x, y, z = np.asarray(cloud.xyz_m, dtype=np.float64).T
+    kept = (z > 0.3) & (z < 3.0) & (x > 44.0) & (x < 92.0) & (np.abs(y) < 10.0)
+    shown = axes.scatter(
+        x[kept], y[kept], c=1e3 * cloud.time_s[kept], s=1.2, cmap="turbo", vmin=0.0, vmax=100.0, linewidths=0
+    )  # fmt: skip
+    axes.axvline(50.0, color=INK, linewidth=0.6, linestyle=(0, (4, 4)))
+    axes.set(xlim=(44, 92), ylim=(-10, 10), aspect="equal", facecolor=BACKGROUND)
+    axes.set_ylabel("y [m]", color=INK)
+    axes.set_title(name, color=INK, loc="left", fontsize=11)
+    axes.tick_params(colors=INK)
+    axes.spines[:].set_visible(False)
+    return shown
+
+
+def view() -> None:
+    """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
+    if not executable():
+        return
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served(SCENES / "car.toml") as page,
+        Chromium(Path(folder) / "profile", width=1280, height=860) as browser,
+    ):
+        browser.open(page.url)
+        browser.value("viewer.camera.zoom(0.72), viewer.draw()")
+        browser.value(CLICK)
+        browser.value("new Promise(done => setTimeout(done, 500))")
+        browser.screenshot(Path(folder) / "view.png")
+        store(Image.open(Path(folder) / "view.png"), "view.png")
+
+
+def store(picture: Image.Image, name: str) -> None:
+    """Beside this file, with fewer pixels and colours."""
     size = (WIDTH, round(WIDTH * picture.height / picture.width))
-    small = picture.resize(size, Image.Resampling.LANCZOS).quantize(
-        COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-    )
-    small.save(HERE / "car.png", optimize=True)
+    small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    reduced = small.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    reduced.save(HERE / name, optimize=True)
 
 
 if __name__ == "__main__":

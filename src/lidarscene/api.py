@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from . import catalog
 from .cloud import PointCloud
 from .geometry import Pose
+from .io.foreign_scene import mitsuba_scene, trimesh_scene
 from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .materials import Material
 from .rig import Rig
 from .scene import Scene
 from .sensor import Sensor
@@ -28,6 +31,32 @@ def load_scene(scene: str | os.PathLike[str] | Scene, *, overrides: Sequence[str
     return read_scene(Path(scene), catalogue=catalog.material, overrides=overrides)
 
 
+def scene_from_trimesh(
+    mesh: Any,
+    *,
+    material: str | Material | None,
+    materials: Mapping[str, str | Material],
+    classes: Mapping[str, str],
+    settings: Mapping[str, Any],
+) -> Scene:
+    """See `Scene.from_trimesh`."""
+    return trimesh_scene(
+        mesh,
+        material=material,
+        materials=materials,
+        classes=classes,
+        settings=settings,
+        catalogue=catalog.material,
+    )
+
+
+def scene_from_mitsuba(
+    path: str | os.PathLike[str], *, materials: Mapping[str, str | Material], settings: Mapping[str, Any]
+) -> Scene:
+    """See `Scene.from_mitsuba`."""
+    return mitsuba_scene(Path(path), materials=materials, settings=settings, catalogue=catalog.material)
+
+
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:
     """A sensor by catalogue name or from a TOML file; a `Sensor` stays.
 
@@ -40,7 +69,10 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[
 
 
 def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
-    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor. Raises InputError."""
+    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor, or as LABEL:KEY=VALUE to one.
+
+    Raises InputError.
+    """
     if isinstance(rig, Rig):
         return rig
     return read_rig(
@@ -58,6 +90,7 @@ def render_frames(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -66,7 +99,8 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays)
+    simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
 
@@ -79,6 +113,7 @@ def render(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -86,12 +121,13 @@ def render(
     scene      scene file, Mitsuba XML or `Scene`
     sensor     catalogue name, sensor file or `Sensor`; the scene's own if None
     seed       32 bits; the same seed gives the same cloud
-    pose       where the sensor stands in the world; the scene's own if None
-    frame      "world" or "sensor": frame of the points
-    chunk      pulses traced at a time; bounds the memory, changes nothing else
+    pose       where the sensor stands, in the world or on the scene's ego vehicle; the scene's own if None
+    frame      "world", "vehicle" or "sensor": frame of the points
+    chunk      rays traced at a time; bounds the memory, changes nothing else
+    rays       of each pulse, over the footprint of its beam; a single one is its axis
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose).render(seed=seed, frame=frame, chunk=chunk)
+    return Simulator(described, equipped, pose=pose, rays=rays).render(seed=seed, frame=frame, chunk=chunk)

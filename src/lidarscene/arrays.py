@@ -7,6 +7,7 @@ Python floats go with either.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
@@ -15,6 +16,9 @@ import numpy as np
 
 Array: TypeAlias = Any
 """A Python float, a numpy array or a Dr.Jit array; all operators work on each."""
+
+State: TypeAlias = tuple[Any, ...]
+"""What a loop carries from step to step: arrays of one length."""
 
 
 class NumpyOps:
@@ -53,6 +57,34 @@ class NumpyOps:
     def take(table: Table, index: Array) -> Array:
         """Entries of a table's flat values."""
         return table.values.ravel()[index]
+
+    @staticmethod
+    def full(like: Array, value: Any) -> Array:
+        """As many times this number as ``like`` is long."""
+        return np.full(np.shape(like), value)
+
+    @staticmethod
+    def width(values: Array) -> int:
+        """How many numbers these are."""
+        return int(np.size(values))
+
+    @staticmethod
+    def index(like: Array) -> Array:
+        """Number of each lane."""
+        return np.arange(len(like), dtype=np.int32)
+
+    @staticmethod
+    def column(lanes: Array, number: int, columns: int) -> Array:
+        """Entry ``number`` of each group of ``columns`` lanes."""
+        return np.asarray(lanes)[number::columns]
+
+    @staticmethod
+    def loop(state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
+        """Step every lane of the state (a tuple of arrays) for as long as it is going."""
+        while np.any(lanes := going(*state)):
+            changed = step(*state)
+            state = tuple(np.where(lanes, new, old) for new, old in zip(changed, state, strict=True))
+        return state
 
 
 class DrjitOps:
@@ -98,6 +130,32 @@ class DrjitOps:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
         return self._dr.gather(kind, uploaded[kind], self.uint32(index))
 
+    def full(self, like: Array, value: Any) -> Array:
+        """As many times this number as ``like`` is long."""
+        kinds = {bool: self._dr.mask_t, int: self._dr.int32_array_t, float: self._dr.float32_array_t}
+        return self._dr.full(kinds[type(value)](type(like)), value, self._dr.width(like))
+
+    def width(self, values: Array) -> int:
+        """How many numbers these are."""
+        return int(self._dr.width(values))
+
+    def index(self, like: Array) -> Array:
+        """Number of each lane."""
+        return self._dr.arange(self._dr.int32_array_t(type(like)), self._dr.width(like))
+
+    def column(self, lanes: Array, number: int, columns: int) -> Array:
+        """Entry ``number`` of each group of ``columns`` lanes."""
+        if columns == 1:
+            return lanes
+        count = self._dr.width(lanes) // columns
+        index = self._dr.arange(self._dr.uint32_array_t(type(lanes)), count) * columns + number
+        return self._dr.gather(type(lanes), lanes, index)
+
+    def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
+        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel."""
+        done: State = self._dr.while_loop(state, going, step, mode="symbolic")
+        return done
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -119,6 +177,11 @@ class Table:
                 for step in (0, 1)
             ]
         return sum(weight * ops.take(self, index) for index, weight in corners)
+
+    def at_row(self, row: Array) -> tuple[Array, ...]:
+        """All entries of a row of a table with two axes."""
+        ops, columns = xp(row), self.values.shape[1]
+        return tuple(ops.take(self, row * columns + column) for column in range(columns))
 
 
 NUMPY = NumpyOps()

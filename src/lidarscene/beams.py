@@ -22,12 +22,14 @@ class Beams:
     origin_m     (x, y, z), each a scalar or (n,)
     direction    (x, y, z), each (n,), unit length
     aperture_m2  effective receiving aperture A(theta_r) of (4), a scalar or (n,)
+    background_aperture_m2  that goes with the detector's own field of view in (8), or None: the same
     """
 
     pulse: Array
     origin_m: Vector
     direction: Vector
     aperture_m2: Array
+    background_aperture_m2: Array | None = None
 
 
 def fire(
@@ -75,6 +77,7 @@ def _placed(
         origin_m=origin_m,
         direction=_turned(rotation, direction),
         aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.aperture_share(pulse),
+        background_aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.background_share(pulse),
     )
 
 

@@ -64,7 +64,7 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
         if picture.missing and blank[np.isfinite(blank)].size:
             _key(axes, [(NOTHING, picture.missing)])
 
-    _save(path, draw, picture.title, _height(picture.extent))
+    save_drawn(path, draw, picture.title, _height(picture.extent))
 
 
 def save_pattern(
@@ -84,7 +84,7 @@ def save_pattern(
         bar.ax.tick_params(labelsize=8)
         _angles(axes, extent)
 
-    _save(path, draw, title, _height(extent))
+    save_drawn(path, draw, title, _height(extent))
 
 
 def save_ground(
@@ -117,9 +117,9 @@ def save_ground(
         axes.set_ylabel("x, forward [m]", fontsize=10, color=INK)
         words = ["blind", "one sensor", *(f"{n} sensors" for n in range(2, most + 1))]
         _key(axes, list(zip(colours, words, strict=True)))
-        _plain(axes)
+        plain_axes(axes)
 
-    _save(path, draw, title, 7.4)
+    save_drawn(path, draw, title, 7.4)
 
 
 def save_scatter(
@@ -153,12 +153,15 @@ def save_scatter(
             frameon=False,
             fontsize=8.5,
         )
-        _plain(axes)
+        plain_axes(axes)
 
-    _save(path, draw, title, 4.8)
+    save_drawn(path, draw, title, 4.8)
 
 
-def _save(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float) -> None:
+def save_drawn(
+    path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float
+) -> None:
+    """Have ``draw`` fill the figure's axes, and write a PNG this many inches high. Raises InputError, OutputError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -177,10 +180,11 @@ def _angles(axes: Any, extent: tuple[float, float, float, float]) -> None:
     axes.set_ylim(extent[2], extent[3])
     axes.set_xlabel("azimuth, to the left [deg]", fontsize=10, color=INK)
     axes.set_ylabel("elevation [deg]", fontsize=10, color=INK)
-    _plain(axes)
+    plain_axes(axes)
 
 
-def _plain(axes: Any) -> None:
+def plain_axes(axes: Any) -> None:
+    """Ticks and two spines, in ink."""
     axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(INK)

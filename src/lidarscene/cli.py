@@ -12,9 +12,11 @@ from typing import Any, NoReturn
 from . import __version__
 from .cli_analysis import add_commands
 from .cli_batch import add_batch
+from .cli_compare import add_compare
 from .cli_fov import add_fov
 from .cli_render import add_render
 from .cli_types import with_joined_pose
+from .cli_view import add_view
 from .errors import BackendError, InputError, LidarSceneError, OutputError
 
 
@@ -52,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"lidarscene {__version__}")
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for add in (add_render, add_batch, add_commands, add_fov):
+    for add in (add_render, add_batch, add_commands, add_fov, add_compare, add_view):
         add(commands, lambda text_of: lambda arguments: _told(text_of(arguments)))
 
     catalog = commands.add_parser(
@@ -75,9 +77,10 @@ def _parser() -> argparse.ArgumentParser:
 
     schema = commands.add_parser(
         "schema", help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor or material files; editors complete and check with it.",
+        description="Print the JSON Schema of scene, sensor, material or rig files; editors complete and check with "
+        "it.",
     )  # fmt: skip
-    schema.add_argument("kind", choices=("scene", "sensor", "material"))
+    schema.add_argument("kind", choices=("scene", "sensor", "material", "rig"))
     schema.set_defaults(run=_schema)
     return parser
 
@@ -125,10 +128,13 @@ def _doctor(_: argparse.Namespace) -> int:
 
 def _schema(arguments: argparse.Namespace) -> int:
     from .io.material_file import MaterialFile
+    from .io.rig_file import RigFile
     from .io.scene_model import SceneFile
     from .io.sensor_file import SensorFile
 
-    models: dict[str, Any] = {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile}
+    models: dict[str, Any] = {
+        "scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile,
+    }  # fmt: skip
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     _say(json.dumps(dialect | models[arguments.kind].model_json_schema(by_alias=True), indent=2))
     return 0

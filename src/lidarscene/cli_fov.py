@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import itertools
-import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .cli_types import number
+from .cli_types import number, pose, rising
 from .errors import InputError
+from .geometry import Pose
+
+if TYPE_CHECKING:
+    from .sensor import Sensor
 
 FOV_HELP = """\
 examples:
   lidarscene fov table1-apd table1-sipm -o out/fov
   lidarscene fov my-risley.toml --time 0.1,0.5,1 --cell 0.28 -o out/fov
   lidarscene fov table1-apd --scene scenes/car.toml -o out/fov
+  lidarscene fov --rig scenes/rig.toml --scene scenes/drive.toml -o out/fov
 """
 
 SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0
@@ -30,32 +33,29 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
         "range; pictures, CSV and a page. Nothing is traced without --scene.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
+    command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
     add = command.add_argument
+    add("--rig", metavar="RIG.toml", type=Path, help="the sensors of a vehicle, at their places, instead")
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    add("--time", metavar="S,S,...", type=times, help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)")
+    add(
+        "--time",
+        metavar="S,S,...",
+        type=rising("seconds", "0.1,0.5,1"),
+        help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
+    )
     add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
     add("--mask", choices=("outline", "reached"), default="outline",
         help="the field of view: the pattern's convex outline (default), or cells ever reached")  # fmt: skip
     add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="with --scene: where the sensors stand, or the rig's vehicle, metres and degrees (default: where the "
+        "scene's sensor stands; the origin for a rig)")  # fmt: skip
     add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
     add("--illuminance", metavar="KLUX", type=number, help="on the target (default 100)")
     add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor files, may be repeated")  # fmt: skip
+        help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated")  # fmt: skip
     add("--json", action="store_true", help="print the numbers as JSON")
     command.set_defaults(run=told(fov_text))
-
-
-def times(text: str) -> tuple[float, ...]:
-    """An argparse type: positive numbers that rise."""
-    try:
-        values = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        values = ()
-    rising = all(a < b for a, b in itertools.pairwise(values))
-    if not values or not rising or not all(math.isfinite(v) and v > 0.0 for v in values):
-        raise argparse.ArgumentTypeError(f"seconds that rise, such as 0.1,0.5,1, were expected, {text} came")
-    return values
 
 
 def fov_text(arguments: argparse.Namespace) -> str:
@@ -63,8 +63,11 @@ def fov_text(arguments: argparse.Namespace) -> str:
     from .analysis import fov
     from .analysis.axes import CONDITIONS
     from .analysis.ranging import Target
-    from .analysis.subjects import subjects
 
+    if bool(arguments.sensors) == (arguments.rig is not None):
+        raise InputError("SENSOR and --rig: one of them was expected; see lidarscene fov -h")
+    if arguments.pose is not None and arguments.scene is None:
+        raise InputError("--pose goes with --scene")
     cell = fov.CELL_DEG if arguments.cell is None else arguments.cell
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
         raise InputError(
@@ -76,13 +79,27 @@ def fov_text(arguments: argparse.Namespace) -> str:
         return default if value is None else CONDITIONS[name].require(f"--{name}", float(value))
 
     target = Target(reflectivity=held("reflectivity", 0.1), illuminance_klux=held("illuminance", 100.0))
-    found = [(one.name, one.sensor()) for one in subjects(arguments.sensors, arguments.overrides)]
-    scene = None
+    found = _sensors(arguments)
+    scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
         from .api import load_scene
 
         scene = load_scene(arguments.scene)
+        if arguments.rig is not None:
+            vehicle = vehicle or Pose()
     study = fov.Study(
         times_s=arguments.time or fov.TIMES_S, cell_deg=cell, mask=arguments.mask, target=target
     )
-    return fov.write(arguments.output, found, study, scene=scene, as_json=arguments.json)
+    return fov.write(arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json)
+
+
+def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:
+    """Names and sensors; those of a rig by their labels, at their places."""
+    if arguments.rig is not None:
+        from .api import load_rig
+
+        rig = load_rig(arguments.rig, overrides=arguments.overrides)
+        return [(one.label, one.placed) for one in rig.sensors]
+    from .analysis.subjects import subjects
+
+    return [(one.name, one.sensor()) for one in subjects(arguments.sensors, arguments.overrides)]

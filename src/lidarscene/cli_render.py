@@ -14,9 +14,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from .cli_output import (
+    add_output_options,
+    check_output_options,
+    cloud_files,
+    is_folder,
+    save,
+    save_dataset_frame,
+)
 from .cli_types import number as seconds
 from .cli_types import pose, whole
 from .errors import InputError
+from .formats import SUFFIXES as CLOUD_SUFFIXES
 
 if TYPE_CHECKING:
     from .cloud import PointCloud
@@ -33,7 +44,7 @@ examples:
   lidarscene render scenes/drive.toml -o out/drive --frames 10 --deskew
 """
 
-SUFFIXES = {"output": (".ply",), "deskewed": (".ply",), "keep_missed": (".npz",), "picture": (".png", ".svg")}
+SUFFIXES = {"keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz")}
 
 MOST_FRAMES = 10_000
 """By the four digits of their file names."""
@@ -53,7 +64,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
     add("--rig", metavar="RIG.toml", type=Path, help="several sensors on one vehicle, in place of --sensor")
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, such as detector.gain=60; may be repeated")  # fmt: skip
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
+        "sensor of a rig")  # fmt: skip
     add("--scene-set", metavar="KEY=VALUE", action="append", default=[], dest="scene_overrides",
         help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
@@ -64,10 +76,14 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--begin", metavar="S", type=seconds, default=0.0,
         help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
-    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
+    add("--rays", metavar="N", type=whole(1, 1024), default=1,
+        help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
+    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
-        help="the point cloud; a folder with --frames, and with --rig unless merged")  # fmt: skip
+        help="the point cloud, its name ends as its format's do; a folder with --frames and --dataset, and with "
+        "--rig unless merged")  # fmt: skip
+    add_output_options(add)
     add("--frame", choices=("world", "vehicle", "sensor"), default="world",
         help="frame of the points (default world)")  # fmt: skip
     add("--merge", action="store_true", help="one cloud of all sensors of the rig")
@@ -85,7 +101,7 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
 
 @dataclass(frozen=True, slots=True)
 class _Written:
-    """One cloud's files by key of SUFFIXES, and what happened in its frame."""
+    """One cloud's files by what they are, and what happened in its frame."""
 
     files: dict[str, Path]
     summary: Summary
@@ -102,6 +118,7 @@ def render_text(arguments: argparse.Namespace) -> str:
 def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> str:
     """The same with what Dr.Jit runs counted in ``history``."""
     from . import api
+    from .rig import require_common_frames
     from .simulate import Summary
 
     _check_options(arguments)
@@ -115,19 +132,17 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
     since = before.spent("load", since)
+    if arguments.merge:
+        require_common_frames(sensors, arguments.frames or 1)
     simulators = dict(_simulators(arguments, scene, sensors))
+    for simulator in simulators.values():
+        simulator.check_frames(arguments.frames or 1, begin_s=arguments.begin)
     before.spent("build", since)
     written: list[_Written] = []
     for number in _numbers(arguments):
         for group in groups:
             one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
-            _render(
-                arguments,
-                scene,
-                {label: simulators[label] for label in group},
-                number,
-                one,
-            )
+            _render(arguments, scene, {label: simulators[label] for label in group}, number, one)
             written.append(one)
             if history is not None:
                 history.take()
@@ -153,7 +168,7 @@ def _simulators(
     from .rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
-    return simulators(scene, sensors, pose=vehicle)
+    return simulators(scene, sensors, pose=vehicle, rays=arguments.rays)
 
 
 def _render(
@@ -175,50 +190,56 @@ def _render(
                 progress=progress, missed=missed, summary=one.summary,
             )  # fmt: skip
         since = time.perf_counter()
-        if arguments.no_truth:
-            cloud = cloud.without_truth()
         clouds.append(cloud)
-        if "deskewed" in one.files:
+        if arguments.deskew:
             without_motion.append(deskewed(cloud, simulator.motion))
         one.summary.spent("write", since)
     since = time.perf_counter()
+    if arguments.dataset is not None:
+        save_dataset_frame(arguments, next(iter(simulators)), number, (without_motion or clouds)[0], scene)
     for key, kind in (("output", clouds), ("deskewed", without_motion)):
-        if key in one.files:
+        if key in one.files and arguments.dataset is None:
             together = merged(kind, list(simulators)) if arguments.merge else kind[0]
-            together.save(one.files[key], ascii=arguments.ascii)
+            save(arguments, one.files[key], together, scene)
     if missed is not None:
         missed.save(one.files["keep_missed"], simulator.sensor)
+    if "range_image" in one.files:
+        from .io.range_image import write_range_image
+
+        write_range_image(one.files["range_image"], clouds[0])
     since = one.summary.spent("write", since)
     if "picture" in one.files:
-        _picture(
-            arguments, scene, merged(clouds, list(simulators)) if arguments.merge else clouds[0], one.files
-        )
+        together = merged(clouds, list(simulators)) if arguments.merge else clouds[0]
+        _picture(arguments, scene, together, one.files["picture"])
         one.summary.spent("picture", since)
 
 
-def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, files: dict[str, Path]) -> None:
+def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, path: Path) -> None:
     from .plots import frame_picture
+    from .scene import View
+    from .trajectory import Course, pose_at
 
-    # The scene's view belongs to the scene's own sensor where it stands, in the world.
-    moved = arguments.pose is not None or arguments.rig is not None or scene.ego is not None
-    own = scene.view if not moved and arguments.frame == "world" else None
-    frame_picture(cloud, files["picture"], **(dataclasses.asdict(own) if own else {}))
+    # The scene's view is that of its vehicle, which stands at the world's origin where none moves. It belongs to the
+    # scene's own sensor where it stands, or to whatever rides on the vehicle that moves.
+    own = scene.view
+    if arguments.frame == "sensor" or (scene.ego is None and (arguments.pose or arguments.rig)):
+        own = None
+    if own is not None and arguments.frame == "world":
+        vehicle = pose_at(scene.ego or Course(), float(cloud.metadata["frame_start_s"].split()[0]))
+        eye_m, target_m = vehicle.apply(np.array([own.eye_m, own.target_m])).tolist()
+        own = View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=own.fov_deg)
+    # Of several sensors, who sees what: their intensities may be amperes and cells.
+    colour_by = "sensor_index" if arguments.merge else "intensity"
+    frame_picture(cloud, path, colour_by=colour_by, **(dataclasses.asdict(own) if own else {}))
 
 
 def _files(arguments: argparse.Namespace, label: str, number: int) -> dict[str, Path]:
-    """The files of one cloud, by key of SUFFIXES. ``label`` is that of the rig's sensor, or of its first if merged."""
+    """The files of one cloud by what they are. ``label`` is that of the rig's sensor, or of its first if merged."""
     if arguments.merge:
         label = ""
     counted = f"{number:04d}" if arguments.frames else ""
-    output = arguments.output
-    if arguments.frames:
-        output = output / label / f"frame_{counted}.ply"
-    elif label:
-        output = output / f"{label}.ply"
-    files = {"output": output}
-    if arguments.deskew:
-        files["deskewed"] = output.with_suffix(".deskewed.ply")
-    for key in ("keep_missed", "picture"):
+    files = cloud_files(arguments, label, number)
+    for key in SUFFIXES:
         path = getattr(arguments, key)
         if path is not None:
             files[key] = path.with_name("_".join(filter(None, (path.stem, label, counted))) + path.suffix)
@@ -234,18 +255,20 @@ def _check_options(arguments: argparse.Namespace) -> None:
             raise InputError("--merge goes with --rig")
         if arguments.frame == "sensor":
             raise InputError("--merge: a frame that all sensors have was expected, --frame world or vehicle")
-        if arguments.keep_missed is not None:
-            raise InputError("--keep-missed: goes with the clouds of single sensors, not with --merge")
-    many = " and ".join(
-        option for option, given in (("--frames", arguments.frames), ("--rig", arguments.rig)) if given
-    )
-    is_folder = bool(arguments.frames) or (arguments.rig is not None and not arguments.merge)
-    if is_folder and (arguments.output.suffix.lower() in SUFFIXES["output"] or arguments.output.is_file()):
+        for option in ("keep_missed", "range_image"):
+            if getattr(arguments, option) is not None:
+                raise InputError(
+                    f"{_option(option)}: goes with the clouds of single sensors, not with --merge"
+                )
+    many = " and ".join(f"--{name}" for name in ("frames", "rig", "dataset") if getattr(arguments, name))
+    named_as_file = arguments.output.name.lower().endswith(CLOUD_SUFFIXES) or arguments.output.is_file()
+    if is_folder(arguments) and named_as_file:
         raise InputError(f"--output {arguments.output}: with {many} a folder was expected")
+    check_output_options(arguments)
 
 
 def _option(key: str) -> str:
-    return "--output" if key == "deskewed" else f"--{key.replace('_', '-')}"
+    return f"--{key.replace('_', '-')}" if key in SUFFIXES else "--output"
 
 
 def _check_outputs(wanted: Sequence[dict[str, Path]]) -> None:
@@ -254,7 +277,7 @@ def _check_outputs(wanted: Sequence[dict[str, Path]]) -> None:
 
     for files in wanted:
         for key, path in files.items():
-            if path.suffix.lower() not in SUFFIXES[key]:
+            if key in SUFFIXES and path.suffix.lower() not in SUFFIXES[key]:
                 expected = " or ".join(SUFFIXES[key])
                 raise InputError(f"{_option(key)} {path}: a name that ends in {expected} was expected")
             require_writable(path)

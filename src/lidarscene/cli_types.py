@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -33,6 +34,24 @@ def whole(low: int, high: int) -> Callable[[str], int]:
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} was expected, {text} came")
         return value
+
+    return parsed
+
+
+def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
+    """An argparse type: positive numbers that rise, with commas between them."""
+
+    def parsed(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(word) for word in text.split(","))
+        except ValueError:
+            values = ()
+        in_order = all(a < b for a, b in itertools.pairwise(values))
+        if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
+            raise argparse.ArgumentTypeError(
+                f"{what} that rise, such as {example}, were expected, {text} came"
+            )
+        return values
 
     return parsed
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -15,10 +15,13 @@ import numpy as np
 from lidarscene.arrays import frozen
 from lidarscene.errors import InputError
 
+from .formats import FORMATS, format_of
+from .geometry import Pose
 from .returns import Status
 
 Array = np.ndarray[Any, Any]
 
+STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather")
 STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
@@ -46,12 +49,13 @@ COLUMNS = (
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
+    Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
     Column("time", "time_s", "float64", "s", "emission of the pulse, from the start of the frame"),
     Column("channel", "channel", "int32", "1", "laser channel"),
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
     Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather"),
     Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
@@ -78,15 +82,15 @@ NAMES = {
 }
 """Attribute that holds an index: attribute that holds the names. -1 has none."""
 
-FORMATS = {".ply": ("lidarscene.io.ply", "write_ply", "read_ply")}
-"""Suffix: module, writer and reader. Loaded by name on use, so that this module knows no file format."""
+SENSOR_TO_WORLD = "sensor_to_world"
+"""Key of the metadata: rotation and place of the sensor in the world, a (3, 4) matrix row by row."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud:
     """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
 
-    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default) or "world"
+    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
     range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
     truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
     names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
@@ -103,6 +107,7 @@ class PointCloud:
     intensity: Array
     snr: Array
     detection_probability: Array
+    ambient: Array
     time_s: Array
     channel: Array
     azimuth_rad: Array
@@ -147,8 +152,9 @@ class PointCloud:
         return int(self.xyz_m.shape[0])
 
     def __repr__(self) -> str:
-        alarms = int(np.count_nonzero(self.status))
-        counts = f"{len(self)} points: {len(self) - alarms} echoes, {alarms} false alarms"
+        kinds = np.bincount(self.status, minlength=len(Status))
+        told = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
+        counts = f"{len(self)} points: {', '.join(told[:2] + [one for one in told[2:] if one[0] != '0'])}"
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
         extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
@@ -162,6 +168,37 @@ class PointCloud:
     def sensor_position_m(self) -> Array:
         """(3,) float64 position of the sensor (of the first, of a rig) in the frame of the points."""
         return np.asarray(sensor_positions_m(self.metadata)[0])
+
+    @property
+    def sensor_place(self) -> Pose:
+        """Where the sensor (of a rig the first) stood in the frame of the points.
+
+        Not turned where metadata do not tell.
+        """
+        if self.metadata.get("frame", "sensor") == "sensor":
+            return Pose()
+        text = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1")
+        turned = _numbers(text, "sensor_rotation", (-1, 3, 3))[0]
+        return Pose(position_m=self.sensor_position_m, rotation=turned)
+
+    @property
+    def sensor_to_world(self) -> Pose | None:
+        """Where the sensor (of a rig the first) stood in the world; None if metadata do not tell.
+
+        Of a sensor that moves: at the start of the frame, as all that is said of places.
+        """
+        if SENSOR_TO_WORLD not in self.metadata:
+            return None
+        rows = _numbers(self.metadata[SENSOR_TO_WORLD], SENSOR_TO_WORLD, (3, 4))
+        return Pose(position_m=rows[:, 3], rotation=rows[:, :3])
+
+    @property
+    def frame_to_world(self) -> Pose | None:
+        """The frame of the points in the world; None if metadata do not tell."""
+        place = self.sensor_to_world
+        if self.metadata.get("frame", "sensor") == "world":
+            return Pose()
+        return None if place is None else place @ self.sensor_place.inverse()
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -205,28 +242,82 @@ class PointCloud:
             parts.clear()
         return builder.build(**description)
 
-    def save(self, path: str | os.PathLike[str], *, ascii: bool = False) -> None:
-        """Write a file of the format that the suffix names: .ply (binary, or text with ``ascii``)."""
-        write, _ = _format(path)
-        write(path, self, ascii=ascii)
+    def in_sensor_frame(self) -> PointCloud:
+        """The same points with positions in the sensor's frame, float32.
+
+        Raises InputError for a cloud whose metadata do not say how the sensor stood, or of several sensors.
+        """
+        if self.metadata.get("frame", "sensor") == "sensor":
+            return self
+        if len(sensor_positions_m(self.metadata)) > 1:
+            raise InputError("this needs points in the sensor's frame, and the cloud is of several sensors")
+        if "sensor_rotation" not in self.metadata:
+            raise InputError(
+                "this needs points in the sensor's frame, and the cloud's metadata do not say how the sensor was "
+                "turned; render it with the frame 'sensor'"
+            )
+        placing = ("sensor_position_m", "sensor_rotation")
+        metadata = {k: v for k, v in self.metadata.items() if k not in placing} | {"frame": "sensor"}
+        xyz_m = self.sensor_place.inverse_apply(self.xyz_m.astype(np.float64)).astype(np.float32)
+        return replace(self, xyz_m=xyz_m, metadata=metadata)
+
+    def save(self, path: str | os.PathLike[str], *, format: str | None = None, ascii: bool = False) -> None:
+        """Write a file of the format of this name, or else of the one that the suffix names (`formats.FORMATS`).
+
+        ascii  text instead of binary, where the format has both
+        """
+        chosen = format_of(path, format)
+        if ascii and not chosen.text:
+            raise InputError(f"{os.fspath(path)}: this format is not text; ply and pcd can be")
+        chosen.write()(path, self, **chosen.options, **({"ascii": True} if ascii else {}))
 
     @staticmethod
-    def load(path: str | os.PathLike[str]) -> PointCloud:
-        """Read a file that `save` wrote."""
-        _, read = _format(path)
-        return cast(PointCloud, read(path))
+    def load(path: str | os.PathLike[str], *, format: str | None = None) -> PointCloud:
+        """Read a file that `save` wrote, of a format that holds all of a cloud."""
+        chosen = format_of(path, format)
+        if not chosen.reader:
+            raise InputError(
+                f"{os.fspath(path)}: such files are written only, they do not hold all of a point cloud; "
+                f"those that do: {', '.join(n for n, f in FORMATS.items() if f.reader)}"
+            )
+        return cast(PointCloud, chosen.read()(path))
+
+    def to_structured(self) -> Array:
+        """(n,) structured array with a field for each column, by the names of files; copied."""
+        names = [column.name for column in self.columns]
+        rows = np.zeros(len(self), np.dtype([(name, self.column(name).dtype) for name in names]))
+        for name in names:
+            rows[name] = self.column(name)
+        return rows
+
+    def to_pandas(self) -> Any:
+        """A pandas.DataFrame with the columns of files, not copied; metadata in its `attrs`.
+
+        Raises LidarSceneError, with what to install, where pandas cannot be imported.
+        """
+        return _interop("to_pandas", self)
+
+    def to_torch(self) -> Any:
+        """Tensors by name, in the memory of the cloud: do not write into them; "xyz" is (n, 3).
+
+        Raises LidarSceneError, with what to install, where PyTorch cannot be imported.
+        """
+        return _interop("to_torch", self)
 
     def to_open3d(self) -> Any:
         """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute.
 
         Raises LidarSceneError, with what to install, where Open3D cannot be imported.
         """
-        open3d: Any = importlib.import_module("lidarscene.io.open3d_door").open3d()
-        cloud = open3d.t.geometry.PointCloud()
-        cloud.point["positions"] = open3d.core.Tensor(np.ascontiguousarray(self.xyz_m))
-        for column in self.columns[3:]:
-            cloud.point[column.name] = open3d.core.Tensor(np.array(self.column(column.name)[:, None]))
-        return cloud
+        return _interop("to_open3d", self)
+
+    def _repr_png_(self) -> bytes:
+        """A small picture, for notebooks."""
+        return cast(bytes, _interop("thumbnail", self))
+
+    def _repr_html_(self) -> str:
+        """The same with the text below it."""
+        return cast(str, _interop("to_html", self))
 
     def _arrays(self) -> dict[str, Array]:
         """The arrays by attribute."""
@@ -235,6 +326,7 @@ class PointCloud:
 
 class CloudBuilder:
     """Gathers a cloud chunk by chunk. A single chunk is taken as it is; of several each column is one array.
+    One value that was broadcast (all strides 0), the same in every chunk, stays one value.
 
     capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
               without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
@@ -262,7 +354,10 @@ class CloudBuilder:
             return
         end = self._points + n
         for a, values in checked.items():
-            self._columns[a] = self._with_room(self._columns[a], end)
+            if _is_constant(kept := self._columns[a]) and _is_constant(values) and kept[0] == values[0]:
+                self._columns[a] = np.broadcast_to(kept[0], end)
+                continue
+            self._columns[a] = self._with_room(kept, end)
             self._columns[a][self._points : end] = values
         self._points = end
 
@@ -285,6 +380,11 @@ class CloudBuilder:
             columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
         self._columns, self._points, self._chunks = {}, 0, 0
         return PointCloud(**columns, **description)
+
+
+def _is_constant(column: Array) -> bool:
+    """Whether it is one value that numpy repeats."""
+    return len(column) > 0 and not any(column.strides)
 
 
 def sensor_positions_m(metadata: Mapping[str, str]) -> Array:
@@ -326,12 +426,15 @@ def _check_index(attribute: str, index: Array, names: tuple[str, ...]) -> None:
         )
 
 
-def _format(path: str | os.PathLike[str]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Writer and reader for the suffix of this path."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in FORMATS:
-        known = ", ".join(sorted(FORMATS))
-        raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {known}")
-    module, writer, reader = FORMATS[suffix]
-    loaded = importlib.import_module(module)
-    return getattr(loaded, writer), getattr(loaded, reader)
+def _numbers(text: str, key: str, shape: tuple[int, ...]) -> Array:
+    """The numbers of an entry of the metadata; ValueError that names it if they do not have this shape."""
+    try:
+        return np.array([float(word) for word in text.split()]).reshape(shape)
+    except ValueError:
+        count = math.prod(abs(size) for size in shape)
+        raise ValueError(f"metadata: '{key}': {count} numbers were expected, '{text}' came") from None
+
+
+def _interop(function: str, cloud: PointCloud) -> Any:
+    """What `lidarscene.io.interop`, which is above this module, makes of a cloud."""
+    return getattr(importlib.import_module("lidarscene.io.interop"), function)(cloud)

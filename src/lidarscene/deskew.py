@@ -14,6 +14,9 @@ from .trajectory import Motion, pose_at
 
 BLOCK_POINTS = 2**18
 
+REMOVED = "removed"
+"""What the metadata's `ego_motion` says afterwards."""
+
 
 def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
     """The points where they are in the world, in the same frame as before: that of the frame's start.
@@ -23,10 +26,13 @@ def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
 
     cloud   of one frame, of one sensor, as `Simulator.render` gives it
     motion  of the sensor in the world, such as `Simulator.motion`
-    Raises InputError for a cloud of several sensors, or whose metadata do not tell when it began.
+    Raises InputError for a cloud of several sensors, one that is deskewed, or one whose metadata do not tell when it
+    began.
     """
     if len(cloud.sensor_names) > 1:
         raise InputError("deskewed: a cloud of one sensor was expected, deskew before merging")
+    if cloud.metadata.get("ego_motion") == REMOVED:
+        raise InputError("deskewed: this cloud is deskewed, a raw one was expected")
     try:
         start_s = float(cloud.metadata["frame_start_s"])
         goal = _goal(cloud)
@@ -43,7 +49,7 @@ def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
         own = goal.inverse_apply(cloud.xyz_m[block])
         x, y, z = paths.at(cloud.time_s[block], 0).point((own[:, 0], own[:, 1], own[:, 2]))
         moved[block] = back.apply(np.stack([x, y, z], axis=-1))
-    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": "removed"})
+    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED})
 
 
 def _goal(cloud: PointCloud) -> Pose:

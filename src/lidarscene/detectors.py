@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .arrays import Array, xp
-from .physics import apd, mcintyre, sipm, sipm_response, tdc
+from .constants import ELEMENTARY_CHARGE_C
+from .physics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
 from .physics.special import binomial_tail
 
 
@@ -25,6 +26,7 @@ class WorkingPoint:
     signal            optical peak power [W] to peak signal
     power_w           signal to the optical power that makes it
     cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    saturation        signal at which the amplifier clips; None: nowhere
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     """
 
@@ -36,6 +38,7 @@ class WorkingPoint:
     power_w: Callable[[Array], Array]
     cells: Array | None = None
     busy: Array | None = None
+    saturation: Array | None = None
     noise_tail: Callable[[Array], Array] | None = None
 
     @property
@@ -43,19 +46,34 @@ class WorkingPoint:
         """Whether probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
 
+    def measured(self, signal: Array) -> Array:
+        """A peak as the amplifier passes it on."""
+        if self.saturation is None:
+            return signal
+        return saturation.clipped(signal=signal, saturation=self.saturation)
+
+    def reachable(self, threshold: Array, probability: Array) -> Array:
+        """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
+        if self.saturation is None:
+            return probability
+        return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
+
     def false_alarm_probability(self, threshold: Array) -> Array:
         """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
         if self.noise_tail is not None:
-            return self.noise_tail(threshold)
-        if self.cells is None:
-            return tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
-        return self._tail(threshold, self.busy / self.cells)
+            tail = self.noise_tail(threshold)
+        elif self.cells is None:
+            tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
+        else:
+            tail = self._tail(threshold, self.busy / self.cells)
+        return self.reachable(threshold, tail)
 
     def detection_probability(self, threshold: Array, signal: Array, sigma: Array) -> Array:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
-        if self.cells is None:
-            return tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
-        return self._tail(threshold, (self.busy + signal) / self.cells)
+        if self.cells is not None:
+            return self._tail(threshold, (self.busy + signal) / self.cells)
+        found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
+        return self.reachable(threshold, found)
 
     def _tail(self, threshold: Array, share: Array) -> Array:
         """Probability of a count that lies ``threshold`` or more above the mean background."""
@@ -69,8 +87,9 @@ class WorkingPoint:
 class Apd:
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
-    tail   of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same and
-           whose upper tail is higher; detection is Gaussian with either
+    tail          of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same
+                  and whose upper tail is higher; detection is Gaussian with either
+    saturation_a  current at which the amplifier clips (`physics.saturation`), at its input; None: nowhere
     """
 
     gain: Array
@@ -84,6 +103,7 @@ class Apd:
     temperature_k: Array
     circuit_noise_a: Array
     tail: str = "gaussian"
+    saturation_a: Array | None = None
 
     @property
     def excess_noise(self) -> Array:
@@ -103,6 +123,13 @@ class Apd:
             bandwidth_hz=bandwidth_hz,
         )  # fmt: skip
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
+
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
+        light = counting.detected_photons_hz(
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
 
     def working_point(
         self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
@@ -132,6 +159,7 @@ class Apd:
             least_threshold=0.0,
             signal=lambda power_w: ampere_per_watt * power_w,
             power_w=lambda signal: signal / ampere_per_watt,
+            saturation=self.saturation_a,
             noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
         )
 
@@ -157,6 +185,16 @@ class Sipm:
     cell_floor: Array = 1.0
     statistics: str = "steady_state"
     counting: str = "gaussian"
+
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
+        busy = self._busy_share(
+            sipm.background_photons(
+                power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+            )
+        )
+        rate = counting.fired_cells_hz(busy_share=busy, cells=self.cells, dead_time_s=self.dead_time_s)
+        return rate, 1.0 - busy
 
     def working_point(
         self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
@@ -217,12 +255,16 @@ class Sipm:
 
     def _steady_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
         """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance."""
-        busy = sipm.busy_share_steady_state(
+        busy = self._busy_share(photons)
+        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
+        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
+
+    def _busy_share(self, photons: Array) -> Array:
+        """Share of time that a cell is dead, with so many background photons in a dead time."""
+        return sipm.busy_share_steady_state(
             photons=photons, pde=self.pde, cells=self.cells,
             dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s,
         )  # fmt: skip
-        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
-        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
 
 
 Detector = Apd | Sipm

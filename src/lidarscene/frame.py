@@ -27,6 +27,12 @@ COORDINATES = ("world", "vehicle", "sensor")
 PULSE_NUMBERS = 2**31
 """Scanners know their pulses by numbers below this."""
 
+TOLERANCE_S = 1e-6
+"""A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
+
+SHORTEST_S = 1e-9
+"""The length of a frame whose pulses all leave at once."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
@@ -62,45 +68,40 @@ class Frame:
 
         Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
         """
-        scanner = sensor.scanner
-        first = number * scanner.pulses
-        if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
-            raise InputError(
-                f"frame number: 0 to {PULSE_NUMBERS // scanner.pulses - 1} was expected, with {scanner.pulses} "
-                f"pulses in a frame; {number} came"
-            )
-        edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
-        scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
-        start_s, length_s = begin_s + scanner_s, max(end_s - scanner_s, 1e-9)
-        _check_spans(scene, start_s, start_s + end_s - scanner_s)
+        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=begin_s)
+        start_s = begin_s + scanner_s
         riding = motion_of(scene, sensor, sensor_pose)
         place = pose_at(riding, start_s)
-        moves = scene.ego is not None
         paths = None
-        if moves or world.movers:
+        if scene.ego is not None or world.movers:
             paths = Paths.of(
                 [riding, *(mover.motion for mover in world.movers)],
                 start_s=start_s, length_s=length_s, centre_m=world.centre_m,
             )  # fmt: skip
         return cls(
-            number=number, first_pulse=first, scanner_s=scanner_s, start_s=start_s,
-            place=place, vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
+            number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
+            place=place, vehicle=pose_at(scene.ego or Course(), start_s),
             origin=at_rest(place, world.centre_m),
             paths=None if paths is None else device.opaque(paths),
-            moves=moves, _scanner=scanner,
+            moves=scene.ego is not None, _scanner=sensor.scanner,
         )  # fmt: skip
 
     def time_s(self, pulse: Matrix) -> Matrix:
         """(n,) float64 times since the start of the frame at which these pulses leave."""
         return self._scanner.time_s(pulse) - self.scanner_s
 
-    def placements(self, first: int, count: int) -> tuple[Placement, list[Placement] | None]:
-        """Of the sensor and of each mover when ``count`` pulses from ``first`` on leave; None: nothing moves."""
+    def placements(
+        self, first: int, count: int, *, rays: int = 1
+    ) -> tuple[Placement, list[Placement] | None]:
+        """Of the sensor and of each mover when ``count`` pulses from ``first`` on leave; None: nothing moves.
+
+        rays  lanes of each pulse, one after the other
+        """
         if self.paths is None:
             return self.origin, None
         # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         times = self.time_s(np.arange(first, first + count, dtype=np.uint32))
-        on_device = device.from_numpy(times)
+        on_device = device.from_numpy(np.repeat(times, rays))
         sensor, *movers = (self.paths.at(on_device, i) for i in range(len(self.paths.table.values)))
         return sensor if self.moves else self.origin, movers
 
@@ -116,6 +117,23 @@ def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:
     return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
 
 
+def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) -> tuple[float, float]:
+    """When a frame's first pulse leaves by the scanner's clock [s], and how long after it the last one does.
+
+    Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+    """
+    first = number * scanner.pulses
+    if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
+        raise InputError(
+            f"frame number: 0 to {PULSE_NUMBERS // scanner.pulses - 1} was expected, with {scanner.pulses} "
+            f"pulses in a frame; {number} came"
+        )
+    edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
+    scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
+    _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
+    return scanner_s, max(end_s - scanner_s, SHORTEST_S)
+
+
 def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
     motions = [("ego", scene.ego), *((f"body '{body.name}'", body.motion) for body in scene.bodies)]
     for name, motion in motions:
@@ -123,11 +141,12 @@ def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
             continue
         first, last = motion.span_s
         if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
+            had, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))
             raise InputError(
-                f"scene '{scene.name}': motion of {name}: poses from {first:g} to {last:g} s came, "
-                f"the frame needs {start_s:g} to {end_s:g} s"
+                f"scene '{scene.name}': motion of {name}: poses from {had} came, the frame needs {needed}"
             )
 
 
-TOLERANCE_S = 1e-6
-"""A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
+def _seconds(time_s: float) -> str:
+    """To a microsecond: times may be of a clock that began in 1970."""
+    return f"{round(time_s, 6):.16g}"

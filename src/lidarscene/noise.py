@@ -17,6 +17,10 @@ STAGE_EDGE_NOISE = 1
 STAGE_FALSE_ALARM = 2
 STAGE_TDC_JITTER = 3
 STAGE_POINTING = 4
+STAGE_TRAILING_EDGE = 5
+STAGE_SAMPLES = 6
+STAGE_INTERFERENCE = 8
+STAGE_AMBIENT = 9
 STAGE_PARTICLES = 11
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
@@ -41,13 +45,13 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
     return x0, x1
 
 
-def words(*, seed: Array, stage: int, pulse: Array, draw: int = 0) -> tuple[Array, Array]:
+def words(*, seed: Array, stage: int, pulse: Array, draw: Array = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
     seed   the frame's seed, 32 bits (an opaque Dr.Jit integer, or a Python int)
     stage  one of the STAGE_ constants
     pulse  (n,) 32-bit unsigned pulse numbers in the frame
-    draw   which of the pulse's draws in this stage
+    draw   which of the pulse's draws in this stage, a number or (n,) unsigned
     """
     ops = xp(pulse)
     pulse = ops.uint32(pulse)

@@ -27,6 +27,7 @@ ROUND_RANGES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 LOGARITHMIC = ("intensity", "snr")
 DPI = 200  # of a picture 1920 pixels wide
 SUPERSAMPLING = 2
+MOST_STRIPS = 3
 
 
 def perspective_picture(
@@ -77,18 +78,34 @@ def frame_picture(
     strips: tuple[str, ...] = ("range", "intensity"),
     size_px: tuple[int, int] = (1920, 1600),
 ) -> None:
-    """Draw both: the perspective on top, below it a range image for each column named in ``strips``."""
+    """Draw both: the perspective on top, below it a range image for each column named in ``strips``.
+
+    Of a cloud of several sensors each has a range image of its own instead, as far as there is room.
+    """
+    parts = _sensors_apart(cloud)
+    images = [(cloud, name, "") for name in strips] if len(parts) < 2 else [
+        (part, "range", label) for label, part in parts[:MOST_STRIPS]
+    ]  # fmt: skip
     figure = _figure(size_px)
-    strip, foot = 0.165, 0.055 if strips else 0.0
-    rest = foot + strip * len(strips)
+    strip, foot = 0.165, 0.055 if images else 0.0
+    rest = foot + strip * len(images)
     shades = _Shades(cloud, colour_by)
     camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
     _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), cloud, shades, camera, alarms=True)
-    cells = cells_of(cloud)
-    for i, name in enumerate(reversed(strips)):
-        box = (0.06, foot + i * strip, 0.84, 0.86 * strip)
-        _draw_range_image(figure, box, cells, _Shades(cloud, name), labels=i == 0)
+    own_axes = len(parts) > 1  # sensors look in different directions
+    for i, (part, name, label) in enumerate(reversed(images)):
+        box = (0.06, foot + i * strip, 0.84, (0.72 if own_axes else 0.86) * strip)
+        _draw_range_image(
+            figure, box, cells_of(part), _Shades(part, name), labels=own_axes or i == 0, name=label
+        )
     _save(figure, path)
+
+
+def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
+    """Label and points of each sensor of a rig."""
+    return [
+        (label, cloud.select(cloud.sensor_index == number)) for number, label in enumerate(cloud.sensor_names)
+    ]
 
 
 class _Shades:
@@ -137,7 +154,12 @@ class _Shades:
 
 def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
     """Names by value for a column that sorts points, None for one that measures."""
-    tables = {"status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "body": cloud.body_names}
+    tables = {
+        "status": STATUS_NAMES,
+        "in_shadow": ("lit", "in shadow"),
+        "body": cloud.body_names,
+        "sensor_index": cloud.sensor_names,
+    }
     tables |= {"class": cloud.class_names, "material": cloud.material_names}
     tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None
@@ -195,7 +217,9 @@ def _draw_perspective(
         figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=16, ha="center")
 
 
-def _draw_range_image(figure: Any, box: Box, cells: Cells, shades: _Shades, *, labels: bool) -> None:
+def _draw_range_image(
+    figure: Any, box: Box, cells: Cells, shades: _Shades, *, labels: bool, name: str = ""
+) -> None:
     """One strip: the sensor's view in this part of the figure, with axes in degrees and a scale."""
     left, bottom, width, height = box
     image = coloured(cells.image(size=_pixels(figure, box)), shades.rgb, nothing=_rgb(MISSING))
@@ -203,7 +227,7 @@ def _draw_range_image(figure: Any, box: Box, cells: Cells, shades: _Shades, *, l
     axes = _show(figure, box, image, extent=(x[-1], x[0], y[0], y[-1]))
     axes.set_axis_on()
     axes.tick_params(colors=INK, labelsize=6, length=2, labelbottom=labels)
-    axes.set_ylabel("elevation [°]", color=INK, fontsize=6.5)
+    axes.set_ylabel(f"{name}\nelevation [°]".lstrip(), color=INK, fontsize=6.5, parse_math=False)
     if labels:
         axes.set_xlabel("azimuth [°]  (left is positive)", color=INK, fontsize=6.5)
     if shades.kinds:
@@ -262,11 +286,19 @@ def _title(figure: Any, cloud: PointCloud) -> None:
 def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
     """A small colour bar with quantity and unit."""
     from matplotlib.cm import ScalarMappable
+    from matplotlib.ticker import NullLocator
 
     mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
     bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
+    low, high = shades.norm.vmin, shades.norm.vmax
     ticks = ROUND_RANGES_M if shades.name.endswith("range") else bar.get_ticks()
-    bar.set_ticks([t for t in ticks if shades.norm.vmin <= t <= shades.norm.vmax])
+    if (
+        shades.name in LOGARITHMIC and high < 30.0 * low
+    ):  # few powers of ten, so 1, 2 and 5 of each, written out
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
+        ticks = np.outer(decades, (1.0, 2.0, 5.0)).ravel()
+        bar.formatter, bar.minorlocator = (lambda value, _: f"{value:g}"), NullLocator()
+    bar.set_ticks([t for t in ticks if low <= t <= high])
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
     bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)

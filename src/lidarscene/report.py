@@ -21,7 +21,7 @@ OUTCOME_TEXT = {
     Outcome.NO_SURFACE: "no surface",
     Outcome.BELOW_THRESHOLD: "below threshold",
     Outcome.OUT_OF_WINDOW: "out of window",
-    Outcome.HIDDEN: "hidden by a false alarm",
+    Outcome.HIDDEN: "hidden",
 }
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.
@@ -40,8 +40,9 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "beams": summary.beams,
         "hits": summary.hits,
         "points": summary.points,
-        "echoes": summary.points - summary.false_alarms,
+        "echoes": summary.points - summary.false_alarms - summary.weather,
         "false_alarms": summary.false_alarms,
+        "weather": summary.weather,
         "missed": {text.replace(" ", "_"): int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items()},
         "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
         "beams_per_second": round(beams_per_second(summary)),
@@ -81,7 +82,8 @@ def as_text(summary: Summary, written: Sequence[str]) -> str:
     lines = [
         f"beams         {summary.beams:>12,}",
         f"hits          {summary.hits:>12,}",
-        f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms",
+        f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms"
+        + (f", {summary.weather:,} of the weather" if summary.weather else ""),
     ]
     for outcome, text in OUTCOME_TEXT.items():
         head = "missed        " if outcome == Outcome.NO_SURFACE else " " * 14

@@ -8,11 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .cloud import PointCloud
+from .errors import InputError
 from .geometry import Pose
 from .kernel.world import World
 from .scene import Scene
 from .sensor import Sensor
 from .simulate import Simulator
+
+JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
+"""Metadata of which a merged cloud has one for each sensor, and what stands between them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,6 +26,11 @@ class Mounted:
     label: str
     sensor: Sensor
     pose: Pose = field(default_factory=Pose)
+
+    @property
+    def placed(self) -> Sensor:
+        """The sensor with its whole place on the vehicle as its mounting."""
+        return replace(self.sensor, mounting=self.pose @ self.sensor.mounting)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,26 +42,47 @@ class Rig:
 
 
 def simulators(
-    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None
+    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None, rays: int = 1
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
     pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    rays  of each pulse
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
-        simulator = Simulator(scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength))
+        simulator = Simulator(
+            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength), rays=rays
+        )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator
+
+
+def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
+    """Raises InputError where the n-th frames of these sensors are of different times, so that none can be merged.
+
+    Turns of 99.99 and 100 ms are no mistake: the last of the frames may begin half a frame apart.
+    """
+    lengths = {one.label: one.sensor.scanner.frame_s for one in sensors}
+    short, long = (
+        min(lengths, key=lambda label: lengths[label]),
+        max(lengths, key=lambda label: lengths[label]),
+    )
+    if (frames - 1) * (lengths[long] - lengths[short]) > lengths[short] / 2.0:
+        raise InputError(
+            f"{frames} merged frames: frames that begin together were expected, '{short}' has them of "
+            f"{lengths[short]:g} s and '{long}' of {lengths[long]:g} s"
+        )
 
 
 def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     """Clouds of several sensors, in one frame that is not the sensor's, as one.
 
-    `sensor_index` says of which each point is, `sensor_names` are the labels, and the metadata's `sensor_position_m`
-    and `sensor_rotation` hold those of all sensors, one after the other. Raises ValueError for clouds of other frames.
+    `sensor_index` says of which each point is, `sensor_names` are the labels, and the metadata's `frame_start_s`,
+    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times stay since the
+    start of each sensor's own frame. Raises ValueError for clouds whose points are in the sensor's frame, or in two.
     """
     frames = {cloud.metadata.get("frame", "sensor") for cloud in clouds}
     if len(frames) != 1 or "sensor" in frames:
@@ -66,7 +96,10 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     together = PointCloud.concatenate(numbered)
     joined = {
         key: separator.join(cloud.metadata[key] for cloud in clouds)
-        for key, separator in (("sensor", ", "), ("sensor_position_m", " "), ("sensor_rotation", " "))
+        for key, separator in JOINED.items()
         if all(key in cloud.metadata for cloud in clouds)
     }
+    units = list(dict.fromkeys(cloud.metadata.get("intensity_unit", "") for cloud in clouds))
+    if len(units) > 1:
+        joined["intensity_unit"] = " or ".join(units)
     return replace(together, metadata={**clouds[0].metadata, **joined})

@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+import importlib
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -114,6 +116,20 @@ class Air:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Interferer:
+    """Another lidar, whose pulses reach the receiver at random times, whichever way it looks.
+
+    rate_hz          mean rate of the pulses that do
+    irradiance_w_m2  median of their peaks, in the sensor's band, at the receiver's aperture
+    spread_db        standard deviation of ten times the decimal logarithm of the peak
+    """
+
+    rate_hz: float
+    irradiance_w_m2: float
+    spread_db: float = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class View:
     """Where pictures of the scene are taken from: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
@@ -128,6 +144,8 @@ class Scene:
 
     bodies          in the order of the file; a point's `body` is an index into `body_names`
     materials       by name, every one that a part names
+    lamps_w_m2      irradiance of all surfaces by lamps, in the sensor's band
+    interferers     other lidars
     sensor_name     catalogue name or file of the sensor to use unless another is given
     sensor_pose     where the sensor stands: on the ego vehicle, or in the world without one
     ego             how the vehicle moves that carries the sensor, or None: it stands at the world's origin
@@ -142,9 +160,56 @@ class Scene:
     sun: Sun = field(default_factory=Sun)
     sky: Sky = field(default_factory=Sky)
     air: Air = field(default_factory=Air)
+    lamps_w_m2: float = 0.0
+    interferers: tuple[Interferer, ...] = ()
     sensor_name: str = "table1-apd"
     sensor_pose: Pose = field(default_factory=Pose)
     ego: Motion | None = None
     view: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_trimesh(
+        cls,
+        mesh: Any,
+        *,
+        material: str | Material | None = None,
+        materials: Mapping[str, str | Material] | None = None,
+        classes: Mapping[str, str] | None = None,
+        **settings: Any,
+    ) -> Scene:
+        """A scene of what trimesh holds: a Trimesh is one body, of a trimesh.Scene each node with a mesh is one.
+
+        material   of all meshes that ``materials`` does not name: a name of the catalogue, or a `Material`
+        materials  by the name of a mesh's material, geometry or node; a mesh that is not named and has a colour
+                   of its own is diffuse with that colour's mean
+        classes    class by node; a node that is not named is a class of its own
+        settings   other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
+        Raises InputError.
+        """
+        made = importlib.import_module("lidarscene.api").scene_from_trimesh
+        return cast(
+            Scene,
+            made(
+                mesh, material=material, materials=materials or {}, classes=classes or {}, settings=settings
+            ),
+        )
+
+    @classmethod
+    def from_mitsuba(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        materials: Mapping[str, str | Material] | None = None,
+        **settings: Any,
+    ) -> Scene:
+        """A scene of the shapes of a Mitsuba XML file.
+
+        materials  by BSDF id in that file: a name of the catalogue, or a `Material`; BSDFs not named are used as
+                   they are
+        settings   other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
+        Raises InputError.
+        """
+        made = importlib.import_module("lidarscene.api").scene_from_mitsuba
+        return cast(Scene, made(path, materials=materials or {}, settings=settings))

@@ -11,17 +11,20 @@ from dataclasses import dataclass, field
 from .arrays import Array, xp
 from .detectors import Detector, WorkingPoint
 from .geometry import Pose
+from .overlap import Overlap
 from .physics import radiometry
 from .scan import Scanner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """Pulsed transmitter. The divergence is the full angle at 1/e^2; one ray stands for the beam so far.
+    """Pulsed transmitter. Divergences are full angles at 1/e^2, or to the edge of a top hat.
 
-    exit_diameter_m  1/e^2 diameter where the beam leaves the sensor, or None: not known
-    source_rad       angle that the apparent source subtends; up to 1.5 mrad it is a point
-    Both matter to eye safety only.
+    profile                   of the power across the beam: "gaussian" or "top_hat"
+    divergence_elevation_rad  on the second axis, or None: a round beam
+    beam_rotation_rad         of the axes (azimuth, elevation) about the beam, from the left to the top
+    exit_diameter_m           1/e^2 diameter where the beam leaves the sensor and its waist is, or None: not known
+    source_rad                angle that the apparent source subtends; up to 1.5 mrad it is a point (eye safety)
     """
 
     wavelength_m: float
@@ -29,6 +32,9 @@ class Laser:
     pulse_fwhm_s: Array
     repetition_rate_hz: float
     divergence_rad: float = 0.0
+    profile: str = "gaussian"
+    divergence_elevation_rad: float | None = None
+    beam_rotation_rad: float = 0.0
     exit_diameter_m: float | None = None
     source_rad: float = 0.0
 
@@ -37,16 +43,26 @@ class Laser:
         """h nu."""
         return radiometry.photon_energy_j(wavelength_m=self.wavelength_m)
 
+    @property
+    def least_divergence_rad(self) -> float:
+        """On the axis on which the beam stays narrower."""
+        return min(self.divergence_rad, self.divergence_elevation_rad or self.divergence_rad)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """Receiver. ``sun_irradiance_w_m2`` is in band, at normal incidence and 100 klux (E_sun of (6))."""
+    """Receiver.
+
+    sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
+    overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    """
 
     aperture_radius_m: Array
     focal_length_m: Array
     efficiency_laser: Array
     efficiency_sun: Array
     sun_irradiance_w_m2: Array
+    overlap: Overlap | None = None
 
     @property
     def aperture_m2(self) -> Array:
@@ -63,9 +79,12 @@ class Tdc:
     threshold_level           fixed U in signal units (A or cells), or None
     least_significant_bit_s   step of the reported time; 0: none
     jitter_s                  standard deviation of the converter's own jitter
-    stops                     crossings reported per shot, first ones first
+    stops                     crossings reported per shot, in order of time
+    keep                      which ones: "first", "last" or "strongest"
+    dead_time_s               from a crossing by an echo to the next that can be taken
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is, "none" takes off exactly what it is
+    ambient_window_s          time in which the background is counted, or None: the whole window
     """
 
     window_s: Array
@@ -75,12 +94,74 @@ class Tdc:
     least_significant_bit_s: Array = 0.0
     jitter_s: Array = 0.0
     stops: int = 1
+    keep: str = "first"
+    dead_time_s: Array = 0.0
     walk: str = "corrected"
+    ambient_window_s: Array | None = None
+
+    @property
+    def ambient_s(self) -> Array:
+        """Time in which the background is counted."""
+        return self.window_s if self.ambient_window_s is None else self.ambient_window_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intensity:
+    """The scale on which the maker reports intensity, `physics.intensity`.
+
+    kind                "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
+    white_value         of a white Lambertian surface across the beam
+    retro               the scale above that: "linear" or "logarithmic"
+    retro_reflectivity  that reads 255 on a logarithmic one
+    """
+
+    kind: str
+    reference_m: Array = 10.0
+    white_value: Array = 100.0
+    retro: str = "logarithmic"
+    retro_reflectivity: Array = 1000.0
+
+    @property
+    def unit(self) -> str:
+        """Of the number that is reported."""
+        return "W" if self.kind == "range_corrected" else "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MultiLevel:
+    """Comparators at several levels behind the first: amplitude and walk from the width of the pulse.
+
+    levels  in thresholds, rising, from 1 on
+    """
+
+    levels: tuple[Array, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Adc:
+    """Converter that the comparator starts: samples around each crossing.
+
+    rate_hz     samples per second, on a clock that starts with the pulse
+    step        least significant bit, in signal units
+    full_scale  largest sample; an offset keeps noise off the lower end
+    samples     read for each crossing, from one pulse width before it to three behind
+    estimator   "matched_filter" or "centroid"
+    """
+
+    rate_hz: Array
+    step: Array
+    full_scale: Array
+    samples: int
+    estimator: str = "matched_filter"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file."""
+    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
+
+    sampler  what measures the pulses that trip the comparator; None: the TDC alone
+    intensity  as the maker reports it, or None: the amplitude
+    """
 
     name: str
     laser: Laser
@@ -88,7 +169,9 @@ class Sensor:
     scanner: Scanner
     detector: Detector
     tdc: Tdc
+    sampler: MultiLevel | Adc | None = None
     mounting: Pose = field(default_factory=Pose)
+    intensity: Intensity | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from . import beams, echoes, returns
+from . import beams, echoes, multi_echo, returns, train
+from .air_light import air_light
 from .arrays import is_drjit
-from .cloud import CloudBuilder, PointCloud
+from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient
+from .echoes import Ambient, Echoes
 from .errors import InputError
-from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, motion_of
+from .footprint import footprint, spread
+from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
 from .kernel.trace import trace
 from .kernel.world import World, build_world
 from .physics import sunlight
-from .returns import Detection, Outcome
+from .returns import Detection, Outcome, Status
 from .scene import Scene
 from .sensor import Sensor
 from .trajectory import Motion, pose_at
@@ -32,6 +34,9 @@ Matrix = np.ndarray[Any, Any]
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
+Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
+"""Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
+
 
 @dataclass(slots=True)
 class Summary:
@@ -40,8 +45,18 @@ class Summary:
     beams: int = 0
     outcomes: Matrix = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
     points: int = 0
-    false_alarms: int = 0
+    statuses: Matrix = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def false_alarms(self) -> int:
+        """Points of noise and of other lidars."""
+        return int(self.statuses[Status.FALSE_ALARM] + self.statuses[Status.INTERFERENCE])
+
+    @property
+    def weather(self) -> int:
+        """Points of fog, rain and snow."""
+        return int(self.statuses[Status.WEATHER])
 
     @property
     def hits(self) -> int:
@@ -56,7 +71,7 @@ class Summary:
             whole.beams += part.beams
             whole.outcomes += part.outcomes
             whole.points += part.points
-            whole.false_alarms += part.false_alarms
+            whole.statuses += part.statuses
             for stage, seconds in part.seconds.items():
                 whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
         return whole
@@ -74,19 +89,44 @@ class _Chunk:
 
     first: int
     pulse: Any
-    hits: Hits
+    paths: Sequence[Hits]
     detection: Detection
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
-        hits, detection = self.hits, self.detection
-        needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-        needed += [self.pulse, detection.snr, detection.detection_probability, detection.outcome]
-        if is_drjit(hits.radial_velocity_m_s):
-            needed.append(hits.radial_velocity_m_s)
+        detection = self.detection
+        needed = [
+            self.pulse,
+            detection.snr,
+            detection.detection_probability,
+            detection.outcome,
+            detection.ambient,
+        ]
+        for hits in self.paths:
+            needed += _needed(hits)
         for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.amplitude]
+            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
+            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            needed += [one for one in own if one is not None]
         return needed
+
+
+def _plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    return sensor.sampler is None and sensor.tdc.keep == "first"
+
+
+def _of_light(light: Echoes) -> list[Any]:
+    """What pulses are put together from."""
+    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
+    found += [one.peak_power_w for one in light.interference]
+    return [one for one in found if is_drjit(one)]
+
+
+def _needed(hits: Hits) -> list[Any]:
+    """What the truth of points is made of."""
+    needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+    return [*needed, hits.radial_velocity_m_s] if is_drjit(hits.radial_velocity_m_s) else needed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,14 +160,23 @@ class Simulator:
     """
 
     def __init__(
-        self, scene: Scene, sensor: Sensor, *, world: World | None = None, pose: Pose | None = None
+        self,
+        scene: Scene,
+        sensor: Sensor,
+        *,
+        world: World | None = None,
+        pose: Pose | None = None,
+        rays: int = 1,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
+        rays  of each pulse, over the laser's footprint; a single one is its axis. Raises InputError for less.
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
         """
-        self.scene, self.sensor = scene, sensor
+        if rays < 1:
+            raise InputError(f"rays: at least 1 was expected, {rays} came")
+        self.scene, self.sensor, self.rays = scene, sensor, rays
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -135,13 +184,28 @@ class Simulator:
             centre_m=pose_at(self.motion).position_m,
         )
         self._device_sensor = device.opaque(sensor)
-        self._device_ambient = device.opaque(ambient_of(scene, sensor))
+        ambient = ambient_of(scene, sensor)
+        self._device_ambient = device.opaque(ambient)
+        self._footprint = device.opaque(footprint(sensor.laser, rays))
+        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
+        self._air = device.opaque(air)
+        self.class_names = self.world.class_names
+        self._air_classes = None
+        if air is not None:
+            self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
+            sources = (air.strongest, *air.sources)
+            self._air_classes = device.whole_numbers([self.class_names.index(name) for name in sources])
         self._device_sun = device.opaque(_numbers(scene.sun.direction))
 
     @property
     def motion(self) -> Motion:
         """The sensor's own in the world: what `deskewed` takes off."""
         return motion_of(self.scene, self.sensor, self.pose)
+
+    def check_frames(self, frames: int, *, begin_s: float = 0.0) -> None:
+        """Raises InputError unless every motion lasts for so many frames, and there are numbers for their pulses."""
+        for number in (0, frames - 1):
+            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
 
     def render(
         self,
@@ -154,6 +218,7 @@ class Simulator:
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
         """One frame as a point cloud.
@@ -163,11 +228,12 @@ class Simulator:
         begin_s   when frame 0 begins, by the clock of the scene's motions
         pose      of the sensor (its mounting not included) in the world or on the ego vehicle; as when it was
                   made if None
-        chunk     pulses at a time, bounds the memory
+        chunk     rays at a time, bounds the memory
         frame     "world", "vehicle" or "sensor": in which frame the points are. A sensor that moves does not know
                   it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
+        observer  told of every pulse that met a surface: what rates of detection need
         summary   filled if given
         Raises InputError for a seed, number, chunk or frame that is none, or a motion that ends too early.
         """
@@ -177,7 +243,7 @@ class Simulator:
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
         builder = CloudBuilder(capacity=pulses * stops)
         for first, columns, outcome in self._chunks(
-            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary
+            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
         ):
             since = time.perf_counter()
             if columns is not None:
@@ -194,23 +260,24 @@ class Simulator:
         cloud = builder.build(
             sensor_names=(self.sensor.name,),
             body_names=self.world.body_names,
-            class_names=self.world.class_names,
+            class_names=self.class_names,
             material_names=self.world.material_names,
             metadata=self._metadata(now, seed, frame),
         )
         summary.points += len(cloud)
-        summary.false_alarms += int(np.count_nonzero(cloud.status))
+        summary.statuses += np.bincount(cloud.status, minlength=len(Status))
         summary.spent("assemble", since)
         return cloud
 
     def _chunks(
-        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary
+        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
+        chunk = max(1, chunk // self.rays)
         seed_word = device.opaque_uint32(seed)
         placing = _Placing.of(goal)
 
@@ -226,7 +293,10 @@ class Simulator:
             since = time.perf_counter()
             device.wait()
             since = summary.spent("trace", since)
-            columns, outcome = self._columns(now, part, placing), part.detection.outcome.numpy()
+            pulse, columns = self._columns(now, part, placing)
+            outcome = part.detection.outcome.numpy()
+            if observer is not None:
+                observer(pulse, self._surfaces(part))
             summary.spent("collect", since)
             done = part.first
             if following is not None:
@@ -236,49 +306,75 @@ class Simulator:
     def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
         """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
         pulse = device.counter(first, count)
-        place, movers = now.placements(first, count)
-        rays = beams.fire(
-            self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
-        )
+        of_ray, ray = (pulse, None) if self.rays == 1 else device.repeated(pulse, self.rays)
+        place, movers = now.placements(first, count, rays=self.rays)
+        sensor, ambient = self._device_sensor, self._device_ambient
+        axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
+        rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
         hits = trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
         )  # fmt: skip
-        light = echoes.receive(rays, hits, self._device_sensor, self._device_ambient)
-        detection = returns.detect(light, self._device_sensor, seed=seed, pulse=pulse)
-        return _Chunk(first, pulse, hits, detection)
+        paths = [hits]
+        light = [echoes.receive(rays, one, sensor, ambient) for one in paths]
+        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
+            return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
+        # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
+        device.start(
+            [
+                *(array for one in light for array in _of_light(one)),
+                *(one for hits in paths for one in _needed(hits)),
+            ]
+        )
+        whole = train.together(
+            light, rays, sensor, ambient, rays=self.rays, air=self._air, seed=seed, pulse=pulse
+        )
+        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
 
-    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> dict[str, Any] | None:
-        """The kept points of a chunk, as columns of a PointCloud, by pulse and then by return; None if none."""
+    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
+        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         lanes = collect.kept_lanes(part.detection)
         if lanes is None:
-            return None
+            return np.zeros(0, np.uint32), None
         on_device = collect.columns(
             world=self.world,
             sensor=self._device_sensor,
             pulse=part.pulse,
-            hits=part.hits,
+            paths=part.paths,
+            rays=self.rays,
             detection=part.detection,
+            air_classes=self._air_classes,
             lanes=lanes,
             turn=placing.turn,
             shift=placing.shift,
         )
-        device.start(list(on_device.values()))
-        device.wait()
-        columns = {name: array.numpy() for name, array in on_device.items()}
+        columns = _fetched(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
-        columns["time_s"] = now.time_s(columns["time_s"])
-        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(columns["time_s"]))
+        pulse = columns["time_s"]
+        columns["time_s"] = now.time_s(pulse)
+        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
         if "radial_velocity_m_s" not in columns:
-            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(columns["time_s"]))
-        return columns
+            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(pulse))
+        return pulse, columns
+
+    def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
+        """`collect.surfaces` of a chunk; empty without any."""
+        on_device = collect.surfaces(
+            world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection
+        )
+        return {} if on_device is None else _fetched(on_device)
 
     def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:
         return Frame.of(
             self.scene, self.sensor, self.world, number=number, begin_s=begin_s, sensor_pose=pose or self.pose
         )
+
+    def _intensity_unit(self) -> str:
+        if self.sensor.intensity is not None:
+            return {"range_corrected": "W", "reflectivity": "of 255"}[self.sensor.intensity.kind]
+        return "A" if isinstance(self.sensor.detector, Apd) else "cells"
 
     def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
         from . import __version__
@@ -289,10 +385,11 @@ class Simulator:
             "scene": self.scene.name,
             "sensor": self.sensor.name,
             "seed": str(seed),
-            "intensity_unit": "A" if isinstance(self.sensor.detector, Apd) else "cells",
+            "intensity_unit": self._intensity_unit(),
             "frame": frame,
             "frame_number": str(now.number),
             "frame_start_s": repr(now.start_s),
+            SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
         }
         if now.moves:
             metadata["ego_motion"] = "in the points"
@@ -312,7 +409,14 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"frame: {' or '.join(map(repr, COORDINATES))} was expected, {frame!r} came")
 
 
-def _numbers(values: Matrix) -> tuple[float, ...]:
+def _fetched(on_device: dict[str, Any]) -> dict[str, Matrix]:
+    """Columns off the device."""
+    device.start(list(on_device.values()))
+    device.wait()
+    return {name: array.numpy() for name, array in on_device.items()}
+
+
+def _numbers(values: Matrix) -> tuple[Any, ...]:
     return tuple(float(x) for x in values.ravel())
 
 
@@ -333,4 +437,7 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=_numbers(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
     )

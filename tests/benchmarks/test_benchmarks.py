@@ -33,6 +33,7 @@ SECTIONS = {
             "device, returns",
         )
     ],
+    "Motion": ["vehicle drives / still", "1 bodies move / still", "tables of 2 motions"],
     "From process start to a file": [
         "process start to end: render car.toml",
         *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 from pathlib import Path
 
@@ -79,16 +80,72 @@ sys.exit(code)
     assert "No view from above" in (tmp_path / "out" / "index.md").read_text("utf-8")
 
 
+LABELLED = WALL.replace('"wall"', '"wall"\nclass = "building"', 1)
+
+
+def bodies_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "bodies.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
 def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
     """The wall of 4 m at 10 m: 11.3 degrees to each side, so 11 by 11 beams of 2 degrees."""
-    (tmp_path / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
+    (tmp_path / "wall.toml").write_text(LABELLED)
     ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
     assert (ran.code, ran.err) == (0, "")
-    with (tmp_path / "out" / "bodies.csv").open(newline="", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = bodies_of(tmp_path / "out")
     assert (row["sensor"], row["body"], row["class"]) == ("table1-apd", "wall", "building")
     assert int(row["points"]) == pytest.approx(11 * 11, abs=4)
     assert 10.0 <= float(row["distance_m"]) < 10.4
+
+
+def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, tmp_path: Path) -> None:
+    """5 m nearer: half the distance, 21.8 degrees to each side, so all 21 by 11 beams of the coarse raster."""
+    (tmp_path / "wall.toml").write_text(LABELLED)
+    near = "--set=table1-sipm:mounting.position_m=[5.0,0.0,0.0]"
+    ran = run("fov", "table1-apd", "table1-sipm", "-o", "out", *FAST, near, "--scene", "wall.toml")
+    assert (ran.code, ran.err) == (0, "")
+    rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
+    assert float(rows["table1-apd"]["distance_m"]) == pytest.approx(10.2, abs=0.2)
+    assert float(rows["table1-sipm"]["distance_m"]) == pytest.approx(5.2, abs=0.2)
+    assert int(rows["table1-sipm"]["points"]) == pytest.approx(21 * 11, abs=4)
+
+
+RIG = """
+[[sensors]]
+label = "front"
+sensor = "table1-apd"
+position_m = [2, 0, 1.9]
+
+[[sensors]]
+label = "back"
+sensor = "table1-apd"
+position_m = [-2, 0, 1.9]
+yaw_deg = 180
+"""
+
+
+def test_a_rig(mi, run: Run, tmp_path: Path) -> None:
+    """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
+    (tmp_path / "walls.toml").write_text(
+        LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 0]", "[-10, 0, 0]")
+    )
+    (tmp_path / "rig.toml").write_text(RIG)
+    ran = run(
+        "fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json"
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert set(json.loads(ran.out)["sensors"]) == {"front", "back"}
+    rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
+    assert {name: row["body"] for name, row in rows.items()} == {"front": "wall", "back": "behind"}
+    assert all(8.0 <= float(row["distance_m"]) < 8.6 for row in rows.values())
+    with (tmp_path / "out" / "ground.csv").open(newline="", encoding="utf-8") as file:
+        ground = list(csv.DictReader(file))
+    reach = {name: [float(at["x_m"]) for at in ground if at[name] == "1"] for name in ("front", "back")}
+    # Blind to 1.9 m / tan 10 degrees before each, with the cells of 2 degrees; none sees the other's side.
+    nearest, farthest = (2.0 + 1.9 / math.tan(math.radians(degrees)) for degrees in (12.0, 10.0))
+    assert nearest < min(reach["front"]) < farthest
+    assert max(reach["back"]) == pytest.approx(-min(reach["front"]), abs=0.6)
 
 
 def test_equal_names_get_files_of_their_own() -> None:
@@ -99,7 +156,10 @@ def test_equal_names_get_files_of_their_own() -> None:
     ("argv", "said"),
     [
         (("table1-apd",), "the following arguments are required: -o/--output"),
-        (("-o", "out"), "the following arguments are required: SENSOR"),
+        (("-o", "out"), "SENSOR and --rig: one of them was expected"),
+        (("table1-apd", "--rig", "r.toml", "-o", "out"), "SENSOR and --rig: one of them was expected"),
+        (("--rig", "none.toml", "-o", "out"), "none.toml: no such file"),
+        (("table1-apd", "-o", "out", "--pose", "0,0,1"), "--pose goes with --scene"),
         (("nonsense", "-o", "out"), "nonsense"),
         (("table1-apd", "-o", "file"), "is a file, not a folder"),
         (("table1-apd", "-o", "out", "--time", "1,0.5"), "seconds that rise"),

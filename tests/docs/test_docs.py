@@ -23,6 +23,7 @@ from lidarscene import cli, load_scene, load_sensor
 from lidarscene.cloud import COLUMNS
 from lidarscene.io.job_file import JobFile
 from lidarscene.io.material_file import MaterialFile
+from lidarscene.io.rig_file import RigFile
 from lidarscene.io.scene_file import SceneFile
 from lidarscene.io.sensor_file import SensorFile
 from lidarscene.io.toml_file import FileModel
@@ -91,6 +92,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_readme_is_short_and_its_picture_small() -> None:
     assert len(text_of(README).splitlines()) <= 200
     assert (ROOT / "docs" / "images" / "car.png").stat().st_size < 400_000
+    assert (ROOT / "docs" / "images" / "drive.png").stat().st_size < 300_000
 
 
 # --- examples ---------------------------------------------------------------------------------------
@@ -306,7 +308,7 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return found
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile, JobFile)
+MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)
 
 
 def default_of(info: Any) -> str:

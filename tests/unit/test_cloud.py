@@ -52,7 +52,7 @@ def assert_same(a: PointCloud, b: PointCloud) -> None:
 
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
-        "x y z range intensity snr detection_probability time channel azimuth elevation return_number status "
+        "x y z range intensity snr detection_probability ambient time channel azimuth elevation return_number status "
         "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow radial_velocity body class "
         "material"
     )
@@ -230,3 +230,44 @@ def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(open3d_door, "open3d", closed)
     with pytest.raises(LidarSceneError, match="pip install open3d"):
         small_cloud().to_open3d()
+
+
+def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
+    """Points of a chunk as the simulator hands them over where nothing moves."""
+    repeated = {
+        "sensor_index": np.broadcast_to(np.uint8(0), n),
+        "radial_velocity_m_s": np.broadcast_to(np.float32(velocity), n),
+    }
+    return small_columns(n) | repeated
+
+
+def test_one_value_stays_one_value() -> None:
+    """Columns of one value take no memory, however many chunks there are; 79 of the 84 bytes of a point do."""
+    n, chunks = 50_000, 8
+    parts = [chunk_of(n) for _ in range(chunks)]
+    tracemalloc.start()
+    builder = CloudBuilder(capacity=n * chunks)
+    for part in parts:
+        builder.append(part)
+    cloud = builder.build()
+    taken = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert cloud.radial_velocity_m_s is not None
+    assert cloud.radial_velocity_m_s.strides == cloud.sensor_index.strides == (0,)
+    assert len(cloud.radial_velocity_m_s) == n * chunks
+    assert 79 * n * chunks <= taken < 79.5 * n * chunks
+
+
+@pytest.mark.parametrize("capacity", [0, 30])
+@pytest.mark.parametrize(
+    "order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)]
+)
+def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: int) -> None:
+    """Constant chunks of another value, and chunks of many values (None), wherever they come."""
+    parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]
+    builder = CloudBuilder(capacity=capacity)
+    for part in parts:
+        builder.append(part)
+    cloud = builder.build()
+    for name in ("radial_velocity_m_s", "sensor_index", "range_m"):
+        np.testing.assert_array_equal(getattr(cloud, name), np.concatenate([part[name] for part in parts]))

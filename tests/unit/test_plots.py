@@ -1,5 +1,6 @@
 """Pictures and the pixels in them: size, content, colours, and what they say when there is nothing to show."""
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -74,6 +75,7 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
         "intensity": snr * 1e-9,
         "snr": snr,
         "detection_probability": 1 - np.exp(-snr / 10),
+        "ambient": np.zeros(len(true)),
         "time_s": np.arange(len(true)) * 2e-5,
         "channel": np.arange(len(true)) % 16,
         "azimuth_rad": azimuth,
@@ -294,3 +296,23 @@ def test_light_makes_edges_dark() -> None:
     assert shown.shape == (10, 20, 3)
     assert shown[5, 10, 0] < 150
     assert (shown[5, [3, 15], 0] == 200).all()
+
+
+def test_each_sensor_of_a_rig_has_its_own_range_image(
+    cloud: PointCloud, monkeypatch: Any, tmp_path: Path
+) -> None:
+    """Their azimuths are about different axes: three at most, each with its label and its own points."""
+    labels = ("roof", "left", "right", "rear")
+    numbers = (np.arange(len(cloud)) % 4).astype(np.uint8)
+    drawn: list[tuple[str, int]] = []
+
+    def noted(figure: Any, box: Any, cells: Any, shades: Any, *, labels: bool, name: str) -> None:
+        drawn.append((name, len(shades.rgb)))
+        assert cells.point.max() < len(shades.rgb)
+
+    monkeypatch.setattr(plots, "_draw_range_image", noted)
+    rig = dataclasses.replace(cloud, sensor_names=labels, sensor_index=numbers)
+    frame_picture(rig, tmp_path / "rig.png", colour_by="sensor_index", size_px=(300, 250))
+    assert drawn == [
+        (label, int((numbers == labels.index(label)).sum())) for label in ("right", "left", "roof")
+    ]

@@ -154,7 +154,7 @@ def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, flo
     if laser.exit_diameter_m is None:
         return aperture, distance, 0.0
     beam = iec.beam_diameter_m(
-        exit_diameter_m=laser.exit_diameter_m, divergence_rad=laser.divergence_rad, distance_m=distance
+        exit_diameter_m=laser.exit_diameter_m, divergence_rad=laser.least_divergence_rad, distance_m=distance
     )
     return aperture, distance, beam
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..io.files import atomic_output, require_writable
+from ..io.files import require_writable
 from ..sensor import Sensor
 from . import fov_figures as figures
 from .fov_cells import Cells
@@ -21,10 +19,11 @@ from .fov_pattern import DWELL_S, CellMaps, Pulses, fired, maps, rate_hz
 from .fov_pattern import field as field_of_view
 from .fov_range import Ground, ground, range_map_m
 from .fov_spacing import PERCENTILES, nearest_deg
-from .paper_page import Page
+from .paper_page import Page, csv_text, put_text
 from .ranging import Target
 
 if TYPE_CHECKING:
+    from ..geometry import Pose
     from ..scene import Scene
     from .fov_scene import OnBody
 
@@ -106,9 +105,14 @@ def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> 
 
 def write(
     folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
-    as_json: bool = False,
+    vehicle: Pose | None = None, as_json: bool = False,
 ) -> str:  # fmt: skip
-    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError."""
+    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError.
+
+    sensors  names and sensors, each where its mounting says
+    scene    on whose bodies points are counted too
+    vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
+    """
     names = [name for name, _ in sensors]
     on_vehicle = any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
     files = file_names(names, with_ground=on_vehicle, with_scene=scene is not None)
@@ -118,7 +122,7 @@ def write(
         seen(name, slug, sensor, study) for (name, sensor), slug in zip(sensors, slugs(names), strict=True)
     ]
     below = _ground(everything, study) if on_vehicle else None
-    bodies = _bodies(sensors, scene) if scene is not None else None
+    bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
     page = Page("Fields of view")
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
     page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
@@ -127,7 +131,7 @@ def write(
         stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], told: str
     ) -> None:
         draw(folder / f"{stem}.png")
-        _put(folder / f"{stem}.csv", _csv(*table))
+        put_text(folder / f"{stem}.csv", csv_text(*table))
         page.figure(name=stem, number=stem, caption=told, svg=False)
 
     page.heading("All sensors")
@@ -147,8 +151,8 @@ def write(
         page.heading(one.name)
         for made in (figures.pattern, figures.density, figures.revisit, figures.far):
             show(*made(one))
-    _put(folder / PAGES[0], page.as_markdown())
-    _put(folder / PAGES[1], page.as_html())
+    put_text(folder / PAGES[0], page.as_markdown())
+    put_text(folder / PAGES[1], page.as_html())
     return _told(folder, everything, study, files, as_json=as_json)
 
 
@@ -159,10 +163,14 @@ def _ground(everything: Sequence[Seen], study: Study) -> Ground:
     )
 
 
-def _bodies(sensors: Sequence[tuple[str, Sensor]], scene: Scene) -> list[tuple[str, list[OnBody]]]:
+def _bodies(
+    sensors: Sequence[tuple[str, Sensor]], scene: Scene, vehicle: Pose | None
+) -> list[tuple[str, list[OnBody]]]:
+    from ..rig import Mounted
     from .fov_scene import points_on_bodies
 
-    return [(name, points_on_bodies(scene, sensor)) for name, sensor in sensors]
+    mounted = [Mounted(label=name, sensor=sensor) for name, sensor in sensors]
+    return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
 def _told(
@@ -194,16 +202,3 @@ def _told(
 
 def _coverage(one: Seen, study: Study) -> list[float]:
     return [float(c) for c in one.maps.coverage(np.array(study.times_s))]
-
-
-def _csv(header: Sequence[str], rows: Iterable[Any]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
-    return out.getvalue()
-
-
-def _put(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")

@@ -34,7 +34,7 @@ SUMMARY = (
     "maximum range",
 )
 NO_GROUND = (
-    "No view from above: no sensor's [mounting] is above the ground. With position_m heights there, as by --set "
+    "No view from above: no sensor's [mounting] is above the ground. With a --rig, or heights as by --set "
     "SENSOR:mounting.position_m=[0,0,1.9], the ground around the vehicle, overlaps and blind zones are drawn."
 )
 DOTS = 60_000  # of a pattern that are drawn and listed
@@ -186,7 +186,8 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
     told = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
-        "Every sensor stands where the scene's sensor stands; its own mounting is left out."
+        "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
+        "on the rig's vehicle."
     )
     draw = partial(
         charts_fov.save_scatter, groups=groups, x_label="distance [m]", y_label="points on the body",

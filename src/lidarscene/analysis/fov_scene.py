@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..cloud import PointCloud
 from ..geometry import Pose
+from ..rig import Mounted, simulators
 from ..scene import Scene
-from ..sensor import Sensor
 
 Matrix = np.ndarray[Any, Any]
 
@@ -24,14 +26,20 @@ class OnBody:
     points: int
 
 
-def points_on_bodies(scene: Scene, sensor: Sensor, *, seed: int = 0) -> list[OnBody]:
-    """One frame of the sensor at the scene's sensor pose, without its mounting; bodies from near to far.
+def points_on_bodies(
+    scene: Scene, sensors: Sequence[Mounted], *, vehicle: Pose | None = None, seed: int = 0
+) -> list[tuple[str, list[OnBody]]]:
+    """Each sensor's label, and what a frame of it has on bodies, from near to far. Needs a back end.
 
-    Bodies without a class are left out, and those without a point. Needs a back end.
+    vehicle  where the frame stands that the sensors' poses are in; the scene's sensor pose if None
+    Bodies without a class are left out, and those without a point.
     """
-    from ..simulate import Simulator
+    place = scene.sensor_pose if vehicle is None else vehicle
+    made = simulators(scene, sensors, pose=place)
+    return [(label, _found(simulator.render(seed=seed))) for label, simulator in made]
 
-    cloud = Simulator(scene, replace(sensor, mounting=Pose())).render(seed=seed)
+
+def _found(cloud: PointCloud) -> list[OnBody]:
     assert cloud.body is not None
     assert cloud.class_id is not None
     assert cloud.true_range_m is not None

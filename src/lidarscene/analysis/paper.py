@@ -10,12 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .. import charts
-from ..io.files import atomic_output, require_writable
+from ..io.files import require_writable
 from .paper_claims_model import HOLDS, Claim, claims_of_the_model
 from .paper_claims_results import claims_of_the_results
 from .paper_errata import Erratum, errata
 from .paper_figures import PaperFigure, figures
-from .paper_page import Page
+from .paper_page import Page, put_text
 
 PAGES = ("index.md", "index.html")
 
@@ -52,10 +52,10 @@ def write(folder: Path, *, as_json: bool = False) -> str:
     drawn, claims, mistakes = figures(), [*claims_of_the_model(), *claims_of_the_results()], errata()
     for one in drawn:
         charts.save(one.chart, [folder / f"{one.file}.png", folder / f"{one.file}.svg"])
-        _put(folder / f"{one.file}.csv", _csv(one))
+        put_text(folder / f"{one.file}.csv", _csv(one))
     page = _page(drawn, claims, mistakes)
-    _put(folder / PAGES[0], page.as_markdown())
-    _put(folder / PAGES[1], page.as_html())
+    put_text(folder / PAGES[0], page.as_markdown())
+    put_text(folder / PAGES[1], page.as_html())
     if as_json:
         return json.dumps({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
                            "files": [str(folder / name) for name in file_names()]})  # fmt: skip
@@ -68,11 +68,6 @@ def _csv(one: PaperFigure) -> str:
     writer.writerow(one.header)
     writer.writerows([f"{value:.10g}" for value in row] for row in zip(*one.columns, strict=True))
     return out.getvalue()
-
-
-def _put(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]) -> Page:

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
-from ..errors import InputError
 from ..io.sensor_file import sensor_from_tables
-from ..io.toml_file import read_toml, with_overrides
+from ..io.toml_file import addressed, read_toml, with_overrides
 from ..sensor import Sensor
 
 
@@ -64,7 +63,7 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
             name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent
         )
         found.append(subject)
-    split = [_addressed(assignment, found) for assignment in assignments]
+    split = [addressed(assignment, [subject.argument for subject in found]) for assignment in assignments]
     seen: Counter[str] = Counter()
     named = []
     for subject in found:
@@ -74,15 +73,3 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
         name = name if seen[name] == 1 else f"{name} ({seen[name]})"
         named.append(replace(subject, overrides=overrides, name=name))
     return named
-
-
-def _addressed(assignment: str, among: Sequence[Subject]) -> tuple[str | None, str]:
-    """The sensor that an assignment is for, None for all, and the assignment itself."""
-    key, equals, value = assignment.partition("=")
-    sensor, colon, own_key = key.rpartition(":")
-    if not colon:
-        return None, assignment
-    if sensor not in {subject.argument for subject in among}:
-        known = ", ".join(subject.argument for subject in among)
-        raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {known}")
-    return sensor, f"{own_key}{equals}{value}"

@@ -14,7 +14,7 @@ from .store import Store
 from .tasks import FrameTask, Job
 
 ROWS_AT_A_TIME = 20_000
-COUNTS = ("beams", "hits", "points", "echoes", "false_alarms")
+COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather")
 
 
 def write_manifest(job: Job, store: Store, failed: Mapping[str, str]) -> None:

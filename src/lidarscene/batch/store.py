@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..formats import FORMATS
 from ..io.files import atomic_output
 
 
@@ -23,7 +24,7 @@ class Store:
 
     def cloud(self, key: str, format: str) -> Path:
         """Where the cloud of this key is."""
-        return self.folder / "frames" / key[:2] / f"{key}.{format}"
+        return self.folder / "frames" / key[:2] / f"{key}{FORMATS[format].suffix}"
 
     def _row(self, key: str) -> Path:
         return self.folder / "rows" / key[:2] / f"{key}.json"

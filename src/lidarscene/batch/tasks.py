@@ -14,11 +14,13 @@ from typing import Any
 
 from .. import __version__, api, catalog
 from ..errors import InputError
+from ..formats import FORMATS
 from ..io.job_file import JobFile, TrajectoryFile
-from ..io.rig_file import RigFile
+from ..io.rig_file import read_rig
 from ..io.scene_file import files_of_scene, sensor_of_scene
 from ..io.sensor_file import files_of_sensor
-from ..io.toml_file import read_toml, toml_text, validated
+from ..io.toml_file import toml_text
+from ..sensor import Sensor
 
 LAYOUT = 1
 """Of names and rows; a new number makes all old results unknown."""
@@ -83,6 +85,7 @@ class FrameTask:
     format: str
     coordinates: str
     truth: bool
+    rays: int
     chunk: int | None
 
     @property
@@ -105,6 +108,7 @@ class Job:
         from ..io.job_file import read_job
 
         file = read_job(path)
+        FORMATS[file.format].require()
         try:
             return cls(file, tuple(_choices(file, path.parent)))
         except InputError as error:
@@ -121,7 +125,7 @@ class Job:
             for sensor, seed, number in itertools.product(sensors, file.all_seeds(), range(file.frames)):
                 how: dict[str, Any] = {
                     "seed": seed, "number": number, "begin_s": file.begin_s, "format": file.format,
-                    "coordinates": file.coordinates, "truth": file.truth,
+                    "coordinates": file.coordinates, "truth": file.truth, "rays": file.rays,
                 }  # fmt: skip
                 key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, how])
                 yield FrameTask(
@@ -212,15 +216,14 @@ def sensor_content(name: str, overrides: Sequence[str]) -> str:
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
     """Hash of a rig: its file, its sensors and the changes to them. Raises InputError."""
-    file = validated(RigFile, read_toml(Path(path)), path)
-    sensors = [
-        sensor_content(
-            str(Path(path).parent / one.sensor) if one.sensor.endswith(".toml") else one.sensor,
-            [*one.set, *overrides],
-        )
-        for one in file.sensors
-    ]
-    return _hash([_digest(Path(path)), sensors])
+    found = [_digest(Path(path))]
+
+    def sensor(name: str, changes: Sequence[str]) -> Sensor:
+        found.append(sensor_content(name, changes))
+        return api.load_sensor(name, overrides=changes)
+
+    read_rig(Path(path), sensor=sensor, overrides=overrides)
+    return _hash(found)
 
 
 def _hash(value: Any) -> str:

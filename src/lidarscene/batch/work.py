@@ -75,14 +75,14 @@ def _render(task: FrameTask, store: Store) -> None:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     if store.row(task.key) is not None:  # another worker was faster
         return
-    simulator = _simulator(task.scene, task.sensor)
+    simulator = _simulator(task.scene, task.sensor, task.rays)
     summary = Summary()
     cloud = simulator.render(
         seed=task.seed, number=task.number, begin_s=task.begin_s, frame=task.coordinates,
         chunk=task.chunk or DEFAULT_CHUNK, summary=summary,
     )  # fmt: skip
     path = store.cloud(task.key, task.format)
-    (cloud if task.truth else cloud.without_truth()).save(path)
+    (cloud if task.truth else cloud.without_truth()).save(path, format=task.format)
     store.finish(task.key, path, report.as_dict(summary))
 
 
@@ -105,7 +105,7 @@ class _Kept:
 _scenes, _sensors, _worlds = _Kept(), _Kept(), _Kept()
 
 
-def _simulator(choice: SceneChoice, sensor: SensorChoice) -> Simulator:
+def _simulator(choice: SceneChoice, sensor: SensorChoice, rays: int) -> Simulator:
     """As `lidarscene render` would make it: of a rig, sensors of one wavelength share the world of the first."""
     scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
     own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
@@ -114,7 +114,7 @@ def _simulator(choice: SceneChoice, sensor: SensorChoice) -> Simulator:
         (choice.world, _wavelength(own.sensor), centre_m.tobytes()),
         lambda: Simulator(scene, first.sensor, pose=first.pose).world,
     )
-    return Simulator(scene, own.sensor, pose=own.pose, world=world)
+    return Simulator(scene, own.sensor, pose=own.pose, world=world, rays=rays)
 
 
 def _scene(choice: SceneChoice) -> Scene:

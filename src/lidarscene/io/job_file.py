@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ..cloud import FORMATS
+from ..formats import FORMATS
 from .motion_model import EgoFile
 from .toml_file import FileModel, read_toml, toml_text, validated
 
@@ -97,11 +97,14 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of seeds"
     )
     sweep: SweepFile = SweepFile()
-    format: str = Field(default="ply", description="of the clouds' files: the end of their names")
+    format: str = Field(default="ply", description="of the clouds' files")
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
+    rays: Annotated[int, Field(ge=1, le=1024)] = Field(
+        default=1, description="of each pulse, over the footprint of its beam"
+    )
     chunk: Annotated[int, Field(ge=1, le=2**31 - 1)] | None = Field(
-        default=None, description="pulses at a time: bounds the memory, no more"
+        default=None, description="rays at a time: bounds the memory, no more"
     )
 
     @model_validator(mode="after")
@@ -109,9 +112,8 @@ class JobFile(FileModel):
         for key in ("scenes", "sensors", "rigs", "seeds"):
             _each_once(key, getattr(self, key))
         _each_once("trajectories", [one.label for one in self.trajectories])
-        known = [suffix.lstrip(".") for suffix in FORMATS]
-        if self.format not in known:
-            raise ValueError(f"format: one of {', '.join(known)} was expected, '{self.format}' came")
+        if self.format not in FORMATS:
+            raise ValueError(f"format: one of {', '.join(FORMATS)} was expected, '{self.format}' came")
         if self.seed_count is not None and "seeds" in self.model_fields_set:
             raise ValueError("one way to say it was expected, seeds and seed_count came")
         return self

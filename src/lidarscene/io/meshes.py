@@ -33,19 +33,30 @@ def read_mesh(path: Path) -> list[SubMesh]:
         raise InputError(
             f"{path}: {'is a folder, a mesh file was expected' if os.path.isdir(path) else 'no such file'}"
         )
-    pieces = [piece for piece in cached(path, lambda: _pieces(path)) if len(piece.faces)]
+    return checked(cached(path, lambda: _pieces(path)), str(path))
+
+
+def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
+    """Those that have triangles. Raises InputError, one line, if there are none, or for numbers that are none."""
+    pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
-        raise InputError(f"{path}: the mesh is empty, at least one triangle was expected")
+        raise InputError(f"{where}: the mesh is empty, at least one triangle was expected")
     for piece in pieces:
         count = len(piece.vertices_m)
         # Not NaN, not infinite, and not so large that a scale would make it so.
         bad = count - int(np.count_nonzero((np.abs(piece.vertices_m) < 1e30).all(axis=1)))
         if bad:
-            raise InputError(f"{path}: {bad} of {count} vertices are not finite numbers")
+            raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
         low, high = int(piece.faces.min()), int(piece.faces.max())
         if low < 0 or high >= count:
-            raise InputError(f"{path}: a face names vertex {low if low < 0 else high}, there are {count}")
+            raise InputError(f"{where}: a face names vertex {low if low < 0 else high}, there are {count}")
     return pieces
+
+
+def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
+    """Node name and mesh of every mesh in a trimesh.Scene, empty ones included."""
+    nodes = [node for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
+    return [(str(node), _placed(loaded, node)) for node in nodes]
 
 
 def _pieces(path: Path) -> list[SubMesh]:
@@ -53,8 +64,7 @@ def _pieces(path: Path) -> list[SubMesh]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            loaded = _loaded(path)
-            return [_placed(loaded, node) for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
+            return [piece for _, piece in pieces_of(_loaded(path))]
     except Exception as error:
         # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
         reason = " ".join(str(error).split())[:200] or type(error).__name__

@@ -17,6 +17,8 @@ from .sensor_file import PoseFile
 from .toml_file import FileModel
 
 LARGEST_SPEED_M_S = 1e4
+LARGEST_YAW_RATE_DEG_S = 36_000.0
+"""A hundred turns a second: 18 degrees from one instant of the tables (motion.STEP_S) to the next."""
 
 Speed = Annotated[float, Field(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S)]
 
@@ -31,7 +33,9 @@ class MotionFile(FileModel):
     """A motion: constant speed and yaw rate, or poses with times."""
 
     speed_m_s: Speed = Field(default=0.0, description="along its own x axis")
-    yaw_rate_deg_s: float = Field(default=0.0, description="positive to the left")
+    yaw_rate_deg_s: Annotated[float, Field(ge=-LARGEST_YAW_RATE_DEG_S, le=LARGEST_YAW_RATE_DEG_S)] = Field(
+        default=0.0, description="positive to the left"
+    )
     velocity_m_s: tuple[Speed, Speed, Speed] = Field(
         default=(0.0, 0.0, 0.0), description="added to it, in the axes of the world"
     )

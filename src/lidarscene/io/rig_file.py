@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..rig import Mounted, Rig
 from ..sensor import Sensor
 from .sensor_file import PoseFile
-from .toml_file import FileModel, read_toml, validated
+from .toml_file import FileModel, addressed, read_toml, validated
 
 SensorLookup = Callable[[str, Sequence[str]], Sensor]
 
@@ -54,14 +54,16 @@ class RigFile(FileModel):
 def read_rig(path: Path, *, sensor: SensorLookup, overrides: Sequence[str] = ()) -> Rig:
     """A rig from its file; ``sensor`` finds a sensor by catalogue name or path, with overrides applied.
 
-    overrides  for every sensor, after its own. Raises InputError.
+    overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """
     file = validated(RigFile, read_toml(path), str(path))
+    labels = [one.label for one in file.sensors]
+    changes = [addressed(assignment, labels) for assignment in overrides]
     mounted = []
     for index, one in enumerate(file.sensors):
         name = str(path.parent / one.sensor) if one.sensor.endswith(".toml") else one.sensor
         try:
-            found = sensor(name, [*one.set, *overrides])
+            found = sensor(name, [*one.set, *(text for to, text in changes if to in (None, one.label))])
         except InputError as error:
             raise InputError(f'{path}: sensors[{index} "{one.label}"]: {error}') from None
         mounted.append(Mounted(label=one.label, sensor=found, pose=one.pose()))

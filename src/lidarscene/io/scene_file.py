@@ -17,7 +17,7 @@ from ..geometry import Pose
 from ..materials import Material, Spectrum
 from ..scene import Ball, Body, Part, Scene, Sky, View
 from ..trajectory import Motion, Riding
-from . import meshes
+from . import interference_file, meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
 from .submesh import SubMesh
@@ -37,7 +37,7 @@ def read_scene(path: Path, *, catalogue: MaterialLookup, overrides: Sequence[str
     """
     if _is_xml(path):
         _no_overrides(path, overrides)
-        return Scene(name=path.stem, base=_xml(path))
+        return Scene(name=path.stem, base=xml_file(path))
     return scene_from_model(scene_model(path, overrides=overrides), path=path, catalogue=catalogue)
 
 
@@ -101,11 +101,13 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
         air=file.air.build(file.weather.build()),
+        lamps_w_m2=interference_file.lamps_w_m2(file.interference),
+        interferers=interference_file.interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
         view=View(**file.picture.model_dump()) if file.picture else None,
-        base=_xml(path.parent / file.base, f"{path}: base: ") if file.base else None,
+        base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )
 
@@ -119,8 +121,8 @@ def _is_xml(path: Path) -> bool:
     return path.suffix.lower() == ".xml"
 
 
-def _xml(path: Path, where: str = "") -> Path:
-    """The path, if there is an XML file."""
+def xml_file(path: Path, where: str = "") -> Path:
+    """The path, if there is an XML file. Raises InputError."""
     if not os.path.isfile(path):
         what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
         raise InputError(f"{where}{path}: {what}")
@@ -151,12 +153,17 @@ class _Surfaces:
         return name
 
     def add_grey(self, name: str, grey: float) -> str:
-        """A mesh file's own colour as a diffuse surface: an estimate, since colours are not infrared."""
-        self.materials[name] = Material(
-            name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
-            description="estimate: mean of the mesh file's base colour",
-        )  # fmt: skip
+        """A mesh file's own colour as a diffuse surface."""
+        self.materials[name] = grey_material(name, grey)
         return name
+
+
+def grey_material(name: str, grey: float) -> Material:
+    """A mesh's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+    return Material(
+        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
+        description="estimate: mean of the mesh file's base colour",
+    )  # fmt: skip
 
 
 def _check_names(bodies: list[Body], path: Path) -> None:

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..scene import Air, Sun
 from ..weather import Weather
 from . import pvlib_door
+from .interference_file import AnyInterferenceFile
 from .material_file import MaterialFile
 from .motion_model import BodyMotionFile, EgoFile
 from .sensor_file import PoseFile, Vector
@@ -224,6 +225,7 @@ class SceneFile(FileModel):
     sky: SkyFile = SkyFile()
     air: AirFile = AirFile()
     weather: WeatherFile = WeatherFile()
+    interference: tuple[AnyInterferenceFile, ...] = ()
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None

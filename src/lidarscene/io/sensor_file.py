@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,10 +13,13 @@ from pydantic import Field, model_validator
 from ..detectors import Apd, Detector, Sipm
 from ..errors import InputError
 from ..geometry import Pose
+from ..physics import beam
 from ..scan import Scanner
 from ..sensor import Laser, Optics, Sensor, Tdc
-from .filter_file import FilterFile
+from .intensity_file import AnyIntensityFile
+from .optics_file import OpticsFile
 from .published_file import PublishedFile
+from .sampler_file import AnySamplerFile
 from .scanner_file import AnyScannerFile, TableFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
@@ -22,6 +27,8 @@ from .toml_file import FileModel, read_toml, validated, with_overrides
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
+
+MOST_STOPS = 16
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -38,45 +45,39 @@ class LaserFile(FileModel):
     pulse_fwhm_ns: Positive
     repetition_rate_khz: Positive
     divergence_mrad: NotNegative = Field(
-        default=0.0, description="full angle at 1/e^2; not used with one ray a pulse"
+        default=0.0,
+        description="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
+    )
+    beam_profile: Literal["gaussian", "top_hat"] = "gaussian"
+    divergence_elevation_mrad: Positive | None = Field(
+        default=None, description="the same on the second axis; a round beam if left out"
+    )
+    beam_rotation_deg: float = Field(
+        default=0.0, description="of the beam's two axes about the beam, from the left to the top"
     )
     exit_diameter_mm: Positive | None = Field(
-        default=None,
-        description="1/e^2 diameter where the beam leaves; for eye safety, not known if left out",
+        default=None, description="1/e^2 diameter where the beam leaves; not known if left out"
     )
     apparent_source_mrad: NotNegative = Field(
         default=0.0, description="angle of the apparent source, for eye safety; up to 1.5 it is a point"
     )
 
-
-class OpticsFile(FileModel):
-    """[optics]: the receiver."""
-
-    aperture_radius_mm: Positive
-    focal_length_mm: Positive
-    efficiency_laser: Share
-    efficiency_sun: Share
-    sun_irradiance_w_m2: NotNegative | None = Field(
-        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
-    )
-    filter: FilterFile | None = None
-
     @model_validator(mode="after")
-    def _one_sun(self) -> OpticsFile:
-        if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
-            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
-        return self
-
-    def build(self, folder: Path) -> Optics:
-        """In SI units; a filter's transmittance file lies in ``folder``."""
-        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return Optics(
-            aperture_radius_m=self.aperture_radius_mm * 1e-3,
-            focal_length_m=self.focal_length_mm * 1e-3,
-            efficiency_laser=self.efficiency_laser,
-            efficiency_sun=self.efficiency_sun,
-            sun_irradiance_w_m2=sun,
+    def _not_finer_than_light(self) -> LaserFile:
+        least = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
+        if self.exit_diameter_mm is None or least == 0.0:
+            return self
+        limit = least / beam.beam_quality(
+            exit_diameter_m=self.exit_diameter_mm * 1e-3,
+            divergence_rad=least * 1e-3,
+            wavelength_m=self.wavelength_nm * 1e-9,
         )
+        if least < limit * (1.0 - 1e-3):
+            raise ValueError(
+                f"divergence_mrad: a beam of {self.exit_diameter_mm:g} mm spreads by {limit:.3g} mrad at least "
+                f"(M2 of 1), {least:g} came"
+            )
+        return self
 
 
 class ApdFile(FileModel):
@@ -94,6 +95,10 @@ class ApdFile(FileModel):
     temperature_k: Positive = 300.0
     circuit_noise_na: NotNegative = 0.0
     tail: Literal["gaussian", "mcintyre"] = "gaussian"
+    saturation_ua: Positive | None = Field(
+        default=None,
+        description="current at which the amplifier clips, after multiplication; never if left out",
+    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -115,6 +120,7 @@ class ApdFile(FileModel):
             temperature_k=self.temperature_k,
             circuit_noise_a=self.circuit_noise_na * 1e-9,
             tail=self.tail,
+            saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
         )
 
 
@@ -156,13 +162,24 @@ class TdcFile(FileModel):
     )
     lsb_ps: NotNegative = 0.0
     jitter_ps: NotNegative = 0.0
-    stops: Annotated[int, Field(ge=1, le=16)] = 1
+    stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = 1
+    keep: Literal["first", "last", "strongest", "all"] = Field(
+        default="first", description='which crossings, if there are more than stops; "all" is the first 16'
+    )
+    dead_time_ns: NotNegative = Field(
+        default=0.0, description="from an echo's crossing to the next that can be taken"
+    )
     walk: Literal["none", "raw", "corrected"] = "corrected"
+    ambient_window_us: Positive | None = Field(
+        default=None, description="time in which the background is counted; the window if left out"
+    )
 
     @model_validator(mode="after")
     def _one_threshold(self) -> TdcFile:
         if (self.threshold_to_noise is None) == (self.threshold_level is None):
             raise ValueError("one of threshold_to_noise and threshold_level was expected, not both or none")
+        if self.keep == "all" and "stops" in self.model_fields_set:
+            raise ValueError('stops: not together with keep = "all", which has 16')
         return self
 
 
@@ -191,7 +208,14 @@ class SensorFile(FileModel):
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
     detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
     tdc: TdcFile
+    sampler: AnySamplerFile | None = Field(
+        default=None,
+        description="what measures the pulses that trip the comparator; the TDC alone if left out",
+    )
     mounting: PoseFile = PoseFile()
+    intensity: AnyIntensityFile | None = Field(
+        default=None, description="the maker's scale; the amplitude if left out"
+    )
     published: PublishedFile | None = Field(
         default=None, description="for comparison; not used by the simulation"
     )
@@ -209,16 +233,23 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.build()
-        optics = self.optics.build(folder)
+        laser, optics = _laser(self.laser), self.optics.build(folder)
+        if self.optics.overlap is not None:
+            overlap = self.optics.overlap.build(
+                optics=optics, laser=laser, detector_radius_m=self.detector.radius_mm * 1e-3
+            )
+            optics = replace(optics, overlap=overlap)
         return Sensor(
             name=self.name,
             description=self.description,
-            laser=_laser(self.laser),
+            laser=laser,
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
             tdc=_tdc(self.tdc),
+            sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
+            intensity=None if self.intensity is None else self.intensity.build(),
             sources=dict(self.sources),
         )
 
@@ -239,6 +270,11 @@ def _laser(laser: LaserFile) -> Laser:
         pulse_fwhm_s=laser.pulse_fwhm_ns * 1e-9,
         repetition_rate_hz=laser.repetition_rate_khz * 1e3,
         divergence_rad=laser.divergence_mrad * 1e-3,
+        profile=laser.beam_profile,
+        divergence_elevation_rad=(
+            None if laser.divergence_elevation_mrad is None else laser.divergence_elevation_mrad * 1e-3
+        ),
+        beam_rotation_rad=math.radians(laser.beam_rotation_deg),
         exit_diameter_m=None if laser.exit_diameter_mm is None else laser.exit_diameter_mm * 1e-3,
         source_rad=laser.apparent_source_mrad * 1e-3,
     )
@@ -252,8 +288,11 @@ def _tdc(tdc: TdcFile) -> Tdc:
         threshold_level=tdc.threshold_level,
         least_significant_bit_s=tdc.lsb_ps * 1e-12,
         jitter_s=tdc.jitter_ps * 1e-12,
-        stops=tdc.stops,
+        stops=MOST_STOPS if tdc.keep == "all" else tdc.stops,
+        keep="first" if tdc.keep == "all" else tdc.keep,
+        dead_time_s=tdc.dead_time_ns * 1e-9,
         walk=tdc.walk,
+        ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
 from typing import Any, TypeVar
@@ -272,3 +272,14 @@ def _copied(value: Any) -> Any:
     if isinstance(value, list):
         return [_copied(inner) for inner in value]
     return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+
+
+def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
+    """Which of these sensors SENSOR:KEY=VALUE is for, None for all, and KEY=VALUE. Raises InputError."""
+    key, equals, value = assignment.partition("=")
+    sensor, colon, own_key = key.rpartition(":")
+    if not colon:
+        return None, assignment
+    if sensor not in among:
+        raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {', '.join(among)}")
+    return sensor, f"{own_key}{equals}{value}"

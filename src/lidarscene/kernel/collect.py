@@ -6,12 +6,14 @@ second small kernel, and what follows from the pulse number alone is computed fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ..arrays import Array, is_drjit
 from ..beams import reported
 from ..hits import Hits
-from ..returns import Detection
+from ..returns import Detection, Outcome, Status
 from ..sensor import Sensor
 from .backend import mitsuba
 from .world import World
@@ -31,13 +33,63 @@ def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:
     return index // stops, index % stops
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ends:
+    """The surfaces that some returns come from.
+
+    paths      Hits by each way of the light, lane = pulse lane * rays + ray
+    index      (k,) lane in them
+    path       (k,) which of them, or None: there is only one
+    known      (k,) whether there is such a surface
+    """
+
+    paths: Sequence[Hits]
+    index: Any
+    path: Any
+    known: Any
+
+    @classmethod
+    def of(cls, paths: Sequence[Hits], rays: int, lane: Any, source: Any) -> _Ends:
+        """Of pulse lanes and the numbers of sub-echoes (None: there is one to a pulse)."""
+        import drjit as dr
+
+        mi = mitsuba()
+        if source is None:
+            return cls(paths=paths, index=lane, path=None, known=dr.full(mi.Mask, True, dr.width(lane)))
+        known = (source >= 0) & (source < rays * len(paths))
+        number = mi.UInt32(dr.select(known, source, 0))
+        path = number // rays
+        return cls(paths=paths, index=lane * rays + number - path * rays, path=path, known=known)
+
+    def get(self, name: str) -> Any:
+        """An attribute of the hits; zero where there is no surface."""
+        import drjit as dr
+
+        values = None
+        for number, hits in enumerate(self.paths):
+            here = self.known if len(self.paths) == 1 else self.known & (self.path == number)
+            array = getattr(hits, name)
+            part = dr.gather(type(array), array, self.index, here)
+            values = part if values is None else dr.select(here, part, values)
+        return values
+
+    @property
+    def face(self) -> Any:
+        """Faces, -1 where there is none."""
+        import drjit as dr
+
+        return dr.select(self.known, self.get("face"), -1)
+
+
 def columns(
     *,
     world: World,
     sensor: Sensor,
     pulse: Any,
-    hits: Hits,
+    paths: Sequence[Hits],
+    rays: int,
     detection: Detection,
+    air_classes: Any,
     lanes: tuple[Any, Any],
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
@@ -45,10 +97,12 @@ def columns(
     """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; no radial velocity
     where nothing moves.
 
-    sensor  with its numbers on the device
-    pulse   (n,) pulse numbers of the chunk's lanes
-    lanes   from `kept_lanes`
-    turn    nine numbers, row by row, and shift three: sensor frame to the frame of the points
+    sensor       with its numbers on the device
+    pulse        (n,) pulse numbers of the chunk's lanes
+    paths, rays  what the rays of each pulse met, lane = pulse lane * rays + ray
+    air_classes  class of light of the air, and of each sub-echo of the air, or None in clear air
+    lanes        from `kept_lanes`
+    turn         nine numbers, row by row, and shift three: sensor frame to the frame of the points
     """
     import drjit as dr
 
@@ -63,39 +117,92 @@ def columns(
         values = _interleaved([getattr(one, name) for one in detection.stops])
         return dr.gather(type(values), values, lane * stops + stop)
 
-    def where_known(table: Any, index: Any) -> Any:
-        return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
+    def own(name: str) -> Any:
+        """Of the return, or of the pulse where one echo stands for it."""
+        return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
-    of_pulse = of_lane(pulse)
-    range_m, face = of_stop("range_m"), of_lane(hits.face)
+    of_pulse, range_m = of_lane(pulse), of_stop("range_m")
+    source = None if detection.source is None else of_stop("source")
+    ends = _Ends.of(paths, rays, lane, source)
+    face, status = ends.face, of_stop("status")
     azimuth, elevation = sensor.scanner.angles(of_pulse)
-    rays = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
-    body = where_known(world.face_body, face)
-    moving = is_drjit(hits.radial_velocity_m_s)
-    velocity = {"radial_velocity_m_s": of_lane(hits.radial_velocity_m_s)} if moving else {}
+    beams = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
+    body = _where_known(world.face_body, face)
+    class_id = _where_known(world.body_class, body)
+    true_range = ends.get("range_m") if source is None else of_stop("true_range_m")
+    has_range = face >= 0
+    if air_classes is not None and source is not None:
+        of_air = status == int(Status.WEATHER)
+        number = dr.select(source < 0, 0, source - rays * len(paths) + 1)
+        class_id = dr.select(of_air, dr.gather(mi.Int32, air_classes, mi.UInt32(number), of_air), class_id)
+        has_range |= of_air
+    moving = is_drjit(paths[0].radial_velocity_m_s)
+    velocity = {"radial_velocity_m_s": ends.get("radial_velocity_m_s")} if moving else {}
     return velocity | {
         "xyz_m": dr.ravel(
-            mi.Point3f(*(s + d * range_m for s, d in zip(rays.origin_m, rays.direction, strict=True)))
+            mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
         ),
         "range_m": range_m,
-        "intensity": of_stop("amplitude"),
-        "snr": of_lane(detection.snr),
-        "detection_probability": of_lane(detection.detection_probability),
+        "intensity": of_stop("intensity"),
+        "snr": own("snr"),
+        "detection_probability": own("detection_probability"),
+        "ambient": of_lane(detection.ambient),
         "time_s": of_pulse,  # single precision would lose nanoseconds: the caller makes it a time
         "channel": sensor.scanner.channel(of_pulse),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": mi.UInt8(stop + 1) + dr.zeros(mi.UInt8, dr.width(lane)),
-        "status": mi.UInt8(of_stop("status")),
-        "true_range_m": dr.select(face >= 0, of_lane(hits.range_m), dr.inf),
-        "incidence_angle_rad": dr.acos(of_lane(hits.cos_incidence)),
-        "reflectivity": of_lane(hits.reflectivity),
-        "sun_angle_rad": dr.acos(dr.clip(of_lane(hits.cos_sun), -1.0, 1.0)),
-        "in_shadow": mi.UInt8(dr.select((face >= 0) & ~of_lane(hits.lit), mi.UInt32(1), 0)),
+        "status": mi.UInt8(status),
+        "true_range_m": dr.select(has_range, true_range, dr.inf),
+        "incidence_angle_rad": dr.acos(ends.get("cos_incidence")),
+        "reflectivity": ends.get("reflectivity"),
+        "sun_angle_rad": dr.acos(dr.clip(ends.get("cos_sun"), -1.0, 1.0)),
+        "in_shadow": mi.UInt8(dr.select((face >= 0) & ~ends.get("lit"), mi.UInt32(1), 0)),
         "body": body,
-        "class_id": where_known(world.body_class, body),
-        "material": where_known(world.face_material, face),
+        "class_id": class_id,
+        "material": _where_known(world.face_material, face),
     }
+
+
+def surfaces(
+    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection
+) -> dict[str, Any] | None:
+    """Every pulse of a chunk that met a surface, kept or not, on the device, not yet computed; None if none did.
+
+    pulse, outcome (an `Outcome`), snr and detection_probability, and the truth by attribute of PointCloud: of a pulse
+    of several sub-echoes that of the strongest.
+    """
+    import drjit as dr
+
+    lane = dr.compress(detection.outcome != int(Outcome.NO_SURFACE))
+    if dr.width(lane) == 0:
+        return None
+
+    def of_lane(values: Any) -> Any:
+        return dr.gather(type(values), values, lane)
+
+    source = None if detection.source is None else of_lane(detection.source)
+    ends = _Ends.of(paths, rays, lane, source)
+    body = _where_known(world.face_body, ends.face)
+    return {
+        "pulse": of_lane(pulse),
+        "outcome": of_lane(detection.outcome),
+        "snr": of_lane(detection.snr),
+        "detection_probability": of_lane(detection.detection_probability),
+        "true_range_m": ends.get("range_m"),
+        "incidence_angle_rad": dr.acos(ends.get("cos_incidence")),
+        "reflectivity": ends.get("reflectivity"),
+        "body": body,
+        "class_id": _where_known(world.body_class, body),
+    }
+
+
+def _where_known(table: Any, index: Any) -> Any:
+    """Entries of a table of whole numbers, -1 where the index is."""
+    import drjit as dr
+
+    mi = mitsuba()
+    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
 
 
 def _interleaved(arrays: list[Any]) -> Any:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Table
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset({"stops"})  # decides how many outputs a kernel has
+_KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
 
 
 def opaque(value: Any) -> Any:
@@ -54,11 +56,26 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
+def repeated(values: Any, times: int) -> tuple[Any, Any]:
+    """Each of (n,) numbers on ``times`` lanes, lane after lane; and which of its lanes each is."""
+    import drjit as dr
+
+    mi = mitsuba()
+    lane = dr.arange(mi.UInt32, dr.width(values) * times)
+    number = lane // times
+    return dr.gather(type(values), values, number), lane - number * times
+
+
 def from_numpy(values: Any) -> Any:
     """(n,) numbers in single precision."""
+    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def whole_numbers(values: Any) -> Any:
+    """(n,) signed numbers."""
     import numpy as np
 
-    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+    return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
 def start(arrays: list[Any]) -> None:

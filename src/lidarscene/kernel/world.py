@@ -110,7 +110,28 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
             shapes.append(_Shape(found.shape, index, found.material, found.reflectivity))
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
-    return _compiled(scene.bodies, shapes, moving, centre, body_names, class_of)
+    faces = _FaceTables()
+    faces.add(shapes)
+    movers: list[Mover] = []
+    for group in moving:
+        traced = _mitsuba_scene(group.shapes)
+        # The first body's faces are those that hits have; each other body's are the same ones further on.
+        starts = [faces.add(group.shapes, body=index) for index in group.bodies]
+        movers += [
+            _mover(traced, scene.bodies[index], centre, start - starts[0])
+            for index, start in zip(group.bodies, starts, strict=True)
+        ]
+    class_names = tuple(dict.fromkeys(class_of))
+    class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
+    return World(
+        scene=_mitsuba_scene(shapes),
+        movers=tuple(movers),
+        centre_m=centre,
+        body_class=mitsuba().Int32(class_numbers),
+        body_names=tuple(body_names),
+        class_names=class_names,
+        **faces.on_device(),
+    )
 
 
 def _own_shapes(bodies: Mapping[int, Body], centre: Matrix, resolved: dict[str, Any]) -> list[_Shape]:
@@ -186,51 +207,48 @@ def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
     return mitsuba().load_dict(settings | children, optimize=False)
 
 
-def _compiled(
-    bodies: Sequence[Body],
-    still: list[_Shape],
-    moving: list[_Moving],
-    centre: Matrix,
-    body_names: list[str],
-    class_of: list[str],
-) -> World:
-    mi = mitsuba()
-    shapes = [*still, *(shape for group in moving for shape in group.shapes)]
-    material_names = list(dict.fromkeys(shape.material for shape in shapes))
-    blocks = [
-        (shape.face_body, np.full(len(shape.face_body), material_names.index(shape.material), np.int32))
-        for shape in shapes
-    ]
-    first_face, reflectivity = _by_registry_number(shapes)
-    faces = sum(len(shape.face_body) for shape in shapes)
-    movers = []
-    for group in moving:
-        start = int(first_face[_registry_number(group.shapes[0].shape)])
-        scene = _mitsuba_scene(group.shapes)
-        for number, index in enumerate(group.bodies):
-            shift = 0 if number == 0 else faces - start
-            movers.append(_mover(scene, bodies[index], centre, shift))
-            if number == 0:
-                continue
-            for shape in group.shapes:  # the same faces once more, in this body's name
-                material = np.full(len(shape.face_body), material_names.index(shape.material), np.int32)
-                blocks.append((np.full(len(shape.face_body), index, np.int32), material))
-                faces += len(shape.face_body)
-    class_names = tuple(dict.fromkeys(class_of))
-    return World(
-        scene=_mitsuba_scene(still),
-        movers=tuple(movers),
-        centre_m=centre,
-        first_face=mi.UInt32(first_face),
-        shape_reflectivity=mi.Float(reflectivity),
-        face_body=mi.Int32(np.concatenate([body for body, _ in blocks])),
-        face_material=mi.Int32(np.concatenate([material for _, material in blocks])),
-        body_class=mi.Int32(np.array([class_names.index(name) for name in class_of], dtype=np.int32)),
-        body_names=tuple(body_names),
-        class_names=class_names,
-        material_names=tuple(material_names),
-        has_foreign=any(shape.reflectivity is None for shape in shapes),
-    )
+class _FaceTables:
+    """Who each face is, shape after shape: what a World looks up behind a hit."""
+
+    def __init__(self) -> None:
+        self._body: list[Matrix] = []
+        self._material: list[Matrix] = []
+        self._first: dict[int, tuple[_Shape, int]] = {}
+        self._faces = 0
+        self.material_names: dict[str, int] = {}
+
+    def add(self, shapes: Sequence[_Shape], *, body: int | None = None) -> int:
+        """Append the faces of these shapes, all of one body if it is given; returns the number of the first.
+
+        Shapes that came before get a second set of faces; a hit's face is in the first one.
+        """
+        start = self._faces
+        for shape in shapes:
+            count = len(shape.face_body)
+            material = self.material_names.setdefault(shape.material, len(self.material_names))
+            self._body.append(shape.face_body if body is None else np.full(count, body, np.int32))
+            self._material.append(np.full(count, material, np.int32))
+            self._first.setdefault(id(shape), (shape, self._faces))
+            self._faces += count
+        return start
+
+    def on_device(self) -> dict[str, Any]:
+        """The fields of World that are looked up by a shape's registry number, or by a face."""
+        mi = mitsuba()
+        numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
+        first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
+        reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
+        for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
+            first_face[number] = start
+            reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+        return {
+            "first_face": mi.UInt32(first_face),
+            "shape_reflectivity": mi.Float(reflectivity),
+            "face_body": mi.Int32(np.concatenate(self._body)),
+            "face_material": mi.Int32(np.concatenate(self._material)),
+            "material_names": tuple(self.material_names),
+            "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
+        }
 
 
 def _registry_number(shape: Any) -> int:
@@ -241,19 +259,6 @@ def _registry_number(shape: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _by_registry_number(shapes: Sequence[_Shape]) -> tuple[Matrix, Matrix]:
-    """First face in the tables, and reflectivity, of each shape."""
-    counts = [len(shape.face_body) for shape in shapes]
-    starts = np.cumsum([0, *counts[:-1]])
-    numbers = [_registry_number(shape.shape) for shape in shapes]
-    first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
-    reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
-    for number, start, shape in zip(numbers, starts, shapes, strict=True):
-        first_face[number] = start
-        reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
-    return first_face, reflectivity
-
-
 def _mover(scene: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
     low, high = _extent(body)
     middle = (low + high) / 2.0
@@ -262,7 +267,7 @@ def _mover(scene: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
     return Mover(
         scene=scene,
         sphere=device.opaque((*(float(x) for x in middle), radius)),
-        face_shift=device.opaque_uint32(face_shift % 2**32),
+        face_shift=device.opaque_uint32(face_shift),
         motion=body.motion,
         rest=at_rest(body.pose, centre),
     )

@@ -10,6 +10,11 @@ import math
 
 from ..arrays import Array
 from ..constants import REFERENCE_ILLUMINANCE_KLUX
+from .receiver import circles_overlap
+
+SUN_RADIUS_RAD = math.radians(959.63 / 3600.0)
+"""Angular radius of the sun's disc at one astronomical unit, 0.26656 degrees (Auwers 1891, as almanacs still have it).
+Over the year it varies by 1.7 %, as the distance does."""
 
 
 def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Array, illuminance_klux: Array) -> Array:
@@ -36,3 +41,29 @@ def surface_radiance_w_m2_sr(
 def sky_radiance_w_m2_sr(*, sky_irradiance_w_m2: Array) -> Array:
     """Radiance of the uniform sky that a beam sees when it meets nothing."""
     return sky_irradiance_w_m2 / math.pi
+
+
+def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Array) -> Array:
+    """Radiance of the sun's disc, taken to be even (its limb is darker): E_sun over its solid angle."""
+    return sun_irradiance_w_m2 / (math.pi * SUN_RADIUS_RAD * SUN_RADIUS_RAD)
+
+
+def sun_disc_power_w(
+    *,
+    sun_irradiance_w_m2: Array,
+    sun_angle_rad: Array,
+    field_rad: Array,
+    aperture_m2: Array,
+    efficiency: Array,
+) -> Array:
+    """Power of the sun itself on the detector: the disc's radiance over what it covers of the field of view.
+
+    sun_irradiance_w_m2  at the sensor, so that no air is left to weaken it
+    sun_angle_rad        from the receiver's axis to the middle of the disc
+    field_rad            half angle of the round field of view; small angles
+    """
+    seen_sr = circles_overlap(
+        first_radius=field_rad, second_radius=SUN_RADIUS_RAD + 0.0 * field_rad, distance=sun_angle_rad
+    )
+    radiance = sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=sun_irradiance_w_m2)
+    return radiance * seen_sr * aperture_m2 * efficiency

@@ -46,6 +46,9 @@ class Scanner(Protocol):
     def aperture_share(self, pulse: Array) -> Array:
         """A(theta_r) / A(0) of (4): what is left of the receiver's aperture in each pulse's direction."""
 
+    def background_share(self, pulse: Array) -> Array:
+        """The same of aperture times field of view, by which an extended source fills the detector: of (8)."""
+
     def offset_m(self, pulse: Array) -> Vector | None:
         """Where each beam starts in the sensor's frame, or None: all of them in its origin."""
 
@@ -91,6 +94,10 @@ class Mechanism:
     def aperture_share(self, pulse: Array) -> Array:
         """A(theta_r) / A(0)."""
         return self._optics(pulse, self._mechanism(pulse))[1]
+
+    def background_share(self, pulse: Array) -> Array:
+        """What stops the beam takes aperture away and leaves the field of view as it is."""
+        return self.aperture_share(pulse)
 
     def channel(self, pulse: Array) -> Array:
         """Channel 0: there is one laser."""

@@ -7,8 +7,8 @@ towards their thick side, real ones by some per cent more, which depends on the 
 Aperture: the lens behind the prisms is the stop. At each face the beams before and behind cover the same part of the
 face, so their cross-sections are as the cosines to its normal, and A(theta_r) / A(0) is the product over all faces,
 from the lens outwards, of cos(theta_t) / cos(theta_i): by how much a beam of the lens's size is wider in the scene.
-What is lost in area is gained in solid angle, so the background should not have this factor; it gets it all the same,
-as (8) is written, and is too small by it (10 % at the edge of a 39 degree field).
+What is lost in area is gained in solid angle: refraction between surfaces in air keeps their product. So the background
+of an extended source, (8), does not have this factor, and the echo, (5), does.
 A(0) is the lens itself, wedges out of the way. The prisms are taken to be wider than every beam that the lens takes;
 what Fresnel reflection costs is part of the receiver's efficiency.
 """
@@ -131,6 +131,10 @@ class Risley(Mechanism):
             direction, widened = wedge.bend(direction, phase)
             share = share * widened
         return direction, share
+
+    def background_share(self, pulse: Array) -> Array:
+        """Refraction trades aperture for field of view: their product is that of the lens alone."""
+        return 1.0
 
     def time_s(self, pulse: Matrix) -> Matrix:
         """One pulse after the other, without a pause."""

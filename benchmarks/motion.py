@@ -1,0 +1,80 @@
+"""What motion costs: the same scene with bodies traced in their own frames, as ratios to the still one."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import clock
+import numpy as np
+from table import Row, Section
+
+from lidarscene import api
+from lidarscene.geometry import Pose
+from lidarscene.scene import Scene
+from lidarscene.simulate import Simulator
+from lidarscene.trajectory import Course, Spline
+
+MOVERS = (1, 5, 10, 20)
+STILL = "still"
+
+FAST = (
+    "laser.repetition_rate_khz=250"  # as fast as its window allows: tables of four seconds instead of twenty
+)
+
+TEXT = """The frame of `table1-apd` above, at 250 kHz, with the sensor on a vehicle that drives (slowly), and with the
+cars and people nearest to it as moving bodies (which stand still, so that the same surfaces are met). Cars of one
+colour share one shape, and so do the people. Tables: numpy's work before a frame, where everything is in 0.1 s, by
+splines."""
+
+
+def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
+    """Ratios of whole frames to the still one's, and the seconds of the tables."""
+    steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
+    scene, sensor = api.load_scene(scene_file), api.load_sensor("table1-apd", overrides=[*steps, FAST])
+    mobile = [body.name for body in scene.bodies if body.class_name in ("car", "pedestrian")]
+    away = {
+        body.name: float(np.linalg.norm(body.pose.position_m - scene.sensor_pose.position_m))
+        for body in scene.bodies
+    }
+    nearest = sorted(mobile, key=lambda name: away[name])
+    scenes = {STILL: scene, "vehicle drives": dataclasses.replace(scene, ego=Course(speed_m_s=1.0))}
+    scenes |= {
+        f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)
+    }
+    simulators = {name: Simulator(one, sensor) for name, one in scenes.items()}
+    seconds = clock.in_turns({name: one.render for name, one in simulators.items()}, rounds=rounds)
+    rows = [_row(seconds, name) for name in scenes if name != STILL]
+    most = max(len(one.world.movers) for one in simulators.values())
+    return Section("Motion", TEXT, [*rows, _tables(most, rounds)])
+
+
+def moved(scene: Scene, names: list[str]) -> Scene:
+    """The scene with these bodies as ones that could move."""
+    bodies = tuple(
+        dataclasses.replace(body, motion=Course(start=body.pose)) if body.name in names else body
+        for body in scene.bodies
+    )
+    return dataclasses.replace(scene, bodies=bodies)
+
+
+def _row(seconds: clock.Seconds, name: str) -> Row:
+    median, low, high = clock.ratio(seconds, name, STILL)
+    return Row(
+        f"{name} / {STILL}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", f"{np.median(seconds[name]):.3f} s"
+    )
+
+
+def _tables(count: int, rounds: int) -> Row:
+    """Numpy's work before a frame: where so many splines and the sensor are, every half millisecond."""
+    from lidarscene.motion import Paths
+
+    times = np.linspace(0.0, 2.0, 21)
+    way = tuple(Pose.from_degrees(position_m=(20 * t, math.sin(t), 0.0), yaw_deg=30 * t) for t in times)
+    motions = [Spline(time_s=times, poses=way)] * (count + 1)
+    task = {"tables": lambda: Paths.of(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
+    values = clock.in_turns(task, rounds=rounds)["tables"]
+    return Row(
+        f"tables of {count + 1} motions",
+        f"{np.median(values):.3f} s",
+        f"{values.min():.3f} to {values.max():.3f}",
+    )

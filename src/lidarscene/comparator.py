@@ -1,0 +1,194 @@
+"""Comparator: a peak and its noise in, whether and where it trips, how high it looks, when it is reported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from . import interference, noise
+from .arrays import Array, xp
+from .detectors import WorkingPoint
+from .echoes import Interference
+from .physics import pulse as pulse_shape
+from .physics import tdc
+from .physics.special import normal_tail
+from .sensor import Sensor
+
+NEVER_S = 1.0
+"""Later than any window."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trip:
+    """What noise makes of a peak at the comparator.
+
+    signal       peak of the signal, sigma its noise
+    deviate      of the edge, and of_peak another of the peak, standard normal
+    level        signal at which the edge trips the comparator
+    probability  that it trips, and tripped whether it did
+    """
+
+    signal: Array
+    sigma: Array
+    deviate: Array
+    of_peak: Array
+    level: Array
+    probability: Array
+    tripped: Array
+
+
+def trip(
+    point: WorkingPoint, threshold: Array, peak_power_w: Array, *, seed: Array, pulse: Array, draw: Array = 0
+) -> Trip:
+    """Noise on the edge: one deviate decides detection and time. ``draw`` tells the echoes of a pulse apart."""
+    words = noise.words(seed=seed, stage=noise.STAGE_EDGE_NOISE, pulse=pulse, draw=draw)
+    deviate, of_peak = noise.normal_pair(words)
+    signal = point.signal(peak_power_w)
+    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    sigma = tdc.noise_at_level(level=signal, **own_noise)
+    probability = point.detection_probability(threshold, signal, sigma)
+    level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
+    # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
+    tripped = normal_tail(deviate) < probability if point.exact else signal >= level
+    if point.saturation is not None:
+        tripped = tripped & (threshold < point.saturation)
+    return Trip(
+        signal=signal, sigma=sigma, deviate=deviate, of_peak=of_peak,
+        level=level, probability=probability, tripped=tripped,
+    )  # fmt: skip
+
+
+def probability(point: WorkingPoint, threshold: Array, signal: Array) -> Array:
+    """P_d of a peak signal, (T22) or (T23)."""
+    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    sigma = tdc.noise_at_level(level=signal, **own_noise)
+    return point.detection_probability(threshold, signal, sigma)
+
+
+def amplitude(tripped: Trip, sensor: Sensor, point: WorkingPoint, threshold: Array, *, lag_s: Array) -> Array:
+    """Measured peak: the edge's noise ``lag_s`` later, and the peak's own for what has been forgotten by then."""
+    ops = xp(tripped.signal)
+    kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    peak_noise = kept * tripped.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * tripped.of_peak
+    return point.measured(ops.maximum(tripped.signal + peak_noise * tripped.sigma, threshold))
+
+
+def reported_s(
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    crossing_s: Array,
+    *,
+    measured: Array,
+    true_power_w: Array,
+    seed: Array,
+    pulse: Array,
+    draw: Array = 0,
+) -> Array:
+    """Time that the converter gives a crossing: less the walk, with its own jitter and step."""
+    walk = walk_s(sensor, point, threshold, measured=measured, true_power_w=true_power_w)
+    return converted(sensor, crossing_s - walk, seed=seed, pulse=pulse, draw=draw)
+
+
+def walk_s(
+    sensor: Sensor, point: WorkingPoint, threshold: Array, *, measured: Array, true_power_w: Array
+) -> Array:
+    """How much earlier than its peak an echo is thought to have crossed (negative), to be taken off."""
+    if sensor.tdc.walk == "raw":
+        return 0.0
+    fwhm = sensor.laser.pulse_fwhm_s
+    power = true_power_w if sensor.tdc.walk == "none" else point.power_w(measured)
+    return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
+
+
+def converted(sensor: Sensor, time_s: Array, *, seed: Array, pulse: Array, draw: Array = 0) -> Array:
+    """The converter's own jitter and step; no time before the pulse."""
+    ops = xp(time_s)
+    words = noise.words(seed=seed, stage=noise.STAGE_TDC_JITTER, pulse=pulse, draw=draw)
+    jitter, _ = noise.normal_pair(words)
+    jittered = ops.maximum(time_s + sensor.tdc.jitter_s * jitter, 0.0)
+    return tdc.quantised(time_s=jittered, least_significant_bit_s=sensor.tdc.least_significant_bit_s)
+
+
+Alarm = tuple[Array, Array, Array]
+"""Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: no such)."""
+
+
+def false_alarms(
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    sources: tuple[Interference, ...],
+    *,
+    seed: Array,
+    pulse: Array,
+) -> list[Alarm]:
+    """Crossings of each pulse without an echo of ours, at least as many as stops: those that the converter keeps.
+
+    Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction
+    of time. Where none can come the time is far beyond any window.
+    """
+    ops, window = xp(threshold), sensor.tdc.window_s
+    others = interference.crossings(sources, point, threshold)
+    p_false = point.false_alarm_probability(threshold)
+    noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    if sensor.tdc.keep == "strongest":
+        return _strongest_alarms(sensor, point, threshold, noise_rate, others, seed=seed, pulse=pulse)
+    rate = sum((one.rate_hz for one in others), noise_rate)
+    never = rate <= 0.0
+    arrivals: list[Alarm] = []
+    elapsed: Array = 0.0
+    for draw in range(sensor.tdc.stops):
+        first, second = noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw)
+        wait = noise.exponential((first, second))
+        elapsed = elapsed + wait
+        height = noise.exponential(
+            noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
+        )
+        # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
+        amplitude = threshold + height * point.noise * point.noise / threshold
+        theirs: Array = False
+        if others:
+            theirs, amplitude = interference.assigned(
+                others, point, noise_rate_hz=noise_rate, noise_amplitude=amplitude, threshold=threshold,
+                seed=seed, pulse=pulse, draw=draw,
+            )  # fmt: skip
+        time_s = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
+        if sensor.tdc.keep == "last":
+            time_s = ops.where(time_s < window, window - time_s, NEVER_S)
+        arrivals.append((ops.minimum(time_s, NEVER_S), amplitude, theirs))
+    return arrivals
+
+
+def _strongest_alarms(
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    noise_rate_hz: Array,
+    others: tuple[interference.Crossings, ...],
+    *,
+    seed: Array,
+    pulse: Array,
+) -> list[Alarm]:
+    """The highest crossings of noise and of each other lidar, at any time of the window.
+
+    Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
+    """
+    ops, window = xp(threshold), sensor.tdc.window_s
+    alarms: list[Alarm] = []
+    for number, one in enumerate((None, *others)):
+        expected = (noise_rate_hz if one is None else one.rate_hz) * window
+        stage = noise.STAGE_FALSE_ALARM if one is None else noise.STAGE_INTERFERENCE
+        higher: Array = 0.0
+        for draw in range(sensor.tdc.stops):
+            at = 2 * (max(number - 1, 0) * sensor.tdc.stops + draw)
+            higher = higher + noise.exponential(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at))
+            place = noise.open_uniform(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at + 1)[0])
+            there = higher < expected
+            share = ops.where(there, higher / ops.where(there, expected, 1.0), 1.0)
+            if one is None:
+                amplitude = threshold - ops.log(share) * point.noise * point.noise / threshold
+            else:
+                amplitude = interference.amplitude_of(one, point, threshold, uniform=share)
+            theirs: Array = (there if one is not None else there & False) if others else False
+            alarms.append((ops.where(there, place * window, NEVER_S), amplitude, theirs))
+    return alarms

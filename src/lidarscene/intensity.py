@@ -1,0 +1,40 @@
+"""Intensity: an amplitude and its range in, the number that the sensor's maker would report out."""
+
+from __future__ import annotations
+
+from .arrays import Array, xp
+from .detectors import WorkingPoint
+from .echoes import Echoes, EchoTrain
+from .physics import intensity as formulas
+from .sensor import Sensor
+
+_LEAST_OVERLAP = 1e-3
+"""Where less of the spot is seen the makers' correction would be noise; echoes from there count as dark."""
+
+
+def reported(
+    echoes: Echoes | EchoTrain, sensor: Sensor, point: WorkingPoint, *, amplitude: Array, range_m: Array
+) -> Array:
+    """(n,) the amplitude itself (raw), watts (range_corrected) or 0 to 255 (reflectivity).
+
+    The sensor knows its own optics and what background it stands in, so that the amplitude gives the power; not the
+    air, nor the angle of the surface.
+    """
+    scale = sensor.intensity
+    if scale is None:
+        return amplitude
+    power = point.power_w(amplitude)
+    if scale.kind == "range_corrected":
+        return formulas.range_corrected_power_w(power_w=power, range_m=range_m, reference_m=scale.reference_m)
+    overlap: Array = 1.0
+    if sensor.optics.overlap is not None:
+        overlap = sensor.optics.overlap.share(range_m)
+        overlap = xp(overlap).maximum(overlap, _LEAST_OVERLAP)
+    return formulas.on_scale(
+        reflectivity=formulas.reflectivity_estimate(
+            power_w=power, range_m=range_m, white_w_m2=echoes.white_w_m2, overlap=overlap
+        ),
+        white_value=scale.white_value,
+        retro=scale.retro,
+        retro_reflectivity=scale.retro_reflectivity,
+    )

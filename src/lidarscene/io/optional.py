@@ -1,0 +1,40 @@
+"""The door to optional packages: a module's name in, the module out, or one line with what to type."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from ..errors import LidarSceneError
+
+EXTRAS = {
+    "las": {"laspy": "laspy", "lazrs": "lazrs"},
+    "e57": {"pye57": "pye57"},
+    "parquet": {"pyarrow": "pyarrow"},
+    "pcd": {"lzf": "python-neo-lzf"},
+    "ros": {"rosbags": "rosbags"},
+    "pandas": {"pandas": "pandas"},
+}
+"""Groups of pyproject.toml: module that is imported, and the package that brings it."""
+
+
+def optional(module: str, *, extra: str = "") -> Any:
+    """The module, of a package that this group brings, or of one that no group does.
+
+    Raises LidarSceneError, in one line, with what to type.
+    """
+    try:
+        return importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        reason, package = " ".join(str(error).split()), module.partition(".")[0]
+        group = f"pip install 'lidarscene[{extra}]', or " if extra else ""
+        packages = " ".join(EXTRAS[extra].values()) if extra else package
+        raise LidarSceneError(
+            f"{package} is needed and cannot be imported ({reason}); try: {group}pip install {packages}"
+        ) from error
+
+
+def require(extra: str) -> None:
+    """Raise what `optional` would for any module of this group."""
+    for module in EXTRAS[extra]:
+        optional(module, extra=extra)

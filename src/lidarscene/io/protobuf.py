@@ -1,0 +1,78 @@
+"""Protocol Buffers on the wire: field numbers and values in, bytes out, one by one or as rows of an array.
+
+Only what the OSI files need. Rows have one length, because numbers in them are written in a fixed number of bytes:
+a varint may have leading zero groups.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, Any]
+
+VARINT, FIXED64, BYTES = 0, 1, 2
+"""Wire types."""
+
+
+def varint(value: int) -> bytes:
+    """A number from 0 to 2^64 - 1, seven bits a byte, lowest first."""
+    groups = []
+    while True:
+        value, low = value >> 7, value & 0x7F
+        groups.append(low | (0x80 if value else 0))
+        if not value:
+            return bytes(groups)
+
+
+def tag(field: int, wire: int) -> bytes:
+    """What stands before a value."""
+    return varint(field << 3 | wire)
+
+
+def number(field: int, value: int) -> bytes:
+    """A field that is a whole number, an enum or a bool."""
+    return tag(field, VARINT) + varint(value)
+
+
+def double(field: int, value: float) -> bytes:
+    """A field that is a double."""
+    return tag(field, FIXED64) + struct.pack("<d", value)
+
+
+def message(field: int, *parts: bytes) -> bytes:
+    """A field that is a message, a text or bytes."""
+    content = b"".join(parts)
+    return tag(field, BYTES) + varint(len(content)) + content
+
+
+Rows = Sequence["bytes | Array"]
+"""Parts of a message: bytes that are the same in each row, and (n, k) arrays of bytes."""
+
+
+def double_rows(field: int, values: Array) -> Rows:
+    """A double for each row."""
+    return tag(field, FIXED64), np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8)
+
+
+def number_rows(field: int, values: Array, *, size: int) -> Rows:
+    """A whole number for each row, in ``size`` bytes: up to 2^(7 size) - 1, and 2^64 - 1 in ten."""
+    shifts = 7 * np.arange(size, dtype=np.uint64)
+    groups = (values.astype(np.uint64)[:, None] >> shifts & np.uint64(0x7F)).astype(np.uint8)
+    groups[:, :-1] |= 0x80
+    return tag(field, VARINT), groups
+
+
+def message_rows(field: int, *parts: bytes | Array) -> Rows:
+    """A message for each row, made of parts."""
+    size = sum(len(part) if isinstance(part, bytes) else part.shape[1] for part in parts)
+    return tag(field, BYTES) + varint(size), *parts
+
+
+def joined(rows: Rows, n: int) -> bytes:
+    """The n rows, one after the other."""
+    columns = [np.tile(np.frombuffer(p, np.uint8), (n, 1)) if isinstance(p, bytes) else p for p in rows]
+    return np.concatenate(columns, axis=1).tobytes()

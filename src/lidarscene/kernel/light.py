@@ -1,0 +1,51 @@
+"""Light: a World, a Sensor and some pulses in, their Echoes out as numpy: the chain up to the detector, once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import beams, echoes
+from ..echoes import Ambient, Echoes
+from ..motion import Placement
+from ..sensor import Sensor
+from . import device
+from .trace import trace
+from .world import World
+
+Matrix = np.ndarray[Any, Any]
+
+COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
+
+
+def light_of(
+    world: World,
+    sensor: Sensor,
+    ambient: Ambient,
+    *,
+    sun: Matrix,
+    placements: tuple[Placement, Sequence[Placement] | None],
+    first: int,
+    count: int,
+    seed: int,
+) -> Echoes:
+    """What ``count`` pulses from ``first`` on bring back; without the pulses of other lidars.
+
+    sun         (3,) unit vector towards the sun
+    placements  of the sensor and of what moves, as `frame.Frame.placements` has them for these pulses
+    seed        of the frame, which the pointing jitter follows
+    """
+    place, movers = placements
+    equipment = device.opaque(sensor)
+    rays = beams.fire(
+        equipment, pulse=device.counter(first, count), origin_m=place.origin_m, rotation=place.rotation,
+        seed=device.opaque_uint32(seed),
+    )  # fmt: skip
+    towards = device.opaque(tuple(float(x) for x in sun))
+    hits = trace(world, rays, sun=towards, placements=movers)
+    light = echoes.receive(rays, hits, equipment, device.opaque(ambient))
+    columns = {name: getattr(light, name) for name in COLUMNS}
+    device.start(list(columns.values()))  # together, or each would be traced for itself
+    return Echoes(**{name: column.numpy() for name, column in columns.items()})

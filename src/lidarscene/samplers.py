@@ -1,0 +1,286 @@
+"""Samplers: a pulse that tripped the comparator in, its time, amplitude and width as the sensor measures them out.
+
+Three kinds (X. Guo's section 2.2.3): the TDC alone, comparators at several levels, and an ADC. Which pulses there
+are is the comparator's decision in all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from . import comparator, noise
+from .arrays import Array, State, xp
+from .comparator import Trip
+from .detectors import WorkingPoint
+from .physics import radiometry, sampling, tdc
+from .physics.waveform import SIGMAS_PER_FWHM, crossing
+from .rises import STEP, Rise
+from .sensor import Adc, MultiLevel, Sensor
+from .waveform import Waveform
+
+_LONGEST = 200
+"""Steps of one sigma_p after which a pulse that stays above its level counts as over."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shots:
+    """Some pulses on their way through the electronics."""
+
+    sensor: Sensor
+    point: WorkingPoint
+    threshold: Array
+    wave: Waveform
+    seed: Array
+    pulse: Array
+
+    @property
+    def ops(self) -> Any:
+        """Functions for these arrays."""
+        return xp(self.wave.origin_m)
+
+    @property
+    def sigma_s(self) -> Array:
+        """Standard deviation of the laser's pulse."""
+        return self.sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+
+    def time_s(self, place: Array) -> Array:
+        """Time of flight of a place of the waveform."""
+        return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
+
+    def noise_at(self, signal: Array) -> Array:
+        """Standard deviation of the noise at a signal level."""
+        point = self.point
+        return tdc.noise_at_level(
+            level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What is measured of a pulse.
+
+    reported_s  time, amplitude in signal units
+    width_s     time over the threshold; 0 from the TDC alone, which does not know
+    """
+
+    reported_s: Array
+    amplitude: Array
+    width_s: Array
+
+
+def read(shots: Shots, rise: Rise, trip: Trip, place: Array, *, wanted: Array) -> Reading:
+    """A pulse that crosses the threshold at ``place``, by the sensor's sampler; lanes not wanted mean nothing."""
+    sampler = shots.sensor.sampler
+    if isinstance(sampler, MultiLevel):
+        return _by_levels(shots, sampler, rise, trip, place, wanted)
+    if isinstance(sampler, Adc):
+        return _by_samples(shots, sampler, rise, place, wanted)
+    amplitude = comparator.amplitude(
+        trip, shots.sensor, shots.point, shots.threshold, lag_s=(place - rise.peak) * shots.sigma_s
+    )
+    reported_s = comparator.reported_s(
+        shots.sensor, shots.point, shots.threshold, shots.time_s(place),
+        measured=amplitude, true_power_w=shots.ops.where(wanted, rise.top[0], 1.0),
+        seed=shots.seed, pulse=shots.pulse, draw=rise.number,
+    )  # fmt: skip
+    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=shots.ops.full(place, 0.0))
+
+
+def _by_levels(
+    shots: Shots, sampler: MultiLevel, rise: Rise, trip: Trip, place: Array, wanted: Array
+) -> Reading:
+    """Amplitude from the width at the highest level that tripped, walk from the width at the threshold.
+
+    One deviate for the whole leading edge, as for its foot, and one for the trailing edge, with what is left of the
+    first after the time between them.
+    """
+    ops, point = shots.ops, shots.point
+    words = noise.words(seed=shots.seed, stage=noise.STAGE_TRAILING_EDGE, pulse=shots.pulse, draw=rise.number)
+    kept = tdc.noise_correlation(
+        lag_s=2.0 * (rise.peak - place) * shots.sigma_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz
+    )
+    trailing = (
+        kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * noise.normal_pair(words)[0]
+    )
+    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    width, amplitude = ops.full(place, 0.0), shots.threshold
+    for number, factor in enumerate(sampler.levels):
+        level = factor * shots.threshold
+        up, down = (
+            tdc.crossing_level(threshold=level, deviate=deviate, **own_noise)
+            for deviate in (trip.deviate, trailing)
+        )
+        reached = wanted & (up < trip.signal) & (down < trip.signal)
+        if point.saturation is not None:
+            reached = reached & (level < point.saturation)
+        start = place
+        if number > 0:
+            start = crossing(
+                shots.wave.at, ops.where(reached, point.power_w(up), 1.0),
+                far=rise.valley, peak=rise.peak, top=rise.top, wanted=reached,
+            )  # fmt: skip
+        end = _falling(shots, ops.where(reached, point.power_w(down), 1.0), rise, reached)
+        over = ops.where(reached, end - start, 0.0)
+        power = point.power_w(level) * sampling.peak_over_level(width=over)
+        amplitude = ops.where(reached, point.signal(ops.where(reached, power, 0.0)), amplitude)
+        if number == 0:
+            width = over
+    walk = -0.5 * width
+    if shots.sensor.tdc.walk != "corrected":
+        true_power = ops.where(wanted, rise.top[0], 1.0)
+        walk_s = comparator.walk_s(
+            shots.sensor, point, shots.threshold, measured=amplitude, true_power_w=true_power
+        )
+        walk = walk_s / shots.sigma_s
+    return Reading(
+        reported_s=comparator.converted(
+            shots.sensor, shots.time_s(place - walk), seed=shots.seed, pulse=shots.pulse, draw=rise.number
+        ),
+        amplitude=ops.maximum(amplitude, shots.threshold),
+        width_s=width * shots.sigma_s,
+    )
+
+
+def _falling(shots: Shots, level_w: Array, rise: Rise, wanted: Array) -> Array:
+    """Place behind a peak at which the waveform has fallen to a level; over further peaks that follow above it."""
+    ops = shots.ops
+
+    def going(place: Array, above: Array, steps: Array) -> Array:
+        return above & (steps < _LONGEST)
+
+    def step(place: Array, above: Array, steps: Array) -> State:
+        return place + STEP, shots.wave.at(place + STEP)[0] > level_w, steps + 1
+
+    start = (
+        rise.peak + ops.full(rise.peak, 0.0),
+        wanted & (rise.peak == rise.peak),
+        ops.full(rise.number, 0),
+    )
+    far, _, _ = ops.loop(start, going, step)
+    return crossing(shots.wave.at, level_w, far=far, peak=far - STEP, top=rise.top, wanted=wanted)
+
+
+def _by_samples(shots: Shots, adc: Adc, rise: Rise, place: Array, wanted: Array) -> Reading:
+    """Centroid of the samples that stay above the threshold; from there the best place of a matched filter."""
+    ops = shots.ops
+    window = _Window.around(shots, adc, rise, place)
+    total, moment, over, highest = window.centroid(wanted)
+    at = ops.where(over > 0, moment / ops.where(over > 0, total, 1.0), place)
+    amplitude = highest
+    if adc.estimator == "matched_filter":
+        for _ in range(2):  # the centroid is near: the first step comes to its square, the second to rounding
+            at, amplitude = window.matched(at, wanted)
+    return Reading(
+        reported_s=comparator.converted(
+            shots.sensor, shots.time_s(at), seed=shots.seed, pulse=shots.pulse, draw=rise.number
+        ),
+        amplitude=ops.maximum(amplitude, shots.threshold),
+        width_s=over / adc.rate_hz,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Window:
+    """The samples around a crossing. They are made again whenever they are asked for: their noise is counted, not kept.
+
+    crossing  place where the threshold was crossed
+    start     place of the first sample, spacing between two, both in sigma_p
+    """
+
+    shots: Shots
+    adc: Adc
+    rise: Rise
+    crossing: Array
+    start: Array
+    spacing: Array
+
+    @classmethod
+    def around(cls, shots: Shots, adc: Adc, rise: Rise, place: Array) -> _Window:
+        """From one pulse width before a crossing on, on the clock's ticks."""
+        spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
+        tick = (shots.time_s(place) - shots.sensor.laser.pulse_fwhm_s) * adc.rate_hz
+        late = shots.ops.floor(tick) + 1.0 - tick
+        return cls(
+            shots=shots, adc=adc, rise=rise, crossing=place, spacing=spacing,
+            start=place - SIGMAS_PER_FWHM + late * spacing,
+        )  # fmt: skip
+
+    def _summed(self, sums: State, add: Any, wanted: Array) -> State:
+        """``add(place, sample, sums)`` over all samples in order of time."""
+        shots, adc, ops = self.shots, self.adc, self.shots.ops
+        kept = tdc.noise_correlation(lag_s=1.0 / adc.rate_hz, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
+        fresh = ops.sqrt(1.0 - kept * kept)
+        before = self.rise.number * ops.uint32(adc.samples)
+
+        def going(number: Array, deviate: Array, *sums: Array) -> Array:
+            return wanted & (number < adc.samples)
+
+        def step(number: Array, deviate: Array, *sums: Array) -> State:
+            words = noise.words(
+                seed=shots.seed,
+                stage=noise.STAGE_SAMPLES,
+                pulse=shots.pulse,
+                draw=before + ops.uint32(number),
+            )
+            own = noise.normal_pair(words)[0]
+            deviate = ops.where(number == 0, own, kept * deviate + fresh * own)
+            place = self.start + ops.float32(number) * self.spacing
+            signal = shots.point.signal(shots.wave.at(place)[0])
+            sample = sampling.quantised(
+                signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
+                step=adc.step,
+                full_scale=adc.full_scale,
+            )
+            return number + 1, deviate, *add(place, sample, *sums)
+
+        start = (ops.full(self.rise.number, 0), ops.full(self.start, 0.0), *sums)
+        done: State = ops.loop(start, going, step)
+        return done[2:]
+
+    def centroid(self, wanted: Array) -> State:
+        """Sum, first moment, number and highest of the first samples above the threshold.
+
+        They end where one falls below half of it, but not within sigma_p of the crossing: noise at the threshold
+        does not cut a pulse in two.
+        """
+        ops, threshold = self.shots.ops, self.shots.threshold
+        nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
+
+        def add(
+            place: Array,
+            sample: Array,
+            total: Array,
+            moment: Array,
+            over: Array,
+            highest: Array,
+            closed: Array,
+        ) -> State:
+            above = (sample >= threshold) & ~closed
+            part = ops.where(above, sample, 0.0)
+            return (
+                total + part, moment + part * place, over + ops.where(above, 1, 0),
+                ops.maximum(highest, part), closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
+            )  # fmt: skip
+
+        empty = (nothing, nothing, count, nothing, ops.full(self.start, False))
+        return self._summed(empty, add, wanted)[:4]
+
+    def matched(self, at: Array, wanted: Array) -> State:
+        """One step of Newton's method towards the highest correlation with the pulse, and the height there."""
+        ops = self.shots.ops
+        nothing = ops.full(self.start, 0.0)
+
+        def add(place: Array, sample: Array, slope: Array, bend: Array, height: Array, power: Array) -> State:
+            ahead = place - at
+            pulse = ops.exp(-0.5 * ahead * ahead)
+            part = sample * pulse
+            return (
+                slope + part * ahead, bend + part * (1.0 - ahead * ahead), height + part, power + pulse * pulse
+            )  # fmt: skip
+
+        slope, bend, height, power = self._summed((nothing,) * 4, add, wanted)
+        curved = bend > 0.1 * ops.abs(height)
+        step = ops.where(curved, slope / ops.where(curved, bend, 1.0), 0.0)
+        amplitude = height / ops.where(power > 0.0, power, 1.0)
+        return at + ops.maximum(ops.minimum(step, 0.5), -0.5), amplitude

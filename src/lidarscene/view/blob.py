@@ -1,0 +1,42 @@
+"""Blobs: a header and named arrays in, bytes that the page reads out (`static/blob.js`).
+
+Little-endian: the length of the header as uint32, the header as JSON in UTF-8, padded to four bytes, and the arrays one
+after the other, each padded to four bytes. The header's key "arrays" has the type of each and where it starts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+Matrix = np.ndarray[Any, Any]
+
+TYPES = {"float32": "<f4", "uint8": "u1", "int32": "<i4", "uint32": "<u4"}
+"""What the page can read: float32, uint8, int32 and uint32."""
+
+
+def packed(header: Mapping[str, Any], arrays: Mapping[str, Matrix]) -> bytes:
+    """One blob. Raises KeyError for an array of another type than TYPES."""
+    start, places, parts = 0, {}, []
+    for name, array in arrays.items():
+        data = np.ascontiguousarray(array, dtype=TYPES[array.dtype.name]).tobytes()
+        places[name] = {"type": array.dtype.name, "start": start, "count": array.size}
+        parts.append(data + bytes(-len(data) % 4))
+        start += len(parts[-1])
+    text = json.dumps({**header, "arrays": places}, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    return b"".join([len(text).to_bytes(4, "little"), text, *parts])
+
+
+def unpacked(blob: bytes) -> tuple[dict[str, Any], dict[str, Matrix]]:
+    """Header, without its "arrays", and arrays of a blob."""
+    end = 4 + int.from_bytes(blob[:4], "little")
+    header = json.loads(blob[4:end])
+    arrays = {
+        name: np.frombuffer(blob, TYPES[place["type"]], place["count"], end + place["start"])
+        for name, place in header.pop("arrays").items()
+    }
+    return header, arrays

@@ -1,0 +1,152 @@
+"""Controls: a scene and a sensor in, the sliders that change them out, and what they make of both."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..api import load_sensor
+from ..detectors import Apd, Detector
+from ..errors import InputError
+from ..scene import Scene, Sun
+from ..sensor import Sensor
+
+DETECTOR = "detector"
+"""Key of the choice; all other keys that begin with it are of the sensor file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Control:
+    """A number that can be changed: a slider, and a box to type in.
+
+    key  of the sensor file as --set takes it, or sun.*
+    log  whether the slider is logarithmic
+    """
+
+    key: str
+    label: str
+    unit: str
+    low: float
+    high: float
+    value: float
+    log: bool = False
+
+
+Settings = Mapping[str, float | str]
+"""Values by key; what is not named stays as it is in the files."""
+
+
+class Equipment:
+    """A scene and a sensor as their files have them, and the same with settings.
+
+    The detector of the other kind is that of Table 1, with its threshold.
+    """
+
+    def __init__(self, scene: Scene, sensor: str, overrides: Sequence[str] = ()) -> None:
+        """``sensor`` is a catalogue name or a file. Raises InputError."""
+        self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
+        self.sensor = load_sensor(sensor, overrides=overrides)
+        own, other = ("APD", "SiPM") if isinstance(self.sensor.detector, Apd) else ("SiPM", "APD")
+        self.detectors = {f"{own}, its own": "", f"{other} of Table 1": f"table1-{other.lower()}"}
+
+    def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
+        """Scene and sensor so set. Raises InputError for a key that is none, or a number that will not do."""
+        numbers = {key: _number(key, value) for key, value in settings.items() if key != DETECTOR}
+        chosen = self._chosen(settings)
+        controls = {control.key: control for control in self._controls(chosen)}
+        if unknown := sorted(set(numbers) - set(controls)):
+            raise InputError(f"{unknown[0]}: no such control; known here: {', '.join(controls)}")
+        assigned = [f"{key}={value!r}" for key, value in numbers.items() if not key.startswith("sun.")]
+        sensor = self._sensor(chosen, assigned)
+        angles = {key: numbers.get(f"sun.{key}", value) for key, value in _sun_values(self.scene.sun).items()}
+        sun = dataclasses.replace(
+            self.scene.sun,
+            azimuth_rad=math.radians(angles["azimuth_deg"]),
+            elevation_rad=math.radians(angles["elevation_deg"]),
+            illuminance_klux=angles["illuminance_klux"],
+        )
+        return dataclasses.replace(self.scene, sun=sun), sensor
+
+    def controls(self, settings: Settings) -> list[Control]:
+        """What can be changed with the chosen detector; the values are those of the files."""
+        return self._controls(self._chosen(settings))
+
+    def _chosen(self, settings: Settings) -> str:
+        """Catalogue name of the detector's sensor; "" for its own."""
+        choice = settings.get(DETECTOR, next(iter(self.detectors)))
+        if choice not in self.detectors:
+            raise InputError(f"{DETECTOR}: one of {', '.join(self.detectors)} was expected, {choice} came")
+        return self.detectors[str(choice)]
+
+    def _sensor(self, chosen: str, assigned: Sequence[str]) -> Sensor:
+        """The sensor with these assignments, and with another's detector and threshold if one is chosen."""
+        if not chosen:
+            return load_sensor(self.name, overrides=[*self.overrides, *assigned])
+        theirs = [one for one in assigned if one.startswith(("detector.", "tdc."))]
+        ours = [one for one in assigned if one not in theirs]
+        own = load_sensor(self.name, overrides=[*self.overrides, *ours])
+        other = load_sensor(chosen, overrides=theirs)
+        tdc = dataclasses.replace(
+            own.tdc,
+            threshold_to_noise=other.tdc.threshold_to_noise,
+            threshold_level=other.tdc.threshold_level,
+        )
+        return dataclasses.replace(own, detector=other.detector, tdc=tdc)
+
+    def _controls(self, chosen: str) -> list[Control]:
+        sensor = self._sensor(chosen, [])
+        laser, optics, tdc = sensor.laser, sensor.optics, sensor.tdc
+        sun = _sun_values(self.scene.sun)
+        found = [
+            Control(key="sun.azimuth_deg", label="sun azimuth", unit="°", low=-180.0, high=360.0,
+                    value=sun["azimuth_deg"]),
+            Control(key="sun.elevation_deg", label="sun elevation", unit="°", low=-10.0, high=90.0,
+                    value=sun["elevation_deg"]),
+            Control(key="sun.illuminance_klux", label="illuminance", unit="klux", low=0.01, high=130.0,
+                    value=sun["illuminance_klux"], log=True),
+            _around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
+            _around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
+            *_of_detector(sensor.detector),
+        ]  # fmt: skip
+        if tdc.threshold_to_noise is not None:
+            found.append(
+                _around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0)
+            )
+        else:
+            found.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
+        return found
+
+
+def _of_detector(detector: Detector) -> list[Control]:
+    if isinstance(detector, Apd):
+        return [Control(key="detector.gain", label="gain", unit="", low=1.0, high=1000.0, log=True,
+                        value=detector.gain)]  # fmt: skip
+    return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0,
+                    value=detector.pde)]  # fmt: skip
+
+
+def _around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:
+    """From a part of the file's value to a multiple of it."""
+    return Control(
+        key=key, label=label, unit=unit, low=value / factor, high=value * factor, value=value, log=True
+    )
+
+
+def _sun_values(sun: Sun) -> dict[str, float]:
+    """By the keys of scene files."""
+    return {
+        "azimuth_deg": math.degrees(sun.azimuth_rad),
+        "elevation_deg": math.degrees(sun.elevation_rad),
+        "illuminance_klux": sun.illuminance_klux,
+    }
+
+
+def _number(key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
+        raise InputError(f"{key}: a number was expected, {value!r} came")
+    if key == "sun.illuminance_klux" and value < 0:
+        raise InputError(f"{key}: 0 or more was expected, {value:g} came")
+    return float(value)

@@ -1,0 +1,56 @@
+"""Page: one HTML file with all its code in it; blobs go into it to make a file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import html
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+from ..io.files import atomic_output
+from .sources import Source
+
+SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "panel.js", "viewer.js")
+"""In the order in which they use each other."""
+
+
+def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
+    """The page; ``blobs`` by name go into it, compressed, and what is not there is asked of the server."""
+    held = "\n".join(
+        f'<script type="application/octet-stream" id="blob-{name}">{_text(blob)}</script>'
+        for name, blob in (blobs or {}).items()
+    )
+    return _replaced(
+        _static("page.html"),
+        {
+            "STYLE": _static("page.css"),
+            "SCRIPT": "\n".join(_static(name) for name in SCRIPTS),
+            "BLOBS": held,
+            "TITLE": html.escape(title),
+        },
+    )
+
+
+def save(source: Source, path: Path) -> None:
+    """Everything that a source shows in one file. Raises OutputError."""
+    blobs = {"stage": source.stage()}
+    blobs |= {f"frame-{number}": source.frame(number) for number in range(len(source.frames))}
+    with atomic_output(path) as temporary:
+        temporary.write_text(page(source.title, blobs), encoding="utf-8")
+
+
+def _static(name: str) -> str:
+    return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _text(blob: bytes) -> str:
+    # The same content makes the same file: no time stamp.
+    return base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode("ascii")
+
+
+def _replaced(template: str, values: Mapping[str, str]) -> str:
+    for name, value in values.items():
+        template = template.replace(f"<!--{name}-->", value).replace(f"/*{name}*/", value)
+    return template

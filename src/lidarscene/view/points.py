@@ -1,0 +1,134 @@
+"""Points: a PointCloud and, where known, its budget in, the blob of a frame out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..analysis.budget import Budget
+from ..cloud import STATUS_NAMES, Column, PointCloud
+from .blob import packed
+
+Matrix = np.ndarray[Any, Any]
+
+BUDGET, SURFACE, POINT = GROUPS = ("Budget", "Surface (truth)", "Point")
+SYMBOLS = {
+    "range": "R", "true_range": "R", "range_error": "ΔR", "incidence_angle": "θ", "reflectivity": "ρ",
+    "sun_angle": "θₛ", "snr": "SNR", "detection_probability": "P_d", "echo_power": "P_r",
+    "lambertian_power": "P_r, (5)", "background_power": "P_rs", "noise": "σ₀", "noise_at_peak": "σ",
+    "threshold": "U", "signal": "s", "intensity": "s + noise",
+}  # fmt: skip
+LOGARITHMIC = ("intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal")
+OF_BUDGET = (
+    "echo_power", "lambertian_power", "background_power", "signal", "noise", "noise_at_peak", "threshold", "snr",
+    "detection_probability", "intensity",
+)  # fmt: skip
+"""As light and signal go."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A quantity of the points, as the page shows it.
+
+    names  of the values of a category; None for a number
+    """
+
+    name: str
+    group: str
+    unit: str
+    meaning: str
+    names: tuple[str, ...] | None = None
+
+    def header(self) -> dict[str, Any]:
+        """For the page."""
+        return {
+            "name": self.name, "label": self.name.replace("_", " "), "symbol": SYMBOLS.get(self.name, ""),
+            "group": self.group, "unit": self.unit, "meaning": self.meaning, "names": self.names,
+            "log": self.name in LOGARITHMIC,
+        }  # fmt: skip
+
+
+def frame_blob(
+    cloud: PointCloud, *, name: str, origin_m: Matrix, budget: Budget | None, told: dict[str, Any]
+) -> bytes:
+    """One frame.
+
+    origin_m  (3,) what is taken off the positions before they become single precision
+    budget    of the points, if there is one
+    told      what else the page says of it
+    """
+    fields: list[Field] = []
+    arrays: dict[str, Matrix] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
+    for field, values in [*_columns(cloud), *_of_budget(cloud, budget)]:
+        fields.append(field)
+        if field.name not in ("x", "y", "z"):  # the page takes these from xyz
+            arrays[field.name] = values
+    fields.sort(key=lambda field: OF_BUDGET.index(field.name) if field.group == BUDGET else -1)
+    header = {
+        "name": name, "count": len(cloud), "fields": [field.header() for field in fields], "groups": GROUPS,
+        "alarms": int(np.count_nonzero(cloud.status)), "metadata": dict(cloud.metadata),
+        "sensor": cloud.sensor_position_m.tolist(),
+    }  # fmt: skip
+    return packed(header | told, arrays)
+
+
+def _columns(cloud: PointCloud) -> list[tuple[Field, Matrix]]:
+    """Every column, angles in degrees, and the error of the range."""
+    shown = []
+    for column in cloud.columns:
+        values, unit = cloud.column(column.name), cloud.metadata.get(f"{column.name}_unit", column.unit)
+        if unit == "rad":
+            values, unit = np.degrees(values), "°"
+        field = Field(
+            column.name,
+            _group(column),
+            "" if unit == "1" else unit,
+            column.meaning,
+            _names(cloud, column.name),
+        )
+        shown.append((field, _plain(values)))
+        if column.name == "true_range":
+            echo = (cloud.status == 0) & np.isfinite(values)
+            error = np.full(len(cloud), np.inf, np.float32)
+            error[echo] = cloud.range_m[echo] - values[echo]
+            meaning = "reported less true range, of echoes"
+            shown.append((Field("range_error", _group(column), "m", meaning), error))
+    return shown
+
+
+def _group(column: Column) -> str:
+    if column.name in OF_BUDGET:
+        return BUDGET
+    return SURFACE if column.truth else POINT
+
+
+def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
+    """Names by value of a column that sorts points, None for one that measures."""
+    tables = {
+        "status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "sensor_index": cloud.sensor_names,
+        "body": cloud.body_names, "class": cloud.class_names, "material": cloud.material_names,
+    }  # fmt: skip
+    return tables.get(name)
+
+
+def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Matrix]]:
+    if budget is None:
+        return []
+    unit = cloud.metadata.get("intensity_unit", "A or cells")
+    shown = (
+        ("echo_power", budget.echo_power_w, "W", "peak power of the echo on the detector"),
+        ("lambertian_power", budget.lambertian_power_w, "W", "the same by (5), of a Lambertian surface"),
+        ("background_power", budget.background_power_w, "W", "sun and sky on the detector, by (8)"),
+        ("signal", budget.signal, unit, "peak of the echo at the comparator, without noise"),
+        ("noise", budget.noise, unit, "standard deviation without an echo"),
+        ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
+        ("threshold", budget.threshold, unit, "level of the comparator"),
+    )
+    return [(Field(name, BUDGET, its, meaning), _plain(values)) for name, values, its, meaning in shown]
+
+
+def _plain(values: Matrix) -> Matrix:
+    """As one of the types of a blob."""
+    return np.asarray(values) if values.dtype in (np.uint8, np.int32) else np.asarray(values, np.float32)

@@ -1,0 +1,73 @@
+"""Solid: a Scene in, the triangles that the page shades out, each with its material's colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..kernel.triangles import sphere, triangles_of_base
+from ..scene import Part, Scene
+
+Matrix = np.ndarray[Any, Any]
+
+TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
+"""By kind of BSDF: what does not look matt gets a hue, everything else is grey."""
+UNKNOWN_REFLECTIVITY = 0.4  # of a BSDF of a Mitsuba file, for its grey
+GLASS_ALPHA = 70
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """Triangles, those of glass last.
+
+    vertices_m  (v, 3) float64, world
+    colours     (v, 4) uint8, red, green, blue, alpha
+    faces       (f, 3) uint32
+    opaque      how many faces are not glass
+    """
+
+    vertices_m: Matrix
+    colours: Matrix
+    faces: Matrix
+    opaque: int
+
+
+def solid_of(scene: Scene, wavelength_m: float) -> Solid:
+    """All bodies where they stand, in the grey that a laser of this wavelength sees."""
+    colour_of = {name: _colour(one.at(wavelength_m)) for name, one in scene.materials.items()}
+    unknown = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
+    found = [(v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m)]
+    pieces = sorted(found, key=lambda piece: piece[2][3] == GLASS_ALPHA)
+    counts = [len(vertices) for vertices, _, _ in pieces]
+    starts = np.cumsum([0, *counts])[:-1]
+    faces = [f.astype(np.int64) + start for (_, f, _), start in zip(pieces, starts, strict=True)]
+    return Solid(
+        vertices_m=np.concatenate([np.zeros((0, 3)), *(vertices for vertices, _, _ in pieces)]),
+        colours=np.repeat(np.array([c for _, _, c in pieces], np.uint8).reshape(-1, 4), counts, axis=0),
+        faces=np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.uint32),
+        opaque=sum(len(f) for _, f, colour in pieces if colour[3] == 255),
+    )
+
+
+def _pieces(scene: Scene, wavelength_m: float) -> Iterator[tuple[Matrix, Matrix, str]]:
+    """Vertices in the world, faces, and material of every part."""
+    for body in scene.bodies:
+        for part in body.parts:
+            if isinstance(part, Part):
+                yield body.pose.apply(part.vertices_m), part.faces, part.material
+            else:
+                vertices, faces = sphere(part.radius_m)
+                yield body.pose.apply(vertices), faces, part.material
+    for drawn in triangles_of_base(scene, wavelength_m):
+        yield drawn.vertices_m, drawn.faces, drawn.material
+
+
+def _colour(values: dict[str, Any]) -> tuple[int, int, int, int]:
+    """Grey by the root of the reflectivity, as eyes and screens have it, with a tint by kind."""
+    kind = values["bsdf"]
+    bright = 0.85 if kind in TINTS else 0.2 + 0.65 * float(values["reflectivity"]) ** 0.5
+    red, green, blue = (round(255 * bright * share) for share in TINTS.get(kind, (1.0, 1.0, 1.0)))
+    return red, green, blue, GLASS_ALPHA if kind == "glass" else 255

@@ -1,0 +1,250 @@
+"""Sources: cloud files, or a scene to render, in; what the page asks for out: a stage and its frames, as blobs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .. import catalog
+from ..analysis.budget import budget_of, pulses_of
+from ..api import load_sensor
+from ..cloud import PointCloud
+from ..echoes import Ambient, Echoes
+from ..errors import InputError
+from ..frame import LARGEST_FLOAT32_M, Frame
+from ..geometry import Pose
+from ..kernel.light import COLUMNS, light_of
+from ..pixels import camera_for
+from ..scene import Scene
+from ..sensor import Sensor
+from ..simulate import Simulator, Summary, ambient_of
+from ..trajectory import pose_at
+from .blob import packed
+from .controls import DETECTOR, Equipment, Settings
+from .points import frame_blob
+from .solid import solid_of
+
+Matrix = np.ndarray[Any, Any]
+
+WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
+
+
+class Source(Protocol):
+    """What a page shows.
+
+    title   in one line
+    frames  their names
+    """
+
+    title: str
+    frames: tuple[str, ...]
+
+    def stage(self) -> bytes:
+        """Blob of all that does not change: camera, meshes, names of the frames."""
+
+    def frame(self, number: int) -> bytes:
+        """Blob of a frame."""
+
+    def rendered(self, settings: Settings) -> bytes:
+        """Blob of the frame with these settings. Raises InputError where there is nothing to set."""
+
+
+class Clouds:
+    """Cloud files as frames, over a scene if there is one.
+
+    A point's budget needs the scene and the sensor; this is `sensor`, or what the cloud names if the catalogue has it.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        *,
+        scene: Scene | None = None,
+        sensor: str | None = None,
+        overrides: Sequence[str] = (),
+    ) -> None:
+        """Read the first file. Raises InputError."""
+        self.paths, self.scene, self.overrides = tuple(paths), scene, tuple(overrides)
+        self.frames = tuple(path.name for path in self.paths)
+        self.sensor = load_sensor(sensor, overrides=overrides) if sensor is not None else None
+        self._first = self._loaded(0)
+        self._origin = _origin_of(self._first.sensor_position_m)
+        self.title = _title(self._first.metadata, self.paths[0].name)
+
+    def stage(self) -> bytes:
+        """The scene's meshes, if there is one, and a camera for the first cloud."""
+        sensor = self._sensor_of(self._first)
+        wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
+        told = {"title": self.title, "frames": self.frames, "live": False}
+        return stage_blob(
+            told, scene=self.scene, wavelength_m=wavelength, origin=self._origin,
+            camera=_camera(self._first, self.scene),
+        )  # fmt: skip
+
+    def frame(self, number: int) -> bytes:
+        """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
+        cloud = self._loaded(number) if number else self._first
+        sensor = self._sensor_of(cloud)
+        budget, told = None, {}
+        if sensor is not None and self.scene is not None and cloud.has_truth:
+            budget = budget_of(cloud, sensor, ambient_of(self.scene, sensor))
+            told = {"approximate": _not_lambertian(self.scene, cloud)}
+        return frame_blob(cloud, name=self.frames[number], origin_m=self._origin, budget=budget, told=told)
+
+    def rendered(self, settings: Settings) -> bytes:
+        """A cloud is as it is."""
+        raise InputError("clouds are shown as they are; only a scene can be rendered anew")
+
+    def _loaded(self, number: int) -> PointCloud:
+        """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
+        cloud = PointCloud.load(self.paths[number])
+        frame = cloud.metadata.get("frame", "sensor")
+        if self.scene is None or frame == "world":
+            return cloud
+        start_s = float(cloud.metadata.get("frame_start_s", "0"))
+        if frame == "sensor":
+            sensor = self._sensor_of(cloud)
+            riding = self.scene.sensor_pose @ (sensor.mounting if sensor else Pose())
+        else:
+            riding = Pose()
+        place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
+        position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
+        metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position}
+        return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata)
+
+    def _sensor_of(self, cloud: PointCloud) -> Sensor | None:
+        name = cloud.metadata.get("sensor", "")
+        if self.sensor is None and name in catalog.names("sensors"):
+            self.sensor = load_sensor(name, overrides=self.overrides)
+        return self.sensor
+
+
+class Live:
+    """A scene rendered anew for every setting, in a world that is compiled once."""
+
+    frames: tuple[str, ...] = ("",)
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        sensor: str | None = None,
+        overrides: Sequence[str] = (),
+        pose: Pose | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Compile the scene and render it once. Raises InputError and BackendError."""
+        self.scene, self.pose, self.seed = scene, pose, seed
+        self.equipment = Equipment(scene, sensor or scene.sensor_name, overrides)
+        self._simulator = Simulator(scene, self.equipment.sensor, pose=pose)
+        self._first = self._simulator.render(seed=seed)
+        self._origin = _origin_of(pose_at(self._simulator.motion).position_m)
+        self.title = _title(self._first.metadata, scene.name)
+
+    def stage(self) -> bytes:
+        """The scene's meshes, its own camera, and what can be chosen."""
+        told = {
+            "title": self.title, "frames": self.frames, "live": True,
+            "choices": {DETECTOR: list(self.equipment.detectors)},
+        }  # fmt: skip
+        return stage_blob(
+            told, scene=self.scene, wavelength_m=self.equipment.sensor.laser.wavelength_m,
+            origin=self._origin, camera=_camera(self._first, None if self.pose else self.scene),
+        )  # fmt: skip
+
+    def frame(self, number: int) -> bytes:
+        """The scene as its files have it."""
+        return self.rendered({})
+
+    def rendered(self, settings: Settings) -> bytes:
+        """One frame with these settings."""
+        scene, sensor = self.equipment.with_settings(settings)
+        summary, since = Summary(), time.perf_counter()
+        simulator = Simulator(scene, sensor, world=self._simulator.world, pose=self.pose)
+        cloud = simulator.render(seed=self.seed, summary=summary)
+        seconds = time.perf_counter() - since
+        told = {
+            "controls": [dataclasses.asdict(one) for one in self.equipment.controls(settings)],
+            "beams": summary.beams, "seconds": seconds, "sun": scene.sun.direction.tolist(),
+        }  # fmt: skip
+        ambient = ambient_of(scene, sensor)
+        light = self._light(simulator, cloud, ambient)
+        budget = budget_of(cloud, sensor, ambient, light=light)
+        return frame_blob(cloud, name="", origin_m=self._origin, budget=budget, told=told)
+
+    def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient) -> Echoes:
+        """Of the pulse of each point."""
+        scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
+        now = Frame.of(scene, sensor, world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
+        count = sensor.scanner.pulses
+        light = light_of(
+            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(0, count),
+            first=0, count=count, seed=self.seed,
+        )  # fmt: skip
+        pulse = pulses_of(cloud, sensor.scanner)
+        return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
+
+
+def stage_blob(
+    told: dict[str, Any], *, scene: Scene | None, wavelength_m: float, origin: Matrix, camera: dict[str, Any]
+) -> bytes:
+    """Camera and meshes around the origin."""
+    moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
+    header = told | {"camera": camera | moved, "origin": origin.tolist()}
+    if scene is None:
+        return packed(header, {})
+    solid = solid_of(scene, wavelength_m)
+    header |= {"opaque": 3 * solid.opaque, "sun": scene.sun.direction.tolist()}
+    vertices = (solid.vertices_m - origin).astype(np.float32)
+    return packed(
+        header, {"vertices": vertices.ravel(), "colours": solid.colours.ravel(), "faces": solid.faces.ravel()}
+    )
+
+
+def _not_lambertian(scene: Scene, cloud: PointCloud) -> list[int]:
+    """Numbers of the materials for which a budget from truth columns is not exact."""
+    kinds = [getattr(scene.materials.get(name), "bsdf", "") for name in cloud.material_names]
+    return [number for number, kind in enumerate(kinds) if kind != "diffuse"]
+
+
+def _camera(cloud: PointCloud, scene: Scene | None) -> dict[str, Any]:
+    """Eye, target and the angle across: the scene's own view, or one that suits the cloud."""
+    if scene is not None and scene.view is not None:
+        view = scene.view
+        return {"eye": list(view.eye_m), "target": list(view.target_m), "fov_deg": view.fov_deg}
+    camera = camera_for(cloud)
+    look = camera.axes[2]
+    ahead = (cloud.xyz_m[cloud.status == 0] - camera.eye_m) @ look
+    ahead = ahead[ahead > 0.0]
+    reach = float(np.median(ahead).clip(2.0, 60.0)) if len(ahead) else 20.0
+    return {
+        "eye": camera.eye_m.tolist(), "target": (camera.eye_m + reach * look).tolist(),
+        "fov_deg": camera.fov_deg,
+    }  # fmt: skip
+
+
+def _origin_of(position_m: Matrix) -> Matrix:
+    """What is taken off every coordinate before the page's single precision."""
+    return np.zeros(3) if np.abs(position_m).max() < LARGEST_FLOAT32_M else np.rint(position_m)
+
+
+def _title(metadata: Any, otherwise: str) -> str:
+    named = [Path(metadata.get(key, "")).name for key in ("scene", "sensor")]
+    return " · ".join(filter(None, named)) or otherwise
+
+
+def settings_from(body: bytes) -> Settings:
+    """Settings as the page sends them. Raises InputError for what is none."""
+    try:
+        settings = json.loads(body)
+    except ValueError:
+        settings = None
+    if not isinstance(settings, dict):
+        raise InputError("settings: a JSON object was expected")
+    return settings

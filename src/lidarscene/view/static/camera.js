@@ -1,0 +1,96 @@
+// Camera: an eye that turns about a target, z up. Matrices are column-major, as WebGL has them.
+
+const NEAR = 0.1, FAR = 5000;
+
+const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const scaled = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
+const plus = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+
+class Camera {
+  constructor({ eye, target, fov_deg }) {
+    this.tangent = Math.tan(fov_deg * Math.PI / 360);
+    this.place(eye, target);
+  }
+
+  place(eye, target) {
+    const away = minus(eye, target);
+    this.target = target;
+    this.distance = Math.hypot(...away);
+    this.azimuth = Math.atan2(away[1], away[0]);
+    this.elevation = Math.asin(away[2] / this.distance);
+  }
+
+  get axes() {
+    const level = Math.cos(this.elevation);
+    const away = [level * Math.cos(this.azimuth), level * Math.sin(this.azimuth), Math.sin(this.elevation)];
+    const right = [-Math.sin(this.azimuth), Math.cos(this.azimuth), 0];
+    return { right, up: cross(away, right), away };
+  }
+
+  get eye() {
+    return plus(this.target, scaled(this.axes.away, this.distance));
+  }
+
+  turn(right, up) {
+    this.azimuth -= right;
+    this.elevation = Math.max(-1.55, Math.min(1.55, this.elevation + up));
+  }
+
+  // By parts of the picture's width.
+  shift(right, up) {
+    const across = 2 * this.tangent * this.distance, axes = this.axes;
+    this.target = plus(this.target, plus(scaled(axes.right, -right * across), scaled(axes.up, up * across)));
+  }
+
+  zoom(factor) {
+    this.distance = Math.max(0.2, Math.min(2000, this.distance * factor));
+  }
+
+  turnAbout(point) {
+    this.place(this.eye, point);
+  }
+
+  // World to clip; `aspect` is width over height, the field of view is across.
+  matrix(aspect) {
+    const { right, up, away } = this.axes, eye = this.eye;
+    const x = 1 / this.tangent, y = aspect / this.tangent;
+    const depth = (FAR + NEAR) / (NEAR - FAR), shift = 2 * FAR * NEAR / (NEAR - FAR);
+    const at = [-dot(right, eye), -dot(up, eye), -dot(away, eye)];
+    const column = i => [x * right[i], y * up[i], depth * away[i], -away[i]];
+    return new Float32Array([
+      ...column(0), ...column(1), ...column(2), x * at[0], y * at[1], depth * at[2] + shift, -at[2],
+    ]);
+  }
+}
+
+// What moves the camera; `changed` is called after each move, `clicked` with a place in pixels.
+function steer(canvas, camera, { changed, clicked, doubled }) {
+  let moved = 0, before = null;
+  canvas.addEventListener("contextmenu", event => event.preventDefault());
+  canvas.addEventListener("pointerdown", event => {
+    canvas.setPointerCapture(event.pointerId);
+    [moved, before] = [0, event];
+  });
+  canvas.addEventListener("pointermove", event => {
+    if (!before) return;
+    const dx = event.clientX - before.clientX, dy = event.clientY - before.clientY;
+    moved += Math.hypot(dx, dy);
+    const width = canvas.clientWidth;
+    if (event.buttons & 6 || event.shiftKey) camera.shift(dx / width, dy / width);
+    else camera.turn(dx * 0.005, dy * 0.005);
+    before = event;
+    changed();
+  });
+  canvas.addEventListener("pointerup", event => {
+    if (before && moved < 4 && event.button === 0) clicked(event.offsetX, event.offsetY);
+    before = null;
+  });
+  canvas.addEventListener("dblclick", event => doubled(event.offsetX, event.offsetY));
+  canvas.addEventListener("wheel", event => {
+    event.preventDefault();
+    camera.zoom(Math.exp(Math.sign(event.deltaY) * Math.min(Math.abs(event.deltaY), 120) * 0.001));
+    changed();
+  }, { passive: false });
+}

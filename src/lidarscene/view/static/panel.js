@@ -1,0 +1,77 @@
+// Panel: what can be chosen on the left, and the table of a point on the right.
+
+const byId = id => document.getElementById(id);
+
+function showFields(fields, groups, chosen) {
+  byId("field").replaceChildren(...groups.map(group => made("optgroup", { label: group },
+    ...fields.filter(field => field.group === group).map(field =>
+      made("option", { value: field.name, selected: field.name === chosen, title: field.meaning }, field.label)))));
+}
+
+function showStatuses(names, counts, hidden, changed) {
+  byId("statuses").replaceChildren(byId("statuses").firstElementChild, ...names.map((name, i) => made("label", {},
+    made("input", { type: "checkbox", checked: !(hidden >> i & 1), onchange: event => changed(i, event.target.checked) }),
+    `${name} (${(counts[i] ?? 0).toLocaleString("en")})`)));
+}
+
+// Sliders of a live scene. `settings` holds what was changed; `changed` is called with a key and its value.
+function showControls(controls, settings, changed) {
+  byId("controls").replaceChildren(...controls.map(control => {
+    const { key, label, unit, low, high, log } = control;
+    const value = settings[key] ?? control.value;
+    const place = v => log ? Math.log(Math.max(v, low) / low) / Math.log(high / low) : (v - low) / (high - low);
+    const slider = made("input", { type: "range", min: 0, max: 1, step: 0.001, value: place(value), ariaLabel: label });
+    const box = made("input", { type: "number", step: "any", value: Number(value.toPrecision(4)), ariaLabel: label });
+    slider.oninput = () => {
+      const part = Number(slider.value);
+      box.value = Number((log ? low * (high / low) ** part : low + part * (high - low)).toPrecision(3));
+      changed(key, box.valueAsNumber);
+    };
+    box.onchange = () => {
+      if (!Number.isFinite(box.valueAsNumber)) return;
+      slider.value = place(box.valueAsNumber);
+      changed(key, box.valueAsNumber);
+    };
+    return made("div", { className: "control" },
+      made("div", {}, label, made("span", {}, box, " ", made("span", { className: "unit" }, unit))), slider);
+  }));
+}
+
+function showChoices(choices, settings, changed) {
+  byId("choices").replaceChildren(...Object.entries(choices).map(([key, names]) => made("label", {}, key,
+    made("select", { id: `choice-${key}`, onchange: event => changed(key, event.target.value) },
+      ...names.map(name => made("option", { value: name, selected: settings[key] === name }, name))))));
+}
+
+// Every field of a point, by group; `missing` says why there is none.
+function showCard(frame, index, { origin, closed, missing }) {
+  const card = byId("card");
+  card.hidden = false;
+  const close = made("button", { type: "button", ariaLabel: "close", onclick: closed }, "✕");
+  if (index < 0) {
+    card.replaceChildren(close, missing);
+    return;
+  }
+  const rows = [];
+  for (const group of frame.groups) {
+    const fields = frame.fields.filter(field => field.group === group);
+    if (!fields.length) continue;
+    rows.push(made("tr", {}, made("th", { colSpan: 2 }, group)));
+    for (const field of fields) {
+      const value = frame.values(field.name)[index] + ("xyz".includes(field.name) ? origin["xyz".indexOf(field.name)] : 0);
+      const text = field.names ? field.names[value] ?? (value < 0 ? "none" : String(value))
+        : field.unit === "m" && Number.isFinite(value) ? `${value.toFixed(4)}\u202fm` : told(value, field.unit);
+      rows.push(made("tr", { title: field.meaning },
+        made("td", {}, field.label, made("i", {}, field.symbol)), made("td", {}, text)));
+    }
+  }
+  const table = made("table", {}, made("tbody", {}, ...rows));
+  card.replaceChildren(close, made("p", {}, note(frame, index)), table);
+}
+
+// What a budget lacks.
+function note(frame, index) {
+  if (!frame.arrays.echo_power) return "For P_r, P_rs and the threshold: lidarscene view CLOUD SCENE, of a cloud with truth.";
+  return frame.approximate?.includes(frame.arrays.material[index])
+    ? "This material is not Lambertian: P_rs, and what follows from it, are those of its diffuse part." : "";
+}

@@ -1,0 +1,168 @@
+// Renderer: arrays in, a picture on a canvas out.
+
+class Renderer {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.gl = canvas.getContext("webgl2", { antialias: true });
+    if (!this.gl) throw new Error("this browser has no WebGL 2, which the view needs");
+    this.points = this.#program(POINT_SHADER);
+    this.surface = this.#program(SURFACE_SHADER);
+    this.line = this.#program(LINE_SHADER);
+    this.buffers = {};
+    this.arrays = Object.fromEntries(["points", "surface", "line"].map(name => [name, this.gl.createVertexArray()]));
+    this.map = this.gl.createTexture();
+    this.counts = { points: 0, faces: 0, opaque: 0 };
+  }
+
+  #program([vertex, fragment]) {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    const uniforms = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const { name } = gl.getActiveUniform(program, i);
+      uniforms[name] = gl.getUniformLocation(program, name);
+    }
+    return { program, uniforms };
+  }
+
+  // Data of an attribute of one of `arrays`; `size` numbers for each vertex.
+  #attribute(array, shader, name, data, size, { type = this.gl.FLOAT, normalised = false } = {}) {
+    const gl = this.gl, key = `${array}.${name}`;
+    this.buffers[key] ??= gl.createBuffer();
+    gl.bindVertexArray(this.arrays[array]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[key]);
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
+    const place = gl.getAttribLocation(shader.program, name);
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribPointer(place, size, type, normalised, 0, 0);
+  }
+
+  setPoints(xyz, status) {
+    this.counts.points = xyz.length / 3;
+    this.#attribute("points", this.points, "position", xyz, 3);
+    this.#attribute("points", this.points, "status", status, 1, { type: this.gl.UNSIGNED_BYTE });
+  }
+
+  setValues(values) {
+    // Infinity means that there is none; shaders need not know it.
+    const plain = Float32Array.from(values, value => Number.isFinite(value) ? value : 3e38);
+    this.#attribute("points", this.points, "value", plain, 1);
+  }
+
+  setSurface({ vertices, colours, faces }, opaque) {
+    const gl = this.gl;
+    this.#attribute("surface", this.surface, "position", vertices, 3);
+    this.#attribute("surface", this.surface, "tint", colours, 4, { type: gl.UNSIGNED_BYTE, normalised: true });
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+    Object.assign(this.counts, { faces: faces.length, opaque });
+  }
+
+  // 256 colours a row, (r, g, b, a) bytes.
+  setMap(bytes) {
+    const gl = this.gl;
+    gl.bindTexture(gl.TEXTURE_2D, this.map);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, bytes.length / 1024, 0, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
+  }
+
+  draw(camera, style) {
+    const gl = this.gl, ratio = Math.min(devicePixelRatio, 2);
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map(n => Math.max(1, Math.round(n * ratio)));
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0.043, 0.055, 0.078, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    const matrix = camera.matrix(width / height);
+    this.#drawSurface(matrix, camera, style, false);
+    this.#drawPoints(matrix, camera, style, ratio);
+    this.#drawSurface(matrix, camera, style, true);
+    if (style.line) this.#drawLine(matrix, style.line);
+    return matrix;
+  }
+
+  #drawSurface(matrix, camera, { opacity, sun }, clear) {
+    const gl = this.gl, { faces, opaque } = this.counts;
+    const [first, count] = clear ? [opaque, faces - opaque] : [0, opaque];
+    if (!count || opacity === 0) return;
+    const { program, uniforms } = this.surface;
+    gl.useProgram(program);
+    gl.bindVertexArray(this.arrays.surface);
+    gl.uniformMatrix4fv(uniforms.matrix, false, matrix);
+    gl.uniform3fv(uniforms.eye, camera.eye);
+    gl.uniform3fv(uniforms.sun, sun);
+    gl.uniform1f(uniforms.opacity, opacity);
+    // Points lie on surfaces: these draw back a little.
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(2, 4);
+    this.#blended(clear || opacity < 1, !clear, () => gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * first));
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+  }
+
+  #blended(blend, depth, draw) {
+    const gl = this.gl;
+    if (blend) gl.enable(gl.BLEND);
+    gl.depthMask(depth);
+    draw();
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
+  }
+
+  #drawPoints(matrix, camera, style, ratio) {
+    if (!this.counts.points) return;
+    const gl = this.gl, { program, uniforms } = this.points;
+    gl.useProgram(program);
+    gl.bindVertexArray(this.arrays.points);
+    gl.bindTexture(gl.TEXTURE_2D, this.map);
+    gl.uniformMatrix4fv(uniforms.matrix, false, matrix);
+    gl.uniform3fv(uniforms.eye, camera.eye);
+    gl.uniform1f(uniforms.size, 3 * style.size * ratio);
+    gl.uniform1f(uniforms.low, style.low);
+    gl.uniform1f(uniforms.high, style.high);
+    gl.uniform1i(uniforms.scale, style.scale);
+    gl.uniform1ui(uniforms.hidden, style.hidden);
+    gl.uniform1i(uniforms.alarms, style.alarms ? 1 : 0);
+    gl.drawArrays(gl.POINTS, 0, this.counts.points);
+  }
+
+  #drawLine(matrix, ends) {
+    const gl = this.gl, { program, uniforms } = this.line;
+    this.#attribute("line", this.line, "position", new Float32Array(ends), 3);
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(uniforms.matrix, false, matrix);
+    this.#blended(true, false, () => gl.drawArrays(gl.LINES, 0, 2));
+  }
+
+  // Place on the canvas in CSS pixels, and depth, of a point; null behind the eye.
+  project(matrix, x, y, z) {
+    const m = matrix, w = m[3] * x + m[7] * y + m[11] * z + m[15];
+    if (w <= 0) return null;
+    const u = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w, v = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+    return [(0.5 + 0.5 * u) * this.canvas.clientWidth, (0.5 - 0.5 * v) * this.canvas.clientHeight, w];
+  }
+
+  // The point nearest to this place among those in front, or -1.
+  pick(matrix, xyz, left, top, isShown) {
+    const near = [];
+    let front = Infinity;
+    for (let i = 0; 3 * i < xyz.length; i++) {
+      const seen = this.project(matrix, xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
+      if (!seen) continue;
+      const away = Math.hypot(seen[0] - left, seen[1] - top);
+      if (away > 7 || !isShown(i)) continue;
+      near.push([i, away, seen[2]]);
+      front = Math.min(front, seen[2]);
+    }
+    const candidates = near.filter(([, , depth]) => depth < 1.03 * front + 0.1);
+    return candidates.reduce((best, one) => one[1] < best[1] ? one : best, [-1, Infinity])[0];
+  }
+}

@@ -1,0 +1,130 @@
+"""`render` in every format, with labels, range images and data sets; mistakes before anything is traced."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import COARSE, Run
+
+from lidarscene.cloud import PointCloud
+from lidarscene.errors import LidarSceneError
+from lidarscene.formats import FORMATS, LABELS
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+
+def test_every_format_by_its_name(run: Run, wall: str, tmp_path: Path) -> None:
+    """The same points in each that can be read again."""
+    for name, one in FORMATS.items():
+        try:
+            one.require()
+        except LidarSceneError:
+            continue
+        ran = run("render", wall, "-o", f"a{one.suffix}", "--format", name, *COARSE)
+        assert (ran.code, ran.err) == (0, "")
+        assert f"a{one.suffix}" in ran.out
+        if one.reader:
+            cloud = PointCloud.load(tmp_path / f"a{one.suffix}", format=name)
+            assert len(cloud) > 20
+            assert set(cloud.column("body").tolist()) <= {0, -1}
+
+
+def test_the_name_of_the_file_chooses(run: Run, wall: str, tmp_path: Path) -> None:
+    assert run("render", wall, "-o", "a.pcd", "--ascii", *COARSE).code == 0
+    assert b"\nDATA ascii\n" in (tmp_path / "a.pcd").read_bytes()
+    assert run("render", wall, "-o", "a.pcd.bin", *COARSE).code == 0
+    assert run("render", wall, "-o", "a.bin", *COARSE).code == 0
+    five = np.fromfile(tmp_path / "a.pcd.bin", np.float32).reshape(-1, 5)
+    four = np.fromfile(tmp_path / "a.bin", np.float32).reshape(-1, 4)
+    np.testing.assert_array_equal(five[:, :4], four)
+    assert four[:, 0].max() == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_labels_beside_the_cloud(run: Run, wall: str, tmp_path: Path, name: str) -> None:
+    """Also where the cloud itself goes without truth."""
+    ran = run("render", wall, "-o", "o/a.npz", "--labels", name, "--no-truth", "--json", *COARSE)
+    assert ran.code == 0, ran.err
+    written = [Path(f) for key, f in json.loads(ran.out).items() if key.startswith("output")]
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == sorted(p.name for p in written)
+    assert [p.name for p in written[1:]] == [f"a{suffix}" for suffix in LABELS[name]]
+    assert not PointCloud.load(tmp_path / "o" / "a.npz").has_truth
+
+
+def test_labels_of_frames_and_of_deskewed_clouds(run: Run, wall: str, tmp_path: Path) -> None:
+    ran = run(
+        "render",
+        wall,
+        "-o",
+        "d",
+        "--frames",
+        "2",
+        "--format",
+        "npz",
+        "--labels",
+        "nuscenes",
+        "--deskew",
+        *COARSE,
+    )
+    assert ran.code == 0, ran.err
+    stems = [f"frame_000{i}{kind}" for i in (0, 1) for kind in ("", ".deskewed")]
+    expected = [stem + end for stem in stems for end in (".npz", ".boxes.json")]
+    assert sorted(p.name for p in (tmp_path / "d").iterdir()) == sorted(expected)
+
+
+def test_data_sets(run: Run, wall: str, tmp_path: Path) -> None:
+    """Of a wall that is called a car, since walls have no boxes."""
+    (tmp_path / wall).write_text((tmp_path / wall).read_text() + 'class = "car"\n')
+    for name, folder in (("kitti", "training"), ("semantickitti", "dataset/sequences/00")):
+        ran = run("render", wall, "-o", name, "--dataset", name, "--frames", "2", *COARSE)
+        assert ran.code == 0, ran.err
+        assert sorted(p.name for p in (tmp_path / name / folder / "velodyne").iterdir()) == [
+            "000000.bin",
+            "000001.bin",
+        ]
+    assert len((tmp_path / "kitti/training/label_2/000001.txt").read_text().split()) == 15
+    assert len((tmp_path / "semantickitti/dataset/poses/00.txt").read_text().splitlines()) == 2
+
+
+def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
+    finer = ("--set=scanner.azimuth_step_deg=0.25", *(o for o in COARSE if "azimuth_step" not in o))
+    ran = run("render", wall, "-o", "a.npz", "--range-image", "r.npz", *finer)
+    assert (ran.code, ran.err) == (0, "")
+    with np.load(tmp_path / "r.npz") as archive:
+        seen = archive["range"][archive["point"] >= 0]
+        assert len(seen) == len(PointCloud.load(tmp_path / "a.npz"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "a.xyz"], "--output a.xyz: a name that ends in one of .ply, .pcd, .las"),
+        (["-o", "a.ply", "--format", "pointcloud"], "argument --format: invalid choice: 'pointcloud'"),
+        (["-o", "a.bin", "--ascii"], "--ascii: ply and pcd can be text"),
+        (["-o", "a.ply", "--labels", "coco"], "argument --labels: invalid choice: 'coco'"),
+        (["-o", "a.ply", "--range-image", "r.jpg"], "r.jpg: a name that ends in .png or .npz was expected"),
+        (["-o", "a.ply", "--dataset", "kitti"], "--output a.ply: with --dataset a folder was expected"),
+        (["-o", "a", "--dataset", "kitti", "--format", "kitti"], "--format: a data set has its own"),
+        (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
+        (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
+        (["-o", "a.mcap", "--frames", "2"], "--output a.mcap: with --frames a folder was expected"),
+    ],
+)
+def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
+    ran = run("render", wall, *options, *COARSE)
+    assert (ran.code, ran.out) == (2, "")
+    assert message in ran.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
+
+
+def test_a_missing_package_is_told_before_the_work(
+    run: Run, wall: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "laspy", None)
+    ran = run("render", wall, "-o", "a.las", *COARSE)
+    assert ran.code == 1
+    assert "try: pip install 'lidarscene[las]', or pip install laspy lazrs" in ran.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [wall]

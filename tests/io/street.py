@@ -1,0 +1,118 @@
+"""A small street without a back end: two cars, a wall that hides a part of one, a road; traced triangle by triangle."""
+
+import numpy as np
+
+from lidarscene.cloud import SENSOR_TO_WORLD, PointCloud
+from lidarscene.geometry import Pose
+from lidarscene.io.meshes import box_mesh, plane_mesh
+from lidarscene.scene import Body, Part, Scene
+
+SENSOR = Pose.from_degrees(position_m=(3.0, -2.0, 1.8), yaw_deg=20.0, pitch_deg=-2.0)
+CLASSES = ("road", "car", "barrier", "gantry")
+
+
+def block(name: str, class_name: str, size_m: tuple[float, float, float], pose: Pose) -> Body:
+    vertices, faces = box_mesh(size_m=size_m)
+    return Body(
+        name=name,
+        class_name=class_name,
+        parts=(Part(vertices_m=vertices, faces=faces, material="m"),),
+        pose=pose,
+    )
+
+
+def scene() -> Scene:
+    """The near car is seen whole, the far one behind the wall, which is as wide as the car and half as high."""
+    vertices, faces = plane_mesh(size_m=(80.0, 80.0))
+    road = Body(name="road", class_name="road", parts=(Part(vertices_m=vertices, faces=faces, material="m"),))
+    return Scene(
+        name="street",
+        bodies=(
+            road,
+            block("near", "car", (4.0, 2.0, 1.5), at(12.0, -3.0, 0.75, 30.0)),
+            block("far", "car", (4.4, 1.8, 1.6), at(25.0, 9.0, 0.8, 110.0)),
+            block("wall", "barrier", (0.2, 8.0, 0.9), at(20.0, 5.5, 0.45, 20.0)),
+        ),
+    )
+
+
+def at(forward_m: float, left_m: float, up_m: float, yaw_deg: float) -> Pose:
+    return Pose.from_degrees(position_m=(forward_m, left_m, up_m), yaw_deg=yaw_deg)
+
+
+def cloud(
+    frame: str = "world", *, step_deg: float = 0.4, described: Scene | None = None, sensor: Pose = SENSOR
+) -> PointCloud:
+    """What a lidar without noise sees of the scene, 60 by 24 degrees."""
+    described = described or scene()
+    azimuth, elevation = np.meshgrid(
+        np.radians(np.arange(30.0, -30.01, -step_deg)), np.radians(np.arange(6.0, -18.01, -step_deg))
+    )
+    azimuth, elevation = azimuth.ravel(), elevation.ravel()
+    own = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
+    range_m, body = nearest(described, sensor.position_m, own @ sensor.rotation.T)
+    hit = np.flatnonzero(np.isfinite(range_m))
+    row = np.searchsorted(-np.unique(elevation)[::-1], -elevation)
+    points_m = own[hit] * range_m[hit, None]
+    metadata = {
+        "sensor": "brute", "scene": described.name, "frame": frame, "intensity_unit": "A",
+        SENSOR_TO_WORLD: words(np.column_stack([sensor.rotation, sensor.position_m])),
+    }  # fmt: skip
+    if frame == "world":
+        points_m = sensor.apply(points_m)
+        metadata |= {"sensor_position_m": words(sensor.position_m), "sensor_rotation": words(sensor.rotation)}
+    names = list(dict.fromkeys(one.class_name for one in described.bodies))
+    class_of = np.array([names.index(one.class_name) for one in described.bodies])
+    n, zeros = len(hit), np.zeros(len(hit))
+    given = {
+        "xyz_m": points_m.astype(np.float32), "range_m": range_m[hit], "intensity": 1e-6 / range_m[hit] ** 2,
+        "snr": zeros + 50, "detection_probability": zeros + 1, "time_s": hit * 1e-5, "channel": row[hit],
+        "azimuth_rad": azimuth[hit], "elevation_rad": elevation[hit], "return_number": np.ones(n),
+        "status": zeros, "true_range_m": range_m[hit], "body": body[hit], "class_id": class_of[body[hit]],
+    }  # fmt: skip
+    return PointCloud(
+        **(everything(n) | given),
+        body_names=tuple(one.name for one in described.bodies),
+        class_names=tuple(names),
+        material_names=("m",),
+        metadata=metadata,
+    )
+
+
+def everything(n: int) -> dict[str, np.ndarray]:
+    """Zeros for every attribute of a cloud, whatever columns there are."""
+    from lidarscene.cloud import MEASURED, TRUTH
+
+    return {a: np.zeros((n, 3) if a == "xyz_m" else n) for a in (*MEASURED, *TRUTH)}
+
+
+def words(values: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in values.ravel())
+
+
+def nearest(described: Scene, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Range (inf without a hit) and body of each ray: Moeller and Trumbore's formula for every triangle."""
+    best, body = np.full(len(direction), np.inf), np.full(len(direction), -1)
+    for index, one in enumerate(described.bodies):
+        for part in one.parts:
+            corners = one.pose.apply(part.vertices_m)[part.faces.astype(int)]
+            for a, b, c in corners:
+                t = triangle(origin_m, direction, a, b - a, c - a)
+                nearer = t < best
+                best[nearer], body[nearer] = t[nearer], index
+    return best, body
+
+
+def triangle(origin, direction, corner, edge, other) -> np.ndarray:
+    p = np.cross(direction, other)
+    determinant = p @ edge
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = origin - corner
+        u = p @ s / determinant
+        q = np.cross(s, edge)
+        v = direction @ q / determinant
+        t = other @ q / determinant
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    return np.where(inside, t, np.inf)

@@ -1,0 +1,128 @@
+"""Echo trains by hand, and a slow road through the comparator."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lidarscene import load_sensor, multi_echo, noise
+from lidarscene.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.echoes import EchoTrain, SubEchoes
+from lidarscene.physics import tdc
+from lidarscene.physics.waveform import SIGMAS_PER_FWHM
+from lidarscene.waveform import sampled
+
+FWHM_S = 6e-9
+SIGMA_S = FWHM_S / SIGMAS_PER_FWHM
+SIGMA_M = 0.5 * SPEED_OF_LIGHT_M_S * SIGMA_S
+"""Range in which light comes back one sigma_p later."""
+
+BACKGROUND_W = 2.5e-8
+
+QUIET = ["tdc.threshold_to_noise=50"]
+"""No false alarms."""
+
+
+def sensor(name, *overrides):
+    return load_sensor(name, overrides=list(overrides))
+
+
+def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
+    """(pulses, sub-echoes) ranges and powers."""
+    range_m, peak_power_w = np.broadcast_arrays(range_m, peak_power_w)
+    parts = SubEchoes(
+        range_m=range_m.ravel().astype(np.float64), peak_power_w=peak_power_w.ravel().astype(np.float64),
+        count=range_m.shape[1],
+    )  # fmt: skip
+    return EchoTrain(
+        parts=(parts,), surfaces=parts.count, found=(peak_power_w > 0.0).any(axis=1),
+        background_power_w=np.full(len(range_m), background_w), volume=volume,
+    )  # fmt: skip
+
+
+def detect(light, equipped, *, seed=0):
+    pulses = len(light.background_power_w)
+    return multi_echo.detect(light, equipped, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+
+
+def power_at_snr(equipped, snr):
+    """Peak power of this SNR."""
+    point = equipped.working_point(np.array([BACKGROUND_W]))
+    return float(point.power_w(snr * point.noise)[0])
+
+
+def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
+    """Some sub-echoes apart by a pulse width or so, some missing, around the threshold."""
+    random = np.random.default_rng(seed)
+    start = random.uniform(10.0, 100.0, (pulses, 1))
+    range_m = start + random.uniform(0.0, spread_m, (pulses, sub_echoes))
+    share = random.uniform(0.0, 1.0, (pulses, sub_echoes)) ** 3
+    power = power_at_snr(equipped, 20.0) * share * (random.uniform(size=share.shape) < 0.8)
+    return range_m, power
+
+
+def on_device(light, mi):
+    """The same train on the device."""
+    upload = {
+        "parts": tuple(
+            replace(
+                part, range_m=mi.Float(part.range_m.astype(np.float32)),
+                peak_power_w=mi.Float(part.peak_power_w.astype(np.float32)),
+            )
+            for part in light.parts
+        ),
+        "found": mi.Bool(light.found),
+        "background_power_w": mi.Float(light.background_power_w.astype(np.float32)),
+    }  # fmt: skip
+    if light.volume is not None:
+        air = light.volume
+        upload["volume"] = replace(
+            air, scale=mi.Float(air.scale.astype(np.float32)), end_m=mi.Float(air.end_m.astype(np.float32))
+        )
+    return replace(light, **upload)
+
+
+def slow_crossings(light, equipped, *, seed=0, step=0.005):
+    """(pulse, crossing and what it is good to, in sigma_p) of all crossings, from a waveform in fine bins.
+
+    Peaks are bins above their neighbours; the deviates are those of the pulse's rises in turn. Between bins the
+    waveform is a straight line, good to step^2 / 8 of a sigma_p where the slope is not small; a comparator that
+    finds itself below the waveform in a valley trips there, in a bin.
+    """
+    point = equipped.working_point(light.background_power_w)
+    threshold = equipped.threshold(point)
+    (part,) = light.parts
+    arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
+    power = part.peak_power_w.reshape(arrival.shape)
+    found = []
+    for pulse in range(len(threshold)):
+        there = arrival[pulse][power[pulse] > 0.0]
+        if len(there) == 0:
+            continue
+        time = np.arange(there.min() - 9.0 * SIGMA_S, there.max() + 9.0 * SIGMA_S, step * SIGMA_S)
+        alone = replace(
+            light,
+            parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
+            background_power_w=light.background_power_w[pulse : pulse + 1],
+        )  # fmt: skip
+        watts, signal = (one[0] for one in sampled(alone, equipped, time))
+        own = {
+            name: np.broadcast_to(getattr(point, name), len(threshold))[pulse]
+            for name in ("noise", "kappa_1", "kappa_2")
+        }
+        peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
+        high, before = False, 0
+        for number, peak in enumerate(peaks):
+            valley = before + int(np.argmin(watts[before : peak + 1]))
+            words = noise.words(seed=seed, stage=1, pulse=np.array([pulse]), draw=number)
+            deviate = noise.normal_pair(words)[0][0]
+            level = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **own)
+            trips = signal[peak] >= level
+            if trips and not (high and signal[valley] >= level):
+                edge = valley + int(np.argmax(signal[valley : peak + 1] >= level))
+                at, good_to = time[edge], step
+                if edge > valley:
+                    at = np.interp(level, signal[edge - 1 : edge + 1], time[edge - 1 : edge + 1])
+                    good_to = 1e-4
+                found.append((pulse, at / SIGMA_S, good_to))
+            high, before = trips, peak
+    return found

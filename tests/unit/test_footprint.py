@@ -1,0 +1,195 @@
+"""Footprints: where the rays of a beam are, and that they spread as the beam does."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from lidarscene import load_sensor
+from lidarscene.beams import Beams
+from lidarscene.errors import InputError
+from lidarscene.footprint import footprint, points, spread
+from lidarscene.physics import beam
+from lidarscene.physics.eye_safety import beam_diameter_m
+
+PROFILES = ("gaussian", "top_hat")
+MANY = (3, 5, 7, 16, 19, 64, 256)
+ROTATION = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def laser(*overrides):
+    return load_sensor("table1-apd", overrides=[f"laser.{one}" for one in overrides]).laser
+
+
+def share_beyond(profile, distance):
+    """Power of a beam of radius 1 beyond a knife edge: of a Gaussian, and of the segment of a disc."""
+    if profile == "gaussian":
+        return norm.sf(2.0 * distance)
+    return (np.arccos(distance) - distance * np.sqrt(1.0 - distance**2)) / math.pi
+
+
+def edge_error(profile, places):
+    """Root mean square over 4000 edges of the difference between the rays beyond an edge and the power there."""
+    random = np.random.default_rng(1)
+    angle, distance = random.uniform(0.0, 2.0 * math.pi, 4000), random.uniform(-1.0, 1.0, 4000)
+    beyond = places @ np.stack([np.cos(angle), np.sin(angle)]) > distance
+    return float(np.sqrt(np.mean((beyond.mean(axis=0) - share_beyond(profile, distance)) ** 2)))
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_one_ray_is_the_axis(profile):
+    np.testing.assert_array_equal(points(profile, 1), [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("rays", [1, 2, *MANY])
+def test_weights_sum_to_one(rays):
+    assert math.fsum([footprint(laser(), rays).weight] * rays) == pytest.approx(1.0, rel=2e-16, abs=0.0)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("rays", MANY)
+def test_centre_and_variance_are_the_beams(profile, rays):
+    """Reference: w^2 / 4 on each axis, for both profiles (ISO 11146). Tolerance: rounding of an eigenvalue problem."""
+    places = points(profile, rays)
+    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-15)
+    np.testing.assert_allclose(places.T @ places / rays, np.eye(2) / 4.0, atol=1e-14)
+
+
+def test_rings_have_the_power_they_should():
+    """The mean r^2 of a ring against the integral of r^2 over it, by a fine sum."""
+    share = (np.arange(1_000_000) + 0.5) / 1_000_000
+    for ring, square in ((beam.gaussian_ring, -0.5 * np.log(1.0 - share)), (beam.top_hat_ring, share)):
+        for inside, outside in ((0.0, 0.2), (0.2, 0.7), (0.9, 1.0)):
+            within = square[(share > inside) & (share < outside)].mean()
+            # The sum's own error at the open end of a Gaussian: half a step times ln of the number of steps.
+            assert ring(inside=inside, outside=outside) == pytest.approx(within, abs=1e-5)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_knife_edges_converge_faster_than_random_rays(profile):
+    """An edge splits N random rays to 1 / sqrt(N); these to about N^-3/4, as evenly spread points do (Beck 1987)."""
+    error = [edge_error(profile, points(profile, rays)) for rays in MANY[2:]]
+    slope = np.polyfit(np.log(MANY[2:]), np.log(error), 1)[0]
+    assert -0.85 < slope < -0.65
+    assert error[0] < 0.075  # seven rays: less than the 1/7 that one ray weighs
+    assert error[-1] < 0.005
+
+
+def test_spiral_splits_better_than_hexagons_and_quadrature():
+    """Why a spiral: rings of 6 k rays at their mean r^2, and Gauss-Hermite nodes with their weights, are worse."""
+    ring_of = np.repeat([0, 1, 2], [1, 6, 12])
+    inside = np.array([0.0, 1.0, 7.0]) / 19.0
+    radius = np.sqrt(beam.gaussian_ring(inside=inside, outside=np.array([1.0, 7.0, 19.0]) / 19.0))[ring_of]
+    radius[0] = 0.0
+    angle = np.concatenate([[0.0], np.arange(6) * math.pi / 3.0, np.arange(12) * math.pi / 6.0])
+    hexagons = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    assert edge_error("gaussian", points("gaussian", 19)) < edge_error("gaussian", hexagons)
+
+    nodes, weights = np.polynomial.hermite_e.hermegauss(4)
+    grid = 0.5 * np.stack(np.meshgrid(nodes, nodes)).reshape(2, -1).T
+    weight = np.outer(weights, weights).ravel() / weights.sum() ** 2
+    distance = np.linspace(-1.0, 1.0, 2001)
+    beyond = (weight[:, None] * (grid[:, :1] > distance)).sum(axis=0)
+    quadrature = np.sqrt(np.mean((beyond - share_beyond("gaussian", distance)) ** 2))
+    assert edge_error("gaussian", points("gaussian", 16)) < 0.6 * quadrature
+
+
+def fan(shape, direction=(1.0, 0.0, 0.0), rotation=ROTATION):
+    """The rays of one pulse from the origin: origins and directions, (rays, 3)."""
+    rays = shape.rays
+    alike = Beams(
+        pulse=np.zeros(rays, dtype=np.uint32), origin_m=(np.zeros(rays),) * 3,
+        direction=tuple(np.full(rays, x) for x in direction), aperture_m2=1.0,
+    )  # fmt: skip
+    spread_out = spread(alike, shape, ray=np.arange(rays), rotation=rotation)
+    return np.stack(spread_out.origin_m, axis=1), np.stack(spread_out.direction, axis=1)
+
+
+def spot(shape, distance, **places):
+    """(rays, 2) places to the left of and above the axis on a screen across it."""
+    origin, direction = fan(shape, **places)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1.0, rtol=1e-14)
+    return (origin + direction * ((distance - origin[:, 0]) / direction[:, 0])[:, None])[:, 1:]
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("distance", [0.0, 0.5, 2.0, 5.0, 20.0, 300.0])
+def test_every_ray_follows_the_gaussian_beam(profile, distance):
+    """w(z)^2 = w_0^2 + (theta z)^2 on each ray and not only on average; reference: the width of eye safety."""
+    shape = footprint(laser("divergence_mrad=3", "exit_diameter_mm=8", f"beam_profile='{profile}'"), 19)
+    radius = np.linalg.norm(points(profile, 19), axis=1)
+    width = 0.5 * beam_diameter_m(exit_diameter_m=8e-3, divergence_rad=3e-3, distance_m=distance)
+    np.testing.assert_allclose(np.linalg.norm(spot(shape, distance), axis=1), radius * width, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 90.0])
+def test_ellipse_and_its_turn(turn_deg):
+    """Far away the spot's variances lie along the turned axes, (w / 2)^2 each; 1e-6 is what the exit adds at 1 km."""
+    shape = footprint(
+        laser("divergence_mrad=4", "divergence_elevation_mrad=1", f"beam_rotation_deg={turn_deg}"), 64
+    )
+    places = spot(shape, 1000.0)
+    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    along = places @ np.array([[cos, -sin], [sin, cos]])
+    np.testing.assert_allclose(along.T @ along / 64, np.diag([1.0, 0.0625]), rtol=1e-5, atol=1e-9)
+
+
+def test_axes_are_azimuth_and_elevation():
+    """A wide fan to the left of a sensor stays level, in any pose of the sensor."""
+    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=0.004"), 16)
+    _, direction = fan(shape, direction=(0.0, 1.0, 0.0))
+    assert np.ptp(direction[:, 2]) < 1e-5
+    assert np.ptp(direction[:, 0]) > 3e-3
+    # Standing on its nose, x down and z forward: level is now the world's y-z plane.
+    _, direction = fan(
+        shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
+    )
+    assert np.ptp(direction[:, 0]) < 1e-5
+    assert np.ptp(direction[:, 2]) > 3e-3
+
+
+@pytest.mark.parametrize("z", [1.0, -1.0])
+def test_straight_up_and_down_have_axes_too(z):
+    _, direction = fan(footprint(laser("divergence_mrad=4"), 7), direction=(0.0, 0.0, z))
+    assert np.isfinite(direction).all()
+    np.testing.assert_allclose(direction[:, :2].std(axis=0), 1e-3, rtol=1e-5)
+
+
+def test_one_ray_leaves_the_beams_as_they_are():
+    origin, direction = fan(footprint(laser("divergence_mrad=4", "exit_diameter_mm=8"), 1))
+    np.testing.assert_array_equal(origin, [[0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(direction, [[1.0, 0.0, 0.0]])
+
+
+def test_both_array_types_agree(mi):
+    import drjit as dr
+
+    shape = footprint(laser("divergence_mrad=3", "divergence_elevation_mrad=1", "exit_diameter_mm=8"), 19)
+    origin, direction = fan(shape, direction=(0.6, 0.0, 0.8))
+    ray = dr.arange(mi.UInt32, 19)
+    alike = Beams(
+        pulse=ray, origin_m=(mi.Float(0.0),) * 3,
+        direction=(mi.Float(0.6), mi.Float(0.0), mi.Float(0.8)), aperture_m2=1.0,
+    )  # fmt: skip
+    on_device = spread(alike, shape, ray=ray, rotation=ROTATION)
+    for found, wanted in ((on_device.origin_m, origin), (on_device.direction, direction)):
+        np.testing.assert_allclose(np.stack([x.numpy() for x in found], axis=1), wanted, atol=2e-7)  # float32
+
+
+def test_a_beam_finer_than_light_is_refused():
+    """905 nm from 1 mm spread by 4 lambda / (pi d) = 1.152 mrad."""
+    with pytest.raises(InputError, match=r"laser.*a beam of 1 mm spreads by 1\.15 mrad at least.*0\.5 came"):
+        laser("exit_diameter_mm=1", "divergence_mrad=0.5")
+    quality = beam.beam_quality(
+        exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9
+    )
+    assert quality == pytest.approx(1.0, rel=1e-12)
+    assert laser("exit_diameter_mm=1", "divergence_mrad=1.16").divergence_rad == pytest.approx(1.16e-3)
+
+
+def test_eye_safety_takes_the_narrow_axis():
+    beam_of = laser("divergence_mrad=4", "divergence_elevation_mrad=1")
+    assert beam_of.least_divergence_rad == 1e-3
+    assert replace(beam_of, divergence_elevation_rad=None).least_divergence_rad == 4e-3

@@ -1,0 +1,241 @@
+"""Motion in scene files, trajectory files, rig files: what becomes of their keys, and what is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene import catalog, load_rig
+from lidarscene.errors import InputError
+from lidarscene.io.poses_file import read_poses
+from lidarscene.io.rig_file import files_of_rig
+from lidarscene.io.scene_file import files_of_scene, read_scene
+from lidarscene.scene import Scene
+from lidarscene.trajectory import Course, Riding, Spline, pose_at
+
+BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 2, 3]\nmaterial = "brick"\n'
+CSV = "time_s,x_m,y_m,z_m,yaw_deg\n0,0,0,0,0\n1,10,0,0,0\n2,20,5,0,45\n"
+TUM = "# time x y z qx qy qz qw\n0 0 0 0 0 0 0 1\n1 10 0 0 0 0 0 1\n2 20 5 0 0 0 0.38268343 0.92387953\n"
+
+
+def scene_of(folder: Path, text: str) -> Scene:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return read_scene(path, catalogue=catalog.material)
+
+
+def yaw_deg(rotation: np.ndarray) -> float:
+    return float(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0])))
+
+
+def test_nothing_moves_without_being_told(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, BOX)
+    assert scene.ego is None
+    assert scene.bodies[0].motion is None
+
+
+def test_constant_speeds(tmp_path: Path) -> None:
+    scene = scene_of(
+        tmp_path,
+        "[ego]\nposition_m = [1, 2, 0]\nyaw_deg = 90\nspeed_m_s = 20\nyaw_rate_deg_s = -10\n"
+        + BOX
+        + "position_m = [5, 0, 0]\nyaw_deg = 180\n[bodies.motion]\nspeed_m_s = 3\nvelocity_m_s = [0, 1, 0]\n",
+    )
+    assert isinstance(scene.ego, Course)
+    start = scene.ego.at(np.zeros(1))
+    np.testing.assert_allclose(start.velocity_m_s[0], [0, 20, 0], atol=1e-14)
+    np.testing.assert_allclose(start.turning_rad_s[0], [0, 0, np.radians(-10)], atol=1e-15)
+    (box,) = scene.bodies
+    assert box.motion is not None
+    np.testing.assert_allclose(box.motion.at(np.array([2.0])).position_m[0], [-1, 2, 0], atol=1e-14)
+    np.testing.assert_array_equal(box.pose.position_m, [5, 0, 0])
+
+
+def test_poses_move_the_frame_that_the_pose_is_in(tmp_path: Path) -> None:
+    """The box stands 1 m to the left in a frame that turns by 90 degrees on the spot."""
+    scene = scene_of(
+        tmp_path,
+        BOX + "position_m = [0, 1, 0]\n[bodies.motion]\n"
+        "poses = [{ time_s = 0, position_m = [10, 0, 0] }, { time_s = 2, position_m = [10, 0, 0], yaw_deg = 90 }]\n",
+    )
+    motion = scene.bodies[0].motion
+    assert isinstance(motion, Riding)
+    np.testing.assert_allclose(
+        motion.at(np.array([0.0, 2.0])).position_m, [[10, 1, 0], [9, 0, 0]], atol=1e-12
+    )
+    np.testing.assert_allclose(scene.bodies[0].pose.position_m, [10, 1, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "text"), [("way.csv", CSV), ("way.txt", TUM), ("way.tum", TUM)])
+def test_poses_from_files(tmp_path: Path, name: str, text: str) -> None:
+    """CSV and TUM say the same; the quaternion of 45 degrees has eight digits. The file is an input of the run."""
+    (tmp_path / name).write_text(text)
+    scene = scene_of(tmp_path, f'[ego]\nposition_m = [1, 0, 0]\nposes_file = "{name}"\n' + BOX)
+    assert scene.ego is not None
+    assert scene.ego.span_s == (0.0, 2.0)
+    end = pose_at(scene.ego, 2.0)
+    np.testing.assert_allclose(end.position_m, [20 + 0.5**0.5, 5 + 0.5**0.5, 0], atol=1e-7)
+    assert yaw_deg(end.rotation) == pytest.approx(45.0, abs=1e-6)
+    assert tmp_path / name in files_of_scene(tmp_path / "scene.toml")
+
+
+def test_csv_with_quaternions_and_columns_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "way.csv"
+    path.write_text(
+        "frame,time_s, x_m,y_m,z_m,qw,qx,qy,qz\n7,0,1,2,3,1,0,0,0\n8,0.5,1,2,4,0.70710678,0,0.70710678,0\n"
+    )
+    spline = read_poses(path)
+    assert isinstance(spline, Spline)
+    np.testing.assert_allclose(spline.poses[1].rotation @ [1, 0, 0], [0, 0, -1], atol=1e-8)
+
+
+def test_epoch_times_keep_their_microseconds(tmp_path: Path) -> None:
+    """TUM files count from 1970. At 1.7e9 s a double has steps of 0.24 us, 7 um at 30 m/s."""
+    path = tmp_path / "way.txt"
+    path.write_text("1700000000.0 0 0 0 0 0 0 1\n1700000001.0 30 0 0 0 0 0 1\n")
+    states = read_poses(path).at(1.7e9 + np.linspace(0.0, 1.0, 11))
+    np.testing.assert_allclose(states.position_m[:, 0], np.linspace(0.0, 30.0, 11), atol=1e-5)
+
+
+def test_riding_with_the_ego_vehicle_and_instances(tmp_path: Path) -> None:
+    """Instances of a body that rides stand where their poses say, in the vehicle's frame; they share their shape."""
+    scene = scene_of(
+        tmp_path,
+        "[ego]\nyaw_deg = 90\nspeed_m_s = 10\n"
+        + BOX
+        + "position_m = [1, 0, 0]\ninstances = [{}, { position_m = [0, 2, 0] }]\n"
+        "[bodies.motion]\nwith_ego = true\n",
+    )
+    motions = [body.motion for body in scene.bodies]
+    assert all(motion is not None for motion in motions)
+    places = [motion.at(np.array([3.0])).position_m[0] for motion in motions if motion is not None]
+    np.testing.assert_allclose(places, [[0, 31, 0], [-2, 31, 0]], atol=1e-12)
+    assert scene.bodies[0].parts is scene.bodies[1].parts
+
+
+def test_instances_move_each_from_its_own_pose(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, BOX + "instances = [{}, { yaw_deg = 90 }]\n[bodies.motion]\nspeed_m_s = 2\n")
+    places = [pose_at(body.motion, 1.0).position_m for body in scene.bodies if body.motion]
+    np.testing.assert_allclose(places, [[2, 0, 0], [0, 2, 0]], atol=1e-14)
+
+
+EGO = "[ego]\n"
+MOVES = BOX + "[bodies.motion]\n"
+TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (EGO + "speed = 3\n" + BOX, r"scene\.toml: unknown key 'ego\.speed'"),
+        (EGO + "speed_m_s = 1e5\n" + BOX, r"ego\.speed_m_s: .*10000"),
+        (EGO + "yaw_rate_deg_s = 1e9\n" + BOX, r"ego\.yaw_rate_deg_s: .*36000"),
+        (EGO + "with_ego = true\n" + BOX, r"unknown key 'ego\.with_ego'"),
+        (EGO + "speed_m_s = 1\nposes_file = 'a.csv'\n" + BOX, r"ego: one way .*, speed_m_s and poses_file came"),
+        (EGO + "poses = [{ time_s = 0 }]\n" + BOX, r"ego\.poses: .*at least 2"),
+        (EGO + "poses = [{ time_s = 0 }, {}]\n" + BOX, r"ego\.poses\[1\]\.time_s"),
+        (EGO + TWO.format(1, 1, 0) + BOX, r"scene\.toml: ego\.poses: two poses or more, at rising times"),
+        (EGO + TWO.format(0, 1, 180) + BOX, r"ego\.poses: a turn of 180 degrees came between two poses, at most 170"),
+        (EGO + "poses_file = 'none.csv'\n" + BOX, r"ego\.poses_file: .*none\.csv: no such file"),
+        (EGO + "poses_file = 'few.csv'\n" + BOX, r"few\.csv: column x_m is missing"),
+        (EGO + "poses_file = 'bad.txt'\n" + BOX, r"bad\.txt: lines of 8 numbers were expected .*, 3 came"),
+        (EGO + "poses_file = 'word.txt'\n" + BOX, r"word\.txt: cannot be read"),
+        (EGO + "poses_file = 'nan.csv'\n" + BOX, r"nan\.csv: y_m of pose 2 is not a finite number"),
+        (EGO + "poses_file = 'quat.csv'\n" + BOX, r"quat\.csv: a quaternion of length 1 .*, 2 came for pose 1"),
+        (EGO + "poses_file = 'both.csv'\n" + BOX, r"both\.csv: either qx, qy, qz, qw or yaw_deg"),
+        (EGO + "poses_file = 'empty.txt'\n" + BOX, r"empty\.txt: .*two poses or more"),
+        (EGO + "poses_file = 'empty.csv'\n" + BOX, r"empty\.csv: .*names of the columns"),
+        (MOVES + "with_ego = true\n", r"body 'box' moves with_ego, but there is no \[ego\]"),
+        (EGO + MOVES + "with_ego = true\nspeed_m_s = 1\n", r"with_ego and speed_m_s came"),
+        (MOVES + "poses_file = 'none.csv'\n", r'bodies\[0 "box"\]\.motion\.poses_file: .*none\.csv: no such file'),
+        (MOVES + "velocity_m_s = [1, 2]\n", r"bodies\[0.*motion\.velocity_m_s"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_one_line(tmp_path: Path, text: str, told: str) -> None:
+    files = {
+        "few.csv": "time_s,y_m,z_m\n0,0,0\n1,0,0\n", "bad.txt": "1 2 3\n", "word.txt": "1 2 3 x 5 6 7 8\n",
+        "nan.csv": "time_s,x_m,y_m,z_m\n0,0,0,0\n1,0,nan,0\n", "empty.txt": "", "empty.csv": "",
+        "quat.csv": "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,2\n1,0,0,0,0,0,0,1\n",
+        "both.csv": "time_s,x_m,y_m,z_m,qx,yaw_deg\n0,0,0,0,0,0\n1,0,0,0,0,0\n",
+    }  # fmt: skip
+    for name, content in files.items():
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=told) as caught:
+        scene_of(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+RIG = """
+[[sensors]]
+label = "roof"
+sensor = "table1-apd"
+position_m = [0, 0, 1.8]
+set = ["detector.gain=50"]
+
+[[sensors]]
+label = "left"
+sensor = "own.toml"
+yaw_deg = 90
+"""
+
+
+def rig_of(folder: Path, text: str) -> Path:
+    own = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
+    (folder / "own.toml").write_text(own, encoding="utf-8")
+    path = folder / "van.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Labels, poses, own changes before the run's, and files relative to the rig's."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    path = rig_of(tmp_path, RIG)
+    rig = load_rig(Path("..") / "van.toml", overrides=["laser.peak_power_w=33"])
+    assert (rig.name, [one.label for one in rig.sensors]) == ("van", ["roof", "left"])
+    assert rig.sensors[0].sensor.detector.gain == 50
+    assert {one.sensor.laser.peak_power_w for one in rig.sensors} == {33.0}
+    assert rig.sensors[0].pose.position_m.tolist() == [0, 0, 1.8]
+    assert yaw_deg(rig.sensors[1].pose.rotation) == pytest.approx(90)
+    assert rig.sensors[1].sensor.name == "table1-sipm"
+    assert files_of_rig(path) == [path, tmp_path / "own.toml"]
+    assert load_rig(rig) is rig
+    changed = load_rig(
+        rig_of(tmp_path, 'name = "x"' + RIG), overrides=["roof:detector.gain=9", "left:detector.cells=77"]
+    )
+    assert changed.name == "x"
+    assert [one.sensor.detector for one in changed.sensors] == [
+        dataclasses.replace(rig.sensors[0].sensor.detector, gain=9.0),
+        dataclasses.replace(rig.sensors[1].sensor.detector, cells=77),
+    ]
+    with pytest.raises(
+        InputError, match=r"--set rear:a\.b=1: 'rear' is not among the sensors here: roof, left"
+    ):
+        load_rig(path, overrides=["rear:a.b=1"])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("name = 'x'\n", r"van\.toml: key 'sensors' is missing|van\.toml: sensors"),
+        ("sensors = []\n", r"van\.toml: sensors: .*at least 1"),
+        (RIG.replace('"left"', '"roof"'), r"two sensors are labelled 'roof', every label once"),
+        (RIG.replace('"left"', '"../left"'), r"letters, digits, - and _ were expected, '../left' came"),
+        (RIG.replace('"left"', '""'), r"sensors\[1.*label"),
+        (RIG.replace("own.toml", "none.toml"), r'van\.toml: sensors\[1 "left"\]: .*none\.toml: no such file'),
+        (RIG.replace("table1-apd", "no-such"), r'van\.toml: sensors\[0 "roof"\]: .*no-such'),
+        (RIG.replace("detector.gain", "detector.gian"), r'sensors\[0 "roof"\]: .*gian'),
+        (RIG.replace("yaw_deg", "yaw"), r"unknown key 'sensors\[1\]\.yaw'"),
+    ],
+)
+def test_mistakes_in_rigs(tmp_path: Path, text: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        load_rig(rig_of(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_shipped_rig(tmp_path: Path) -> None:
+    rig = load_rig(Path(__file__).parents[2] / "scenes" / "rig.toml")
+    assert [one.label for one in rig.sensors] == ["roof", "left", "right"]

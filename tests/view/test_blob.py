@@ -1,0 +1,27 @@
+"""Blobs: what goes in comes out, aligned for the browser's typed arrays."""
+
+import numpy as np
+import pytest
+
+from lidarscene.view.blob import TYPES, packed, unpacked
+
+
+def test_what_goes_in_comes_out() -> None:
+    """With lengths that leave the arrays after them off their alignment unless they are padded."""
+    arrays = {f"{name}-{n}": np.arange(n, dtype=name) for name in TYPES for n in (0, 1, 3, 7)}
+    blob = packed({"name": "näme", "count": 3}, arrays)
+    header, found = unpacked(blob)
+    assert header == {"name": "näme", "count": 3}
+    assert found.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(found[name], array)
+        assert found[name].dtype == array.dtype
+    assert int.from_bytes(blob[:4], "little") % 4 == 0
+    assert len(blob) % 4 == 0
+
+
+def test_what_the_page_cannot_read_is_refused() -> None:
+    with pytest.raises(KeyError, match="float64"):
+        packed({}, {"x": np.zeros(3)})
+    with pytest.raises(ValueError, match="JSON"):
+        packed({"bad": float("nan")}, {})

@@ -1,0 +1,99 @@
+"""Controls: what they offer, and that a setting is the same as a change of the files."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.detectors import Apd, Sipm
+from lidarscene.errors import InputError
+from lidarscene.sensor import Sensor
+from lidarscene.view.controls import Equipment
+
+SIPM = "SiPM of Table 1"
+
+
+def parts(sensor: Sensor) -> tuple[Any, ...]:
+    """What can be compared: scanners and poses are equal only to themselves."""
+    return sensor.laser, sensor.optics, sensor.detector, sensor.tdc
+
+
+@pytest.fixture
+def equipment(scene_file: Path) -> Equipment:
+    return Equipment(load_scene(scene_file), "table1-apd", ["laser.peak_power_w=60"])
+
+
+def test_files_as_they_are(equipment: Equipment) -> None:
+    scene, sensor = equipment.with_settings({})
+    assert scene.sun == equipment.scene.sun
+    assert parts(sensor) == parts(load_sensor("table1-apd", overrides=["laser.peak_power_w=60"]))
+    values = {control.key: control.value for control in equipment.controls({})}
+    assert values == pytest.approx(
+        {
+            "sun.azimuth_deg": 180, "sun.elevation_deg": 45, "sun.illuminance_klux": 100, "laser.peak_power_w": 60,
+            "optics.aperture_radius_mm": 25, "detector.gain": 80, "tdc.threshold_to_noise": 5,
+        }
+    )  # fmt: skip
+    for control in equipment.controls({}):
+        assert control.low < control.value < control.high
+
+
+def test_every_control_does_what_the_file_would(equipment: Equipment) -> None:
+    """Rationale: the sensor's keys go through the reader of sensor files; here they are compared with --set."""
+    for detector in ("", SIPM):
+        chosen = {"detector": detector} if detector else {}
+        for control in equipment.controls(chosen):
+            value = (
+                math.sqrt(control.low * control.high) if control.log else 0.5 * (control.low + control.high)
+            )
+            scene, sensor = equipment.with_settings({**chosen, control.key: value})
+            before = equipment.with_settings(chosen)
+            if control.key.startswith("sun."):
+                assert (scene.sun != before[0].sun) is (not math.isclose(value, control.value))
+                assert parts(sensor) == parts(before[1])
+                continue
+            own = control.key.startswith(("laser", "optics")) or not detector
+            there = load_sensor(
+                "table1-apd" if own else "table1-sipm",
+                overrides=["laser.peak_power_w=60", f"{control.key}={value!r}"],
+            )
+            part = control.key.split(".")[0]
+            if part == "tdc":
+                assert sensor.tdc.threshold_to_noise == there.tdc.threshold_to_noise == pytest.approx(value)
+            else:
+                assert getattr(sensor, part) == getattr(there, part)
+
+
+def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> None:
+    _, sensor = equipment.with_settings({"detector": SIPM, "detector.pde": 0.3, "laser.peak_power_w": 70})
+    assert isinstance(sensor.detector, Sipm)
+    assert sensor.detector.pde == 0.3
+    assert sensor.laser.peak_power_w == 70
+    back = Equipment(equipment.scene, "table1-sipm", ["tdc.threshold_to_noise=7"])
+    _, other = back.with_settings({"detector": "APD of Table 1"})
+    assert isinstance(other.detector, Apd)
+    assert other.tdc.threshold_to_noise == 5
+    assert back.sensor.tdc.threshold_to_noise == 7
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"laser.colour": 1}, "laser.colour: no such control; known here: sun.azimuth_deg"),
+        ({"detector.pde": 0.2}, "detector.pde: no such control"),
+        ({"detector": "eye"}, "detector: one of APD, its own, SiPM of Table 1 was expected, eye came"),
+        ({"laser.peak_power_w": "much"}, "laser.peak_power_w: a number was expected, 'much' came"),
+        ({"laser.peak_power_w": math.inf}, "laser.peak_power_w: a number was expected, inf came"),
+        ({"laser.peak_power_w": True}, "laser.peak_power_w: a number was expected, True came"),
+        ({"laser.peak_power_w": -1}, "more than 0 was expected"),
+        ({"detector.gain": 0.5}, "1 or more was expected"),
+        ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: 0 or more was expected"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        equipment.with_settings(settings)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,307 @@
+"""The page in a real browser: what it draws, what a click shows, what the controls do."""
+
+import base64
+import re
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from chromium import Chromium
+from matplotlib import colormaps, image
+from served import served
+from small_scene import COARSE
+
+import lidarscene
+from lidarscene import PointCloud, Pose, load_scene, load_sensor
+from lidarscene.analysis.budget import budget_of
+from lidarscene.cli import main
+from lidarscene.pixels import camera_for
+from lidarscene.simulate import ambient_of
+
+SETS = [f"--set={one}" for one in COARSE]
+WIDTH, HEIGHT = 1280, 800
+
+
+@pytest.fixture
+def cloud(mi: Any, scene_file: Path) -> PointCloud:
+    return lidarscene.render(scene_file, "table1-apd", overrides=COARSE)
+
+
+@pytest.fixture
+def saved(cloud: PointCloud, scene_file: Path, tmp_path: Path) -> Path:
+    """The page of the cloud over its scene."""
+    cloud.save(tmp_path / "a.ply")
+    page = tmp_path / "page.html"
+    assert main(["view", str(tmp_path / "a.ply"), str(scene_file), *SETS, "--save", str(page)]) == 0
+    return page
+
+
+def places(browser: Chromium) -> np.ndarray:
+    """(n, 3) column and row in the window, and depth, of every point, as the page projects them."""
+    script = """(() => {
+        const { frame, renderer, matrix, canvas } = viewer, box = canvas.getBoundingClientRect();
+        return Array.from({ length: frame.count }, (_, i) => {
+            const [x, y, depth] = renderer.project(matrix, ...frame.arrays.xyz.subarray(3 * i, 3 * i + 3));
+            return [x + box.left, y + box.top, depth];
+        });
+    })()"""
+    return np.array(browser.value(script))
+
+
+def shown(browser: Chromium, folder: Path) -> np.ndarray:
+    """The window as (height, width, 3), 0 to 1, after the next picture is drawn."""
+    browser.value(
+        "new Promise(done => { viewer.draw(); requestAnimationFrame(() => requestAnimationFrame(done)); })"
+    )
+    path = folder / "shown.png"
+    browser.screenshot(path)
+    return np.asarray(image.imread(BytesIO(path.read_bytes()))[:, :, :3])
+
+
+def card(browser: Chromium) -> dict[str, str]:
+    """The table of a point: text by what stands before it."""
+    rows = browser.value("""[...document.querySelectorAll('#card tr')].filter(row => row.cells.length > 1)
+        .map(row => [row.cells[0].firstChild.textContent, row.cells[1].textContent])""")
+    return dict(rows)
+
+
+def number(text: str) -> float:
+    """What '1.5 µA' says, in the unit without its prefix."""
+    found = re.fullmatch(r"(-?[\d.e+-]+)(?:\u202f([fpnµmk]?)(?:W|A|s|m|°|cells)?)?", text)
+    assert found, text
+    prefix = found[2] if found[2] != "m" or text[-1] in "WAs" else ""
+    scale = dict(zip("fpnµmk", (1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1e3), strict=True)).get(prefix or "", 1.0)
+    return float(found[1]) * scale
+
+
+def test_a_saved_page_needs_nothing_else(browser: Chromium, saved: Path) -> None:
+    """Rationale: opened from a file, the page asks for itself and nothing more, and complains of nothing."""
+    assert not re.search(r"(src|href)=\"(?!data:)", saved.read_text(encoding="utf-8"))
+    browser.open(saved.as_uri())
+    assert browser.value("document.getElementById('error').textContent") == ""
+    noted = [text for text in browser.messages if "GPU stall" not in text]  # the screenshot's own cost
+    assert noted == [f"request {saved.as_uri()}"[:88]]
+
+
+def test_points_stand_where_they_should_in_their_colours(
+    browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path
+) -> None:
+    """Rationale: the page's projection against that of `pixels`, and the colour under each point against
+    matplotlib's map. Tolerances: a hundredth of a pixel, float32; 6 of 255: 17 stops miss the map by 5 at most.
+    """
+    browser.open(saved.as_uri())
+    view = load_scene(tmp_path / "view.toml").view
+    assert view is not None
+    camera = camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
+    left, top, width, height = browser.value(
+        "(({left, top, width, height}) => [left, top, width, height])(viewer.canvas.getBoundingClientRect())"
+    )
+    column, row, depth = camera.project(cloud.xyz_m, width=int(width), height=int(height))
+    page = places(browser)
+    np.testing.assert_allclose(page, np.stack([column + left, row + top, depth], axis=1), atol=0.01)
+
+    browser.value("""(() => {
+        document.getElementById('right').style.display = 'none';
+        document.getElementById('size').value = 4;
+        document.getElementById('opacity').value = 0;
+    })()""")
+    picture = shown(browser, tmp_path)
+    low, high = browser.value("[viewer.legend.low, viewer.legend.high]")
+    part = np.clip(np.log(cloud.intensity / low) / np.log(high / low), 0, 1)
+    expected = colormaps["inferno"](0.3 + 0.7 * np.floor(part * 255) / 255)[:, :3]
+    drawn = 0
+    for i in np.flatnonzero(cloud.status == 0):
+        x, y = np.rint(page[i, :2] - 0.5).astype(int)
+        alone = np.hypot(*(page[:, :2] - page[i, :2]).T) < 16
+        if alone.sum() == 1 and left + 8 < x < left + width - 8 and 8 < y < height - 8:
+            np.testing.assert_allclose(picture[y, x], expected[i], atol=6 / 255)
+            drawn += 1
+    assert drawn > 50
+
+
+def test_a_click_shows_the_budget(
+    browser: Chromium, saved: Path, cloud: PointCloud, scene_file: Path
+) -> None:
+    """Rationale: the table on the page against `budget_of` and the cloud's own columns, to its four digits."""
+    sensor, scene = load_sensor("table1-apd", overrides=COARSE), load_scene(scene_file)
+    budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
+    browser.open(saved.as_uri())
+    page = places(browser)
+    i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
+    browser.click(page[i, 0], page[i, 1])
+    assert browser.value("viewer.selected") == i
+    table = card(browser)
+    assert table["body"] == "wall"
+    assert table["class"] == "building"
+    assert table["material"] == "concrete"
+    assert table["status"] == "echo"
+    for label, value in {
+        "range": cloud.range_m[i], "true range": cloud.true_range_m[i], "x": cloud.xyz_m[i, 0],
+        "incidence angle": np.degrees(cloud.incidence_angle_rad[i]), "reflectivity": cloud.reflectivity[i],
+        "echo power": budget.echo_power_w[i], "lambertian power": budget.lambertian_power_w[i],
+        "background power": budget.background_power_w[i], "threshold": budget.threshold[i],
+        "signal": budget.signal[i], "noise": budget.noise[i], "snr": cloud.snr[i],
+        "detection probability": cloud.detection_probability[i], "intensity": cloud.intensity[i],
+    }.items():  # fmt: skip
+        assert number(table[label]) == pytest.approx(value, rel=6e-4, abs=6e-5 * (" range" in label)), label
+    assert "not Lambertian" not in browser.value("document.getElementById('card').textContent")
+    browser.click(300, 20)  # nothing there
+    assert browser.value("document.getElementById('card').hidden")
+
+
+def test_what_is_hidden_is_not_there(
+    browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path
+) -> None:
+    """The status filter and a click on a kind in the legend: out of the picture, and not to be picked."""
+    browser.open(saved.as_uri())
+    browser.value(
+        "document.getElementById('opacity').value = 0, document.getElementById('right').style.display = 'none'"
+    )
+    browser.value("document.getElementById('size').value = 4")
+    page = places(browser)
+    i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
+    x, y = (int(v) for v in page[i, :2])
+    empty = np.array([11, 14, 20]) / 255
+    assert np.abs(shown(browser, tmp_path)[y, x] - empty).max() > 0.1
+    browser.value("document.querySelector('#statuses input').click()")
+    np.testing.assert_allclose(shown(browser, tmp_path)[y, x], empty, atol=2 / 255)
+    browser.click(x, y)
+    assert browser.value("viewer.selected") == -1
+    browser.value("document.querySelector('#statuses input').click()")
+    browser.value("""(() => {
+        const field = document.getElementById('field');
+        field.value = 'class';
+        field.dispatchEvent(new Event('change'));
+    })()""")
+    kinds = browser.value("[...document.querySelectorAll('.kinds button')].map(row => row.textContent)")
+    counts = {name: int((cloud.class_id == k).sum()) for k, name in enumerate(cloud.class_names)}
+    assert sorted(kinds) == sorted(f"{name}{count}" for name, count in counts.items() if count)
+    assert np.abs(shown(browser, tmp_path)[y, x] - empty).max() > 0.1
+    browser.value(
+        "[...document.querySelectorAll('.kinds button')].find(row => /building/.test(row.textContent)).click()"
+    )
+    np.testing.assert_allclose(shown(browser, tmp_path)[y, x], empty, atol=2 / 255)
+
+
+def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, tmp_path: Path) -> None:
+    """A folder of clouds, in the order of the numbers in their names."""
+    folder = tmp_path / "frames"
+    counts = []
+    for number_, x in ((2, 0.0), (10, 3.0), (0, -4.0)):
+        cloud = lidarscene.render(scene_file, overrides=COARSE, pose=Pose(position_m=np.array([x, 0, 0])))
+        cloud.save(folder / f"frame_{number_}.ply")
+        counts.append((number_, len(cloud)))
+    page = tmp_path / "frames.html"
+    assert main(["view", str(folder), "--save", str(page)]) == 0
+    browser.open(page.as_uri())
+    assert browser.value("document.getElementById('meshes').hidden")
+    for place, (number_, count) in enumerate(sorted(counts)):
+        browser.value(
+            f"(s => {{ s.value = {place}; s.dispatchEvent(new Event('input')); }})(document.getElementById('frame'))"
+        )
+        browser.until(f"viewer.frame.name === 'frame_{number_}.ply'")
+        assert browser.value("viewer.frame.count") == count
+    assert browser.value("document.getElementById('frame-name').textContent").startswith("3 / 3")
+
+
+def test_live_controls_render_in_place(browser: Chromium, mi: Any, scene_file: Path) -> None:
+    """A slider moved on the page gives the points of `render` with the same --set; the clicked pulse stays."""
+    with served(scene_file, *SETS) as view:
+        browser.open(view.url)
+        page = places(browser)
+        i = browser.value("viewer.frame.arrays.body.indexOf(0) + 20")
+        browser.click(page[i, 0], page[i, 1])
+        before = card(browser)
+        browser.value("""(() => {
+            const box = document.querySelector('#controls input[type=number][aria-label="laser power"]');
+            box.value = 20;
+            box.dispatchEvent(new Event('change'));
+        })()""")
+        browser.until("!viewer.busy")
+        cloud = lidarscene.render(scene_file, "table1-apd", overrides=[*COARSE, "laser.peak_power_w=20.0"])
+        assert browser.value("viewer.frame.count") == len(cloud)
+        assert browser.value("[...viewer.frame.arrays.snr]") == pytest.approx(cloud.snr.tolist(), rel=1e-6)
+        after = card(browser)
+        assert after["time"] == before["time"]
+        assert number(after["echo power"]) == pytest.approx(number(before["echo power"]) * 20 / 45, rel=1e-3)
+
+        browser.value("""(() => {
+            const choice = document.getElementById('choice-detector');
+            choice.selectedIndex = 1;
+            choice.dispatchEvent(new Event('change'));
+        })()""")
+        browser.until("!viewer.busy && viewer.frame.controls.some(one => one.key === 'detector.pde')")
+        assert browser.value("document.querySelector('#legend div').textContent") == "intensity [cells]"
+        labels = browser.value(
+            "[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)"
+        )
+        assert "PDE" in labels
+        assert "gain" not in labels
+        sipm = ("laser.peak_power_w=20.0",)
+        cloud = lidarscene.render(scene_file, "table1-sipm", overrides=[*COARSE, *sipm])
+        assert browser.value("viewer.frame.count") == len(cloud)
+
+        browser.value("viewer.settings['detector.pde'] = 2, viewer.render(), 0")
+        browser.until("!document.getElementById('error').hidden")
+        assert "detector.pde" in browser.value("document.getElementById('error').textContent")
+
+
+def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None:
+    browser.open(saved.as_uri())
+    before = places(browser)
+    browser.drag((800, 400), (900, 450))
+    browser.until("!viewer.drawn")
+    assert np.abs(places(browser) - before).max() > 10
+    browser.value("dispatchEvent(new KeyboardEvent('keydown', { key: 'r' }))")
+    browser.until("!viewer.drawn")
+    np.testing.assert_allclose(places(browser), before, atol=0.05)
+
+
+def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
+    """They show what they have."""
+    for name, one in (("plain", cloud.without_truth()), ("empty", cloud.select(slice(0, 0)))):
+        one.save(tmp_path / f"{name}.ply")
+        page = tmp_path / f"{name}.html"
+        assert main(["view", str(tmp_path / f"{name}.ply"), "--save", str(page)]) == 0
+        browser.open(page.as_uri())
+        assert browser.value("viewer.frame.count") == len(one)
+        assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (
+            name == "empty"
+        )
+        if len(one):
+            x, y, _ = places(browser)[len(one) // 2]
+            browser.click(x, y)
+            table = card(browser)
+            assert "snr" in table
+            assert "echo power" not in table
+            assert "lidarscene view CLOUD SCENE" in browser.value(
+                "document.getElementById('card').textContent"
+            )
+
+
+def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
+    """UTM coordinates: drawn around the sensor in single precision, told in full."""
+    shift = np.array([500_000.0, 5_400_000.0, 100.0])
+    moved = PointCloud(
+        **{a: getattr(cloud, a) for a in cloud.__dataclass_fields__ if a not in ("xyz_m", "metadata")},
+        xyz_m=cloud.xyz_m.astype(np.float64) + shift,
+        metadata={**cloud.metadata, "sensor_position_m": "500000.0 5400000.0 100.0"},
+    )
+    moved.save(tmp_path / "utm.ply")
+    assert main(["view", str(tmp_path / "utm.ply"), "--save", str(tmp_path / "utm.html")]) == 0
+    browser.open((tmp_path / "utm.html").as_uri())
+    i = len(cloud) // 2
+    browser.value(f"viewer.select({i})")
+    table = card(browser)
+    np.testing.assert_allclose([number(table[k]) for k in "xyz"], moved.xyz_m[i], atol=2e-4)
+
+
+def test_the_same_input_makes_the_same_page(saved: Path, scene_file: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again.html"
+    assert main(["view", str(tmp_path / "a.ply"), str(scene_file), *SETS, "--save", str(again)]) == 0
+    assert again.read_bytes() == saved.read_bytes()
+    blobs = re.findall(r'id="blob-([\w-]+)">([^<]*)<', saved.read_text(encoding="utf-8"))
+    assert [name for name, _ in blobs] == ["stage", "frame-0"]
+    assert all(base64.b64decode(text) for _, text in blobs)
