@@ -77,7 +77,7 @@ def test_the_scenes_own_sensor_is_the_default(folder: Path) -> None:
 @pytest.mark.parametrize(
     "more",
     [
-        "seeds = [1]", "begin_s = 0.5", 'coordinates = "sensor"', "truth = false",
+        "seeds = [1]", "begin_s = 0.5", 'coordinates = "sensor"', "truth = false", "rays = 2", "interactions = 0",
         '[sweep.scene]\n"sun.illuminance_klux" = [1]', '[sweep.sensor]\n"laser.peak_power_w" = [50]',
         "[[trajectories]]\nlabel = 'a'\nspeed_m_s = 1.0",
     ],

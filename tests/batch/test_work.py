@@ -61,6 +61,19 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
 
 
+def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
+    """Behind a pane, which one interaction goes through."""
+    pane = (tmp_path / "wall.toml").read_text().replace("wall", "pane").replace("concrete", "clear_glass")
+    with (tmp_path / "wall.toml").open("a") as file:
+        file.write(pane.replace("[10, 0, 0]", "[5, 0, 0]"))
+    job_file.write_text("rays = 4\ninteractions = 1\n" + job_file.read_text())
+    alone = tmp_path / "alone.ply"
+    argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
+    assert cli.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
+    first = next(Job.read(job_file).tasks())
+    assert done(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
+
+
 def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
     """Rationale: sensors of one wavelength share the world around the first; another one has other last bits."""
     (tmp_path / "rig.toml").write_text(RIG)

@@ -86,6 +86,7 @@ class FrameTask:
     coordinates: str
     truth: bool
     rays: int
+    interactions: int
     chunk: int | None
 
     @property
@@ -126,6 +127,7 @@ class Job:
                 how: dict[str, Any] = {
                     "seed": seed, "number": number, "begin_s": file.begin_s, "format": file.format,
                     "coordinates": file.coordinates, "truth": file.truth, "rays": file.rays,
+                    "interactions": file.interactions,
                 }  # fmt: skip
                 key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, how])
                 yield FrameTask(

@@ -75,7 +75,7 @@ def _render(task: FrameTask, store: Store) -> None:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     if store.row(task.key) is not None:  # another worker was faster
         return
-    simulator = _simulator(task.scene, task.sensor, task.rays)
+    simulator = _simulator(task)
     summary = Summary()
     cloud = simulator.render(
         seed=task.seed, number=task.number, begin_s=task.begin_s, frame=task.coordinates,
@@ -105,8 +105,9 @@ class _Kept:
 _scenes, _sensors, _worlds = _Kept(), _Kept(), _Kept()
 
 
-def _simulator(choice: SceneChoice, sensor: SensorChoice, rays: int) -> Simulator:
+def _simulator(task: FrameTask) -> Simulator:
     """As `lidarscene render` would make it: of a rig, sensors of one wavelength share the world of the first."""
+    choice, sensor = task.scene, task.sensor
     scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
     own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
     centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
@@ -114,7 +115,9 @@ def _simulator(choice: SceneChoice, sensor: SensorChoice, rays: int) -> Simulato
         (choice.world, _wavelength(own.sensor), centre_m.tobytes()),
         lambda: Simulator(scene, first.sensor, pose=first.pose).world,
     )
-    return Simulator(scene, own.sensor, pose=own.pose, world=world, rays=rays)
+    return Simulator(
+        scene, own.sensor, pose=own.pose, world=world, rays=task.rays, interactions=task.interactions
+    )
 
 
 def _scene(choice: SceneChoice) -> Scene:
