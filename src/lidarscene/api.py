@@ -21,9 +21,15 @@ from .sensor import Sensor
 from .simulate import DEFAULT_CHUNK, Simulator
 
 
-def load_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
-    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays. Raises InputError."""
-    return scene if isinstance(scene, Scene) else read_scene(Path(scene), catalogue=catalog.material)
+def load_scene(scene: str | os.PathLike[str] | Scene, *, overrides: Sequence[str] = ()) -> Scene:
+    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays.
+
+    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
+    Raises InputError.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    return read_scene(Path(scene), catalogue=catalog.material, overrides=overrides)
 
 
 def scene_from_trimesh(

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +31,7 @@ from .formats import SUFFIXES as CLOUD_SUFFIXES
 
 if TYPE_CHECKING:
     from .cloud import PointCloud
+    from .kernel.profile import KernelHistory
     from .rig import Mounted
     from .scene import Scene
     from .simulate import Simulator, Summary
@@ -65,6 +66,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
         help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
         "sensor of a rig")  # fmt: skip
+    add("--scene-set", metavar="KEY=VALUE", action="append", default=[], dest="scene_overrides",
+        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
@@ -93,6 +96,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
     add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
     add("--json", action="store_true", help="print the summary as JSON")
+    add("--profile", action="store_true",
+        help="print the time by stage, kernels launched and compiled, and the peak of memory")  # fmt: skip
     render.set_defaults(run=told(render_text))
 
 
@@ -106,6 +111,14 @@ class _Written:
 
 def render_text(arguments: argparse.Namespace) -> str:
     """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
+    from .kernel.profile import kernel_history
+
+    with kernel_history() if arguments.profile else nullcontext() as history:
+        return _rendered(arguments, history)
+
+
+def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> str:
+    """The same with what Dr.Jit runs counted in ``history``."""
     from . import api
     from .rig import require_common_frames
     from .simulate import Summary
@@ -117,7 +130,7 @@ def render_text(arguments: argparse.Namespace) -> str:
     groups = [labels] if arguments.merge else [[label] for label in labels]
     wanted = [_files(arguments, group[0], number) for number in _numbers(arguments) for group in groups]
     _check_outputs(wanted)
-    scene = api.load_scene(arguments.scene)
+    scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
     since = before.spent("load", since)
@@ -133,7 +146,9 @@ def render_text(arguments: argparse.Namespace) -> str:
             one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
             _render(arguments, scene, {label: simulators[label] for label in group}, number, one)
             written.append(one)
-    return _told(arguments, written)
+            if history is not None:
+                history.take()
+    return _told(arguments, written, history)
 
 
 def _numbers(arguments: argparse.Namespace) -> range:
@@ -275,7 +290,10 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
     from .io.rig_file import files_of_rig
     from .io.scene_file import files_of_scene
 
-    inputs = [*files_of_scene(arguments.scene), *([Path(arguments.sensor)] if arguments.sensor else [])]
+    inputs = [
+        *files_of_scene(arguments.scene, overrides=arguments.scene_overrides),
+        *([Path(arguments.sensor)] if arguments.sensor else []),
+    ]
     inputs += files_of_rig(arguments.rig) if arguments.rig is not None else []
     for files in wanted:
         for key, path in files.items():
@@ -283,7 +301,7 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
                 raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
 
 
-def _told(arguments: argparse.Namespace, written: Sequence[_Written]) -> str:
+def _told(arguments: argparse.Namespace, written: Sequence[_Written], history: KernelHistory | None) -> str:
     """The summary, of all frames together; as JSON with each of them if there are several."""
     from . import report
     from .simulate import Summary
@@ -293,11 +311,15 @@ def _told(arguments: argparse.Namespace, written: Sequence[_Written]) -> str:
     if not arguments.json:
         many = len(written) > 1
         shown = [f"{len(written)} clouds in {arguments.output}"] if many else list(names[0].values())
-        return report.as_text(total, shown)
+        profile = "" if history is None else "\n" + report.profile_as_text(total, history)
+        return report.as_text(total, shown) + profile
+    told = report.as_dict(total)
+    if history is not None:
+        told["profile"] = report.profile_as_dict(history)
     if len(written) == 1:
-        return json.dumps(report.as_dict(total) | names[0])
+        return json.dumps(told | names[0])
     frames = [report.as_dict(one.summary) | files for one, files in zip(written, names, strict=True)]
-    return json.dumps(report.as_dict(total) | {"frames": frames})
+    return json.dumps(told | {"frames": frames})
 
 
 @contextmanager

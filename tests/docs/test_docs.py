@@ -21,6 +21,7 @@ from pydantic_core import PydanticUndefined
 import lidarscene
 from lidarscene import cli, load_scene, load_sensor
 from lidarscene.cloud import COLUMNS
+from lidarscene.io.job_file import JobFile
 from lidarscene.io.material_file import MaterialFile
 from lidarscene.io.rig_file import RigFile
 from lidarscene.io.scene_file import SceneFile
@@ -307,7 +308,7 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return found
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile)
+MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)
 
 
 def default_of(info: Any) -> str:

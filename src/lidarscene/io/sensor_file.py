@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from .intensity_file import AnyIntensityFile
 from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .sampler_file import AnySamplerFile
-from .scanner_file import AnyScannerFile
+from .scanner_file import AnyScannerFile, TableFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
 
@@ -310,3 +310,13 @@ def sensor_from_tables(
         return file.build(folder or Path())
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
+    """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
+    file = validated(SensorFile, with_overrides(read_toml(path), overrides), str(path), overrides=overrides)
+    yield path
+    if isinstance(file.scanner, TableFile):
+        yield path.parent / file.scanner.file
+    if file.optics.filter is not None and file.optics.filter.csv is not None:
+        yield path.parent / file.optics.filter.csv

@@ -109,3 +109,12 @@ def apart(*arrays: Any) -> None:
 
     if is_cuda():
         dr.eval(*arrays)
+
+
+def use_threads(count: int) -> None:
+    """Have Dr.Jit compute with so many threads of this process."""
+    from .backend import drjit
+
+    dr = drjit()
+    if dr.thread_count() != count:
+        dr.set_thread_count(count)
