@@ -101,13 +101,14 @@ def clouds_in(paths: Sequence[Path]) -> list[Path]:
     from .formats import FORMATS
 
     found: list[Path] = []
+    suffixes = tuple(dict.fromkeys(one.suffix for one in FORMATS.values() if one.reader))
     for path in paths:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = [one for one in path.iterdir() if one.suffix.lower() in FORMATS and one.name[0] != "."]
+        inside = [one for one in path.iterdir() if one.name.lower().endswith(suffixes) and one.name[0] != "."]
         if not inside:
-            raise InputError(f"{path}: holds no clouds; files that end in {', '.join(FORMATS)} were expected")
+            raise InputError(f"{path}: holds no clouds; files that end in {', '.join(suffixes)} were expected")
         found += sorted(inside, key=_by_numbers)
     return found
 
