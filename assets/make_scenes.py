@@ -8,6 +8,7 @@ import car_scene
 import drive_scene
 import fog_scene
 import garage_scene
+import glass_scene
 import make_range_scene
 import street_scene
 
@@ -18,6 +19,7 @@ SCENES = {
     "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "glass": glass_scene.text,
 }
 
 

@@ -40,6 +40,7 @@ CLICK = """(() => {
 def main() -> None:
     """Every picture, small enough for a repository."""
     car()
+    glass()
     compare()
     drive()
     view()
@@ -55,6 +56,18 @@ def car() -> None:
         path = Path(folder) / "car.png"
         frame_picture(cloud, path, **view)
         store(Image.open(path), "car.png")
+
+
+def glass() -> None:
+    """The glass scene, coloured by how many panes and mirrors were on the way."""
+    scene = lidarscene.load_scene(SCENES / "glass.toml")
+    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
+    cloud = lidarscene.render(scene, overrides=finer)
+    view = dataclasses.asdict(scene.view) if scene.view else {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "glass.png"
+        frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
+        store(Image.open(path), "glass.png")
 
 
 def compare() -> None:

@@ -13,6 +13,7 @@ from .geometry import Pose
 from .io.foreign_scene import mitsuba_scene, trimesh_scene
 from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .kernel.trace import INTERACTIONS
 from .materials import Material
 from .rig import Rig
 from .scene import Scene
@@ -84,6 +85,7 @@ def render_frames(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
@@ -93,7 +95,7 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -107,6 +109,7 @@ def render(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     rays: int = 1,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
@@ -119,9 +122,11 @@ def render(
     frame      "world", "vehicle" or "sensor": frame of the points
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
+    interactions  panes and mirrors that a beam may meet
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose, rays=rays).render(seed=seed, frame=frame, chunk=chunk)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
+    return simulator.render(seed=seed, frame=frame, chunk=chunk)

@@ -75,6 +75,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
     add("--rays", metavar="N", type=whole(1, 1024), default=1,
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
+    add("--interactions", metavar="N", type=whole(0, 8), default=3,
+        help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
@@ -153,7 +155,7 @@ def _simulators(
     from .rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
-    return simulators(scene, sensors, pose=vehicle, rays=arguments.rays)
+    return simulators(scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions)
 
 
 def _render(

@@ -161,6 +161,10 @@ def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
         "sensor_index": cloud.sensor_names,
     }
     tables |= {"class": cloud.class_names, "material": cloud.material_names}
+    tables |= {
+        "interactions": ("direct", "after one", "after two", "after three"),
+        "ghost": ("in its place", "ghost"),
+    }
     tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None
 

@@ -10,6 +10,7 @@ import numpy as np
 from .cloud import PointCloud
 from .errors import InputError
 from .geometry import Pose
+from .kernel.trace import INTERACTIONS
 from .kernel.world import World
 from .scene import Scene
 from .sensor import Sensor
@@ -42,19 +43,30 @@ class Rig:
 
 
 def simulators(
-    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None, rays: int = 1
+    scene: Scene,
+    sensors: Sequence[Mounted],
+    *,
+    pose: Pose | None = None,
+    rays: int = 1,
+    interactions: int = INTERACTIONS,
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
-    pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    rays  of each pulse
+    pose          of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    rays          of each pulse
+    interactions  panes and mirrors that a beam may meet
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength), rays=rays
+            scene,
+            one.sensor,
+            pose=vehicle @ one.pose,
+            world=worlds.get(wavelength),
+            rays=rays,
+            interactions=interactions,
         )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator

@@ -21,7 +21,7 @@ from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
-from .kernel.trace import trace
+from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
 from .returns import Detection, Outcome, Status
@@ -126,7 +126,8 @@ def _of_light(light: Echoes) -> list[Any]:
 def _needed(hits: Hits) -> list[Any]:
     """What the truth of points is made of."""
     needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-    return [*needed, hits.radial_velocity_m_s] if is_drjit(hits.radial_velocity_m_s) else needed
+    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    return [*needed, *(one for one in counted if is_drjit(one))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,16 +168,21 @@ class Simulator:
         world: World | None = None,
         pose: Pose | None = None,
         rays: int = 1,
+        interactions: int = INTERACTIONS,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
         rays  of each pulse, over the laser's footprint; a single one is its axis. Raises InputError for less.
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
+        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
         """
+        if not 0 <= interactions <= MOST_INTERACTIONS:
+            raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
         if rays < 1:
             raise InputError(f"rays: at least 1 was expected, {rays} came")
-        self.scene, self.sensor, self.rays = scene, sensor, rays
+        self.scene, self.sensor = scene, sensor
+        self.rays, self.interactions = rays, interactions
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -311,12 +317,12 @@ class Simulator:
         sensor, ambient = self._device_sensor, self._device_ambient
         axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
         rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
-        hits = trace(
+        paths = trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+            interactions=self.interactions,
         )  # fmt: skip
-        paths = [hits]
-        light = [echoes.receive(rays, one, sensor, ambient) for one in paths]
+        light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
         if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
             return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
@@ -355,8 +361,8 @@ class Simulator:
         pulse = columns["time_s"]
         columns["time_s"] = now.time_s(pulse)
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
-        if "radial_velocity_m_s" not in columns:
-            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(pulse))
+        for name, nothing in collect.ABSENT.items():
+            columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
 
     def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
