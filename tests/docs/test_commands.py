@@ -59,7 +59,8 @@ def coarse(arguments: list[str]) -> list[str]:
         rest[rest.index("--frames") + 1] = "2"
     if command == "view" and "--save" not in rest:
         rest += ["--save", "out/view.html"]
-    if command in ("render", "view") and re.search(r"scenes/(car|street|fog|range)", " ".join(rest)):
+    raster = "--sensor" not in rest or rest[rest.index("--sensor") + 1].startswith("table1")
+    if command in ("render", "view") and raster and re.search(r"scenes/(car|street|fog|range)", " ".join(rest)):
         rest += [word for axis in AXES for word in ("--set", f"{axis}=2")]
     if command == "compare" and "--sensors" in rest:
         sensors = [name for name in rest[rest.index("--sensors") + 1].split(",") if name.startswith("table1")]
