@@ -45,7 +45,7 @@ def test_pages_show_commands() -> None:
 def incomplete(command: str) -> bool:
     """Words about a command rather than one: `lidarscene render scene.xml` does not say where to write."""
     words = command.split()
-    return words[1] == "render" and "-o" not in words
+    return (len(words) == 2 and words[1] != "doctor") or (words[1] == "render" and "-o" not in words)
 
 
 def parsed_only(command: str) -> bool:
@@ -60,7 +60,11 @@ def coarse(arguments: list[str]) -> list[str]:
     if command == "view" and "--save" not in rest:
         rest += ["--save", "out/view.html"]
     raster = "--sensor" not in rest or rest[rest.index("--sensor") + 1].startswith("table1")
-    if command in ("render", "view") and raster and re.search(r"scenes/(car|street|fog|range)", " ".join(rest)):
+    if (
+        command in ("render", "view")
+        and raster
+        and re.search(r"scenes/(car|street|fog|range)", " ".join(rest))
+    ):
         rest += [word for axis in AXES for word in ("--set", f"{axis}=2")]
     if command == "compare" and "--sensors" in rest:
         sensors = [name for name in rest[rest.index("--sensors") + 1].split(",") if name.startswith("table1")]
