@@ -20,6 +20,7 @@ PARSED_ONLY = {
     "lidarscene fov livox-mid-40": "tests/cli/test_fov_command.py::test_all_files_are_there_and_nothing_else",
     "lidarscene fov my-risley.toml": "tests/cli/test_fov_command.py::test_all_files_are_there_and_nothing_else",
     "lidarscene fov table1-apd": "tests/cli/test_fov_command.py::test_points_on_bodies",
+    "lidarscene compare scenes/car.toml --sensors table1-apd,vlp-16": "tests/cli/test_compare_command.py::test_other_scanners_are_not_matched",
     "lidarscene paper": "tests/cli/test_paper_command.py::test_all_files_are_there_and_nothing_else",
 }
 
