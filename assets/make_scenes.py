@@ -6,9 +6,12 @@ from pathlib import Path
 
 import car_scene
 import drive_scene
+import edges_scene
 import fog_scene
 import garage_scene
+import low_sun_scene
 import make_range_scene
+import rain_scene
 import street_scene
 
 SCENES = {
@@ -18,6 +21,9 @@ SCENES = {
     "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "rain": rain_scene.text,
+    "edges": edges_scene.text,
+    "low_sun": low_sun_scene.text,
 }
 
 

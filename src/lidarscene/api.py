@@ -85,6 +85,7 @@ def render_frames(
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -93,7 +94,7 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays)
+    simulator = Simulator(described, equipped, pose=pose, rays=rays, background_rays=background_rays)
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -108,6 +109,7 @@ def render(
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -119,9 +121,10 @@ def render(
     frame      "world", "vehicle" or "sensor": frame of the points
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
+    background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose, rays=rays).render(seed=seed, frame=frame, chunk=chunk)
+    return Simulator(described, equipped, pose=pose, rays=rays, background_rays=background_rays).render(seed=seed, frame=frame, chunk=chunk)

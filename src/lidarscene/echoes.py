@@ -176,7 +176,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         efficiency=optics.efficiency_sun,
     )
     if ambient.sun_direction is not None:
-        background = background + ops.where(hits.found, 0.0, _sun_disc_w(beams, sensor, ambient))
+        background = background + ops.where(hits.found, 0.0, sun_disc_w(beams, sensor, ambient))
     return Echoes(
         found=hits.found,
         range_m=hits.range_m,
@@ -199,8 +199,8 @@ def _background_aperture_m2(beams: Beams) -> Array:
     return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
 
-def _sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
-    """Sunlight that comes straight into the field of view."""
+def sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
+    """Sunlight that comes straight into the field of view around each beam, if nothing is in its way."""
     assert ambient.sun_direction is not None
     # The chord is the angle where it matters, and single precision has it there; an arc cosine would not.
     apart = mixed(1.0, beams.direction, -1.0, ambient.sun_direction)

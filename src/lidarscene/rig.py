@@ -42,20 +42,26 @@ class Rig:
 
 
 def simulators(
-    scene: Scene, sensors: Sequence[Mounted], *, pose: Pose | None = None, rays: int = 1
+    scene: Scene,
+    sensors: Sequence[Mounted],
+    *,
+    pose: Pose | None = None,
+    rays: int = 1,
+    background_rays: int | None = None,
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
     pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    rays  of each pulse
+    rays, background_rays  of each pulse, as of `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength), rays=rays
-        )
+            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength),
+            rays=rays, background_rays=background_rays,
+        )  # fmt: skip
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator
 

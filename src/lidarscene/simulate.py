@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
 from .arrays import is_drjit
+from .beams import Beams
 from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient, Echoes
+from .echoes import Ambient, Echoes, EchoTrain
 from .errors import InputError
-from .footprint import footprint, spread
+from .field_of_view import background_power_w, field_of_view
+from .footprint import Footprint, footprint, spread
 from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -28,6 +30,7 @@ from .returns import Detection, Outcome, Status
 from .scene import Scene
 from .sensor import Sensor
 from .trajectory import Motion, pose_at
+from .waveforms import Waveforms, check_pulses, sampled_pulses
 
 Matrix = np.ndarray[Any, Any]
 
@@ -111,6 +114,16 @@ class _Chunk:
         return needed
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lit:
+    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
+
+    pulse: Any
+    rays: Beams
+    paths: Sequence[Hits]
+    light: Sequence[Echoes]
+
+
 def _plain(sensor: Sensor) -> bool:
     """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
     return sensor.sampler is None and sensor.tdc.keep == "first"
@@ -167,16 +180,20 @@ class Simulator:
         world: World | None = None,
         pose: Pose | None = None,
         rays: int = 1,
+        background_rays: int | None = None,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
         rays  of each pulse, over the laser's footprint; a single one is its axis. Raises InputError for less.
+        background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
         """
         if rays < 1:
             raise InputError(f"rays: at least 1 was expected, {rays} came")
-        self.scene, self.sensor, self.rays = scene, sensor, rays
+        if background_rays is not None and background_rays < 1:
+            raise InputError(f"background_rays: at least 1 was expected, {background_rays} came")
+        self.scene, self.sensor, self.rays, self.background_rays = scene, sensor, rays, background_rays
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -187,6 +204,9 @@ class Simulator:
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
         self._footprint = device.opaque(footprint(sensor.laser, rays))
+        self._field = None
+        if background_rays is not None:
+            self._field = device.opaque(field_of_view(sensor, background_rays))
         air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
         self._air = device.opaque(air)
         self.class_names = self.world.class_names
@@ -218,6 +238,7 @@ class Simulator:
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        ambient: Callable[[Matrix, Matrix], None] | None = None,
         observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
@@ -233,6 +254,7 @@ class Simulator:
                   it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
+        ambient   called with (pulse, counts) of every pulse, chunk by chunk: the background, `ambient.counts`
         observer  told of every pulse that met a surface: what rates of detection need
         summary   filled if given
         Raises InputError for a seed, number, chunk or frame that is none, or a motion that ends too early.
@@ -243,7 +265,7 @@ class Simulator:
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
         builder = CloudBuilder(capacity=pulses * stops)
         for first, columns, outcome in self._chunks(
-            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
+            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, ambient=ambient, observer=observer
         ):
             since = time.perf_counter()
             if columns is not None:
@@ -270,14 +292,22 @@ class Simulator:
         return cloud
 
     def _chunks(
-        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
+        self,
+        now: Frame,
+        *,
+        seed: int,
+        chunk: int,
+        goal: Pose,
+        summary: Summary,
+        ambient: Callable[[Matrix, Matrix], None] | None,
+        observer: Observer | None,
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
-        chunk = max(1, chunk // self.rays)
+        chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
         seed_word = device.opaque_uint32(seed)
         placing = _Placing.of(goal)
 
@@ -295,6 +325,9 @@ class Simulator:
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, part, placing)
             outcome = part.detection.outcome.numpy()
+            if ambient is not None:
+                every = np.arange(part.first, part.first + len(outcome), dtype=np.uint32)
+                ambient(every, part.detection.ambient.numpy().astype(np.uint64))
             if observer is not None:
                 observer(pulse, self._surfaces(part))
             summary.spent("collect", since)
@@ -305,31 +338,92 @@ class Simulator:
 
     def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
         """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
+        sensor, lit = self._device_sensor, self._lit(now, first, count, seed)
+        pulse, paths = lit.pulse, lit.paths
+        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
+            return _Chunk(first, pulse, paths, returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse))
+        whole = self._train(lit, seed)
+        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
+
+    def _lit(self, now: Frame, first: int, count: int, seed: Any) -> _Lit:
+        """The optical stages: beams, hits, echoes."""
         pulse = device.counter(first, count)
-        of_ray, ray = (pulse, None) if self.rays == 1 else device.repeated(pulse, self.rays)
-        place, movers = now.placements(first, count, rays=self.rays)
-        sensor, ambient = self._device_sensor, self._device_ambient
-        axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
-        rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
-        hits = trace(
+        background = None if self._field is None else self._background(now, first, pulse, seed, self._field)
+        rays, hits = self._traced(now, first, pulse, seed, self._footprint)
+        paths = [hits]
+        light = [echoes.receive(rays, one, self._device_sensor, self._device_ambient) for one in paths]
+        if background is not None:
+            of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
+            light[0] = replace(light[0], background_power_w=of_ray)
+        return _Lit(pulse, rays, paths, light)
+
+    def _traced(self, now: Frame, first: int, pulse: Any, seed: Any, shape: Footprint) -> tuple[Beams, Hits]:
+        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
+        of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
+        place, movers = now.placements(first, len(pulse), rays=shape.rays)
+        axes = beams.fire(
+            self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
         )  # fmt: skip
-        paths = [hits]
-        light = [echoes.receive(rays, one, sensor, ambient) for one in paths]
-        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
-            return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
+
+    def _background(self, now: Frame, first: int, pulse: Any, seed: Any, shape: Footprint) -> Any:
+        """Of each pulse, gathered over the receiver's field of view."""
+        rays, hits = self._traced(now, first, pulse, seed, shape)
+        place, _ = now.placements(first, len(pulse))
+        axes = beams.fire(
+            self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        power = background_power_w(
+            axes, rays, hits, self._device_sensor, self._device_ambient, count=shape.rays
+        )
+        device.start([power])
+        return power
+
+    def _train(self, lit: _Lit, seed: Any) -> EchoTrain:
+        """All that comes back of each pulse, with the light of the air."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         device.start(
             [
-                *(array for one in light for array in _of_light(one)),
-                *(one for hits in paths for one in _needed(hits)),
+                *(array for one in lit.light for array in _of_light(one)),
+                *(one for hits in lit.paths for one in _needed(hits)),
             ]
         )
-        whole = train.together(
-            light, rays, sensor, ambient, rays=self.rays, air=self._air, seed=seed, pulse=pulse
-        )
-        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
+        return train.together(
+            lit.light, lit.rays, self._device_sensor, self._device_ambient,
+            rays=self.rays, air=self._air, seed=seed, pulse=lit.pulse,
+        )  # fmt: skip
+
+    def waveforms(
+        self,
+        pulses: Sequence[int],
+        times_s: Matrix | None = None,
+        *,
+        seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
+        pose: Pose | None = None,
+    ) -> Waveforms:
+        """Power on the detector and its signal against time, without noise, of chosen pulses of a frame.
+
+        pulses   their numbers within the frame, 0 for its first; in rising order in what is returned
+        times_s  (times,) after the pulse left; if None the converter's window in sixteenths of the pulse's width
+        seed, number, begin_s, pose  of the frame, as for `render`
+        Raises InputError for a pulse that is none.
+        """
+        _check_call(seed=seed, chunk=1, frame="sensor")
+        now = self._frame(number, begin_s, pose)
+        chosen = check_pulses(pulses, self.sensor)
+        seed_word = device.opaque_uint32(seed)
+
+        def train_of(first: int, count: int) -> EchoTrain:
+            whole = self._train(self._lit(now, now.first_pulse + first, count, seed_word), seed_word)
+            return cast(EchoTrain, device.fetched(whole))
+
+        return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
     def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
