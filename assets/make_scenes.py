@@ -9,6 +9,7 @@ import drive_scene
 import edges_scene
 import fog_scene
 import garage_scene
+import glass_scene
 import low_sun_scene
 import make_range_scene
 import rain_scene
@@ -21,6 +22,7 @@ SCENES = {
     "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "glass": glass_scene.text,
     "rain": rain_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,

@@ -13,7 +13,8 @@ from lidarscene.errors import LidarSceneError
 from lidarscene.io.open3d_door import open3d
 from lidarscene.kernel import device
 from lidarscene.kernel.backend import mitsuba
-from lidarscene.kernel.trace import SHADOW_OFFSET_M, trace
+from lidarscene.kernel.onward import START_OFFSET_M
+from lidarscene.kernel.trace import trace
 from lidarscene.scene import Part
 from lidarscene.simulate import Simulator, Summary, ambient_of
 
@@ -123,7 +124,7 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
         found = surface.is_valid()
         normal = surface.n * dr.select(dr.dot(surface.n, direction) > 0.0, -1.0, 1.0)
         sunny = found & (dr.dot(normal, sun) > 0.0)
-        shadow = mi.Ray3f(surface.p + normal * SHADOW_OFFSET_M, sun)
+        shadow = mi.Ray3f(surface.p + normal * START_OFFSET_M, sun)
         lit = sunny & ~scene.ray_test(shadow, coherent=True, active=sunny)
         bsdf = surface.bsdf()
         back = bsdf.eval(context, surface, surface.wi, found)
@@ -162,9 +163,7 @@ def _open3d_tasks(simulator: Simulator) -> dict[str, Callable[[], Any]]:
         chosen = np.flatnonzero(np.isfinite(t) & ((normal @ sun) * facing > 0.0))
         made = np.zeros((len(chosen), 6), dtype=np.float32)
         np.multiply(direction[chosen], t[chosen, None], out=made[:, :3])
-        made[:, :3] += rays[chosen, :3] + normal[chosen] * (
-            facing[chosen, None] * np.float32(SHADOW_OFFSET_M)
-        )
+        made[:, :3] += rays[chosen, :3] + normal[chosen] * (facing[chosen, None] * np.float32(START_OFFSET_M))
         made[:, 3:] = sun
         return made
 
@@ -250,7 +249,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
         def task() -> None:
             pulse = device.counter(0, simulator.sensor.scanner.pulses)
             rays = beams.fire(sensor, pulse=pulse, origin_m=origin, rotation=rotation)
-            hits = trace(simulator.world, rays, sun=sun)
+            hits, *_ = trace(simulator.world, rays, sun=sun)
             kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
             if last == "hits":
                 kept += [hits.backscatter_per_sr, hits.sun_scatter_per_sr]

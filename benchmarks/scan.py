@@ -48,7 +48,7 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
                 pulse = device.counter(first, min(DEFAULT_CHUNK, pulses - first))
                 rays = beams.fire(equipped, pulse=pulse, origin_m=origin, rotation=turn, seed=seed)
                 if traced:
-                    hits = trace(world.world, rays, sun=sun)
+                    hits, *_ = trace(world.world, rays, sun=sun)
                     device.start(
                         [hits.range_m, hits.backscatter_per_sr, hits.sun_scatter_per_sr, rays.aperture_m2]
                     )

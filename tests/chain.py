@@ -73,16 +73,18 @@ def scene(*bodies, materials=(), klux=100.0, sun=None, sky=0.0, air=None, pose=N
 
 @dataclass(frozen=True)
 class Lanes:
-    """Every pulse's numbers between the stages, numpy."""
+    """Every pulse's numbers between the stages, numpy; ``hits`` of the first way, and of all of them."""
 
     direction: Any
     hits: Any
     light: Any
     detection: Any
+    ways: Any
+    light_of_ways: Any
 
 
-def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None) -> Lanes:
-    """One frame, stage by stage, on the device; every lane comes back."""
+def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, **tracing) -> Lanes:
+    """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`."""
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
@@ -94,11 +96,17 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None) -> La
         origin_m=device.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
         rotation=device.opaque(tuple(float(x) for x in place.rotation.ravel())),
     )
-    hits = trace(world, rays, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
-    light = echoes.receive(rays, hits, on_device, device.opaque(ambient_of(described, equipped)))
+    sun = device.opaque(tuple(float(x) for x in described.sun.direction))
+    ways = trace(world, rays, sun=sun, **tracing)
+    ambient = device.opaque(ambient_of(described, equipped))
+    light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
+    light = echoes.with_all_background(light_of_ways)[0]
     detection = returns.detect(light, on_device, seed=device.opaque_uint32(seed), pulse=pulse)
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
-    return Lanes(direction, fetched(hits), fetched(light), fetched(detection))
+    return Lanes(
+        direction, fetched(ways[0]), fetched(light), fetched(detection),
+        [fetched(way) for way in ways], [fetched(way) for way in light_of_ways],
+    )  # fmt: skip
 
 
 def fetched(stage):

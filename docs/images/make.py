@@ -11,8 +11,8 @@ from PIL import Image
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.analysis import compare_study
-from lidarscene.deskew import deskewed
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.deskew import deskewed
 from lidarscene.io.light_files import AmbientImage
 from lidarscene.plots import BACKGROUND, INK, frame_picture
 from lidarscene.weather import Weather
@@ -46,6 +46,7 @@ CLICK = """(() => {
 def main() -> None:
     """Every picture, small enough for a repository."""
     car()
+    glass()
     compare()
     drive()
     edges()
@@ -65,6 +66,18 @@ def car() -> None:
         path = Path(folder) / "car.png"
         frame_picture(cloud, path, **view)
         store(Image.open(path), "car.png")
+
+
+def glass() -> None:
+    """The glass scene, coloured by how many panes and mirrors were on the way."""
+    scene = lidarscene.load_scene(SCENES / "glass.toml")
+    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
+    cloud = lidarscene.render(scene, overrides=finer)
+    view = dataclasses.asdict(scene.view) if scene.view else {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "glass.png"
+        frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
+        store(Image.open(path), "glass.png")
 
 
 def compare() -> None:
@@ -195,7 +208,9 @@ def waveforms() -> None:
         here = dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=kind))
         found = lidarscene.Simulator(here, sensor).waveforms([PULSE], times)
         axes.semilogy(found.range_m, 1e6 * found.signal[0], color=colour, linewidth=1.2, label=name)
-    axes.axhline(1e6 * found.threshold[0], color="#ff2fd0", linewidth=0.8, linestyle=(0, (4, 4)), label="threshold")
+    axes.axhline(
+        1e6 * found.threshold[0], color="#ff2fd0", linewidth=0.8, linestyle=(0, (4, 4)), label="threshold"
+    )
     axes.set(xlim=(0, 45), ylim=(0.1, 1e3))
     axes.set_xlabel("c t / 2 [m]", color=INK)
     axes.set_ylabel("signal [uA]", color=INK)

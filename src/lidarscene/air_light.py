@@ -17,8 +17,8 @@ from .arrays import Array, Table, xp
 from .constants import SPEED_OF_LIGHT_M_S
 from .echoes import SubEchoes, Volume, hump_of
 from .overlap import Overlap
-from .physics import soft_target
-from .physics.particle_hits import Strengths, hits, strengths
+from .physics import radiometry, soft_target
+from .physics.particle_hits import MEAN_HITS, Strengths, hits, strengths
 from .sensor import Sensor
 from .weather import Medium, Weather
 
@@ -26,9 +26,6 @@ Matrix = np.ndarray[Any, Any]
 
 NEAREST_SHARE = 1e-3
 """Particles are drawn from where the receiver sees this share of its beam on: nearer ones are lost in the dark."""
-
-PARTICLES = {"rain": 4, "snow": 16}
-"""Drawn for a pulse. What is not drawn is less than the threshold of Table 1's sensors (docs/weather.md)."""
 
 _DRAWS_APART = 1000
 
@@ -87,15 +84,15 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     far_m = 0.5 * SPEED_OF_LIGHT_M_S * float(sensor.tdc.window_s)
     nearest_m = _nearest_m(overlap, far_m)
     area = _area_m2(sensor)
-    drawn = {
-        medium.name: strengths(
+    drawn = {}
+    for medium in media:
+        if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
+            continue
+        drawn[medium.name] = _enough(
+            _least_strength(sensor),
             sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr, beam_area_m2=area,
-            overlap=overlap.share, extinction_per_m=extinction_per_m,
-            nearest_m=nearest_m, farthest_m=far_m, count=PARTICLES[medium.name],
-        )
-        for medium in media
-        if medium.sizes is not None and medium.particle_m2_sr is not None and area(np.array([far_m]))[0] > 0.0
-    }  # fmt: skip
+            overlap=overlap.share, extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
+        )  # fmt: skip
 
     def left(medium: Medium, range_m: Matrix) -> Matrix:
         """beta of what is not drawn."""
@@ -122,6 +119,26 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         names=tuple(medium.name for medium in media),
         strongest=max(media, key=lambda medium: float(left(medium, at_peak)[0])).name,
     )
+
+
+def _enough(least: float, **medium: Any) -> Strengths:
+    """With as many particles for each pulse as it takes until those left out are weaker than ``least``."""
+    for count in MEAN_HITS:
+        found = strengths(count=count, **medium)
+        if math.exp(found.log_strength.values[-1]) < least:
+            break
+    return found
+
+
+def _least_strength(sensor: Sensor) -> float:
+    """Strength of a particle that the comparator can see, in the dark."""
+    point = sensor.working_point(np.zeros(1))
+    seen_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
+    sent = radiometry.echo_power_w(
+        peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=1.0, range_m=1.0, transmittance=1.0,
+        aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
+    )  # fmt: skip
+    return float(seen_w / sent)
 
 
 def _overlap(sensor: Sensor) -> Overlap:

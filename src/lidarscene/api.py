@@ -13,6 +13,7 @@ from .geometry import Pose
 from .io.foreign_scene import mitsuba_scene, trimesh_scene
 from .io.rig_file import read_rig
 from .io.scene_file import read_scene
+from .kernel.trace import INTERACTIONS
 from .materials import Material
 from .rig import Rig
 from .scene import Scene
@@ -84,6 +85,7 @@ def render_frames(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     rays: int = 1,
     background_rays: int | None = None,
     overrides: Sequence[str] = (),
@@ -94,7 +96,9 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays, background_rays=background_rays)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -108,6 +112,7 @@ def render(
     pose: Pose | None = None,
     frame: str = "world",
     chunk: int = DEFAULT_CHUNK,
+    interactions: int = INTERACTIONS,
     rays: int = 1,
     background_rays: int | None = None,
     overrides: Sequence[str] = (),
@@ -121,10 +126,14 @@ def render(
     frame      "world", "vehicle" or "sensor": frame of the points
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
+    interactions  panes and mirrors that a beam may meet
     background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, pose=pose, rays=rays, background_rays=background_rays).render(seed=seed, frame=frame, chunk=chunk)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
+    return simulator.render(seed=seed, frame=frame, chunk=chunk)

@@ -80,8 +80,10 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="same seed, same cloud (default 0)")
     add("--rays", metavar="N", type=whole(1, 1024), default=1,
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
+    add("--interactions", metavar="N", type=whole(0, 8), default=3,
+        help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--background-rays", metavar="K", type=whole(1, 1024),
-        help="of each pulse, over the receiver's field of view, for its background (default: what its rays see)")  # fmt: skip
+        help="of each pulse, over the receiver's field of view, for its background; else what its rays see")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
@@ -126,8 +128,8 @@ def render_text(arguments: argparse.Namespace) -> str:
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
     if arguments.waveforms is not None:
-        for one in sensors:
-            pulses_of_waveforms(arguments, one.sensor)
+        for mounted in sensors:
+            pulses_of_waveforms(arguments, mounted.sensor)
     since = before.spent("load", since)
     if arguments.merge:
         require_common_frames(sensors, arguments.frames or 1)
@@ -164,8 +166,9 @@ def _simulators(
 
     vehicle = arguments.pose if arguments.rig is not None else None
     return simulators(
-        scene, sensors, pose=vehicle, rays=arguments.rays, background_rays=arguments.background_rays
-    )
+        scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions,
+        background_rays=arguments.background_rays,
+    )  # fmt: skip
 
 
 def _render(

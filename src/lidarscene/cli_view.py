@@ -100,14 +100,17 @@ def clouds_in(paths: Sequence[Path]) -> list[Path]:
     """Cloud files in the order given; those of a folder by the numbers in their names."""
     from .formats import FORMATS
 
+    suffixes = {one.suffix for one in FORMATS.values() if one.reader}
+
     found: list[Path] = []
     for path in paths:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = [one for one in path.iterdir() if one.suffix.lower() in FORMATS and one.name[0] != "."]
+        inside = [one for one in path.iterdir() if one.suffix.lower() in suffixes and one.name[0] != "."]
         if not inside:
-            raise InputError(f"{path}: holds no clouds; files that end in {', '.join(FORMATS)} were expected")
+            expected = ", ".join(sorted(suffixes))
+            raise InputError(f"{path}: holds no clouds; files that end in {expected} were expected")
         found += sorted(inside, key=_by_numbers)
     return found
 

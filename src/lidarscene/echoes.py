@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,7 +141,10 @@ class EchoTrain:
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
-    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky, or the sun."""
+    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky, or the sun.
+
+    Panes and mirrors on the way dim the sun's light once and the echo twice.
+    """
     ops = xp(hits.range_m)
     optics = sensor.optics
     transmittance = air.transmittance(
@@ -152,7 +156,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         transmittance=transmittance,
         aperture_m2=beams.aperture_m2,
-        efficiency=optics.efficiency_laser,
+        efficiency=optics.efficiency_laser * hits.throughput * hits.throughput,
     )
     if optics.overlap is not None:
         peak = peak * optics.overlap.share(hits.range_m)
@@ -168,15 +172,15 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
     background = radiometry.background_power_w(
         radiance_w_m2_sr=ops.where(hits.found, surface, sky),
-        aperture_m2=_background_aperture_m2(beams),
+        aperture_m2=background_aperture_m2(beams),
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
         transmittance=ops.where(hits.found, transmittance, ambient.transmittance),
-        efficiency=optics.efficiency_sun,
+        efficiency=optics.efficiency_sun * hits.throughput,
     )
     if ambient.sun_direction is not None:
-        background = background + ops.where(hits.found, 0.0, sun_disc_w(beams, sensor, ambient))
+        background = background + ops.where(hits.found, 0.0, _sun_disc_w(beams, hits, sensor, ambient))
     return Echoes(
         found=hits.found,
         range_m=hits.range_m,
@@ -194,23 +198,23 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     )
 
 
-def _background_aperture_m2(beams: Beams) -> Array:
+def background_aperture_m2(beams: Beams) -> Array:
     """Aperture of (8)."""
     return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
 
-def sun_disc_w(beams: Beams, sensor: Sensor, ambient: Ambient) -> Array:
-    """Sunlight that comes straight into the field of view around each beam, if nothing is in its way."""
+def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Array:
+    """Sunlight that comes straight into the field of view."""
     assert ambient.sun_direction is not None
     # The chord is the angle where it matters, and single precision has it there; an arc cosine would not.
-    apart = mixed(1.0, beams.direction, -1.0, ambient.sun_direction)
+    apart = mixed(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
     square = dot(apart, apart)
     return sunlight.sun_disc_power_w(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_angle_rad=xp(square).sqrt(square),
         field_rad=sensor.detector.radius_m / sensor.optics.focal_length_m,
-        aperture_m2=_background_aperture_m2(beams),
-        efficiency=sensor.optics.efficiency_sun,
+        aperture_m2=background_aperture_m2(beams),
+        efficiency=sensor.optics.efficiency_sun * hits.throughput,
     )
 
 
@@ -223,3 +227,11 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Array:
         aperture_m2=beams.aperture_m2,
         efficiency=sensor.optics.efficiency_laser,
     )
+
+
+def with_all_background(ways: Sequence[Echoes]) -> list[Echoes]:
+    """The ways of a beam, the first of them with the light of sun and sky that all of them bring."""
+    if len(ways) == 1:
+        return list(ways)
+    background = sum(way.background_power_w for way in ways)
+    return [replace(ways[0], background_power_w=background), *ways[1:]]

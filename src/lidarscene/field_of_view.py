@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from .arrays import Array, Table, xp
 from .beams import Beams
-from .echoes import Ambient, receive, sun_disc_w
+from .echoes import Ambient, background_aperture_m2, receive
 from .footprint import Footprint, points
 from .hits import Hits
-from .physics.sunlight import SUN_RADIUS_RAD
-from .scan.vectors import Vector, dot, mixed
+from .physics import radiometry, sunlight
+from .scan.vectors import dot, mixed
 from .sensor import Sensor
 
 
@@ -27,32 +27,31 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
 
 
 def background_power_w(
-    axes: Beams, rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient, *, count: int
+    rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int
 ) -> Array:
-    """(n,) mean over what the rays of each pulse see, and as much of the sun's disc as is not hidden.
+    """(n,) mean over what the rays of each pulse see, by all ways of each; where one sees the sun's disc, its radiance.
 
-    axes   of the receiver, n of them; rays, hits  ``count`` of each, lane = pulse lane * count + number
+    rays, paths  ``count`` of each pulse, lane = pulse lane * count + number
     """
+    seen = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
+    ops = xp(seen)
+    return sum(ops.column(seen, number, count) for number in range(count)) * (1.0 / count)
+
+
+def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Array:
+    """Background if all of the field of view saw what this ray does."""
     light = receive(rays, hits, sensor, replace(ambient, sun_direction=None))
-    ops = xp(light.background_power_w)
-    total = sum(ops.column(light.background_power_w, number, count) for number in range(count))
-    mean = total * (1.0 / count)
     if ambient.sun_direction is None:
-        return mean
-    return mean + _free_share(rays, hits, ambient.sun_direction, count) * sun_disc_w(axes, sensor, ambient)
-
-
-def _free_share(rays: Beams, hits: Hits, sun: Vector, count: int) -> Array:
-    """(n,) share of the rays towards the disc that meet nothing; without any there the nearest one stands for it."""
-    apart = mixed(1.0, rays.direction, -1.0, sun)
-    square = dot(apart, apart)  # the chord, as in `sun_disc_w`
-    ops = xp(square)
-    nearest, by_nearest, free, inside = math.inf, 0.0, 0.0, 0.0
-    for number in range(count):
-        own = ops.column(square, number, count)
-        sees = ops.where(ops.column(hits.found, number, count), 0.0, 1.0)
-        by_nearest = ops.where(own < nearest, sees, by_nearest)
-        nearest = ops.where(own < nearest, own, nearest)
-        on_disc = ops.where(own < SUN_RADIUS_RAD * SUN_RADIUS_RAD, 1.0, 0.0)
-        free, inside = free + on_disc * sees, inside + on_disc
-    return ops.where(inside > 0.0, free / ops.where(inside > 0.0, inside, 1.0), by_nearest)
+        return light.background_power_w
+    apart = mixed(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
+    disc = radiometry.background_power_w(
+        radiance_w_m2_sr=sunlight.sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=ambient.sun_irradiance_w_m2),
+        aperture_m2=background_aperture_m2(rays),
+        field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
+            detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
+        ),
+        transmittance=1.0,  # the sun's irradiance is that at the sensor
+        efficiency=sensor.optics.efficiency_sun * hits.throughput,
+    )
+    on_disc = ~hits.found & (dot(apart, apart) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
+    return light.background_power_w + xp(light.background_power_w).where(on_disc, disc, 0.0)

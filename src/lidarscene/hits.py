@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .arrays import Array
+from .scan.vectors import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hits:
-    """First surface met by each ray, in beam order, numpy or Dr.Jit.
+    """The surface at the end of each ray's way, in beam order, numpy or Dr.Jit.
+
+    The way goes through panes and off mirrors; without those it is the ray, and its end the first surface.
 
     found               (n,) bool, whether anything was met; where not, the rest is 0, range 1, face -1
-    range_m             (n,) distance from the sensor
-    cos_incidence       (n,) in [0, 1], between the ray and the geometric normal
+    range_m             (n,) from the sensor, all the way
+    cos_incidence       (n,) in [0, 1], there, between the ray and the geometric normal
     backscatter_per_sr  (n,) f_r(w, w) cos(theta), back along the ray
     sun_scatter_per_sr  (n,) V f_r(w_sun, w) cos(theta_s), 0 in shadow
     reflectivity        (n,) diffuse hemispherical
@@ -22,6 +25,10 @@ class Hits:
     radial_velocity_m_s (n,) of the surface against the sensor, along the ray, positive where they part; 0.0 where
                         nothing in the scene moves
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
+    throughput          (n,) share of the light that panes and mirrors leave, one way; back it is the same again
+    interactions        (n,) uint32, panes and mirrors on the way
+    direction           (x, y, z) unit vector along the last of the way, or None: that of the beam
+    mirrored            (n,) bool, whether one of them mirrored it: the surface is not where the beam points
     """
 
     found: Array
@@ -34,3 +41,7 @@ class Hits:
     lit: Array
     face: Array
     radial_velocity_m_s: Array = 0.0
+    throughput: Array = 1.0
+    interactions: Array = 0
+    mirrored: Array = False
+    direction: Vector | None = None

@@ -42,10 +42,10 @@ class Spectrum:
 class Material:
     """A surface.
 
-    bsdf          "diffuse", "coated", "conductor", "glass" or "retroreflector"
-    reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors and glass
+    bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
+    reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors, mirrors and glass
     parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
-                  roughness, index_n, index_k; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg
+                  roughness, index_n, index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg
     """
 
     name: str
@@ -55,11 +55,11 @@ class Material:
     description: str = ""
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
-        """Name, kind and numbers at one laser wavelength: reflectivity and the parameters.
+        """Name, kind, wavelength_m and numbers at one laser wavelength: reflectivity and the parameters.
 
         Raises InputError where the table does not reach the wavelength.
         """
-        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf}
+        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf, "wavelength_m": wavelength_m}
         for key, value in {"reflectivity": self.reflectivity, **self.parameters}.items():
             values[key] = self._at(key, value, wavelength_m) if isinstance(value, Spectrum) else value
         return values

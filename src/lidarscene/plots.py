@@ -161,6 +161,10 @@ def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
         "sensor_index": cloud.sensor_names,
     }
     tables |= {"class": cloud.class_names, "material": cloud.material_names}
+    tables |= {
+        "interactions": ("direct", "after one", "after two", "after three"),
+        "ghost": ("in its place", "ghost"),
+    }
     tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None
 
@@ -275,7 +279,11 @@ def _title(figure: Any, cloud: PointCloud) -> None:
     alarms, weather = (int(np.isin(cloud.status, kinds).sum()) for kinds in ((1, 2), (3,)))
     named = [Path(cloud.metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
     told = {"points": len(cloud), "false alarms": alarms, "of the weather": weather}
-    counts = [f"{count:,} {name}".replace(",", "\u202f") for name, count in told.items() if count or name == "points"]
+    counts = [
+        f"{count:,} {name}".replace(",", "\u202f")
+        for name, count in told.items()
+        if count or name == "points"
+    ]
     box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
     options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
     title = "  ·  ".join(filter(None, named)) or "lidarscene"

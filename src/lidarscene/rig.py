@@ -10,6 +10,7 @@ import numpy as np
 from .cloud import PointCloud
 from .errors import InputError
 from .geometry import Pose
+from .kernel.trace import INTERACTIONS
 from .kernel.world import World
 from .scene import Scene
 from .sensor import Sensor
@@ -47,21 +48,27 @@ def simulators(
     *,
     pose: Pose | None = None,
     rays: int = 1,
+    interactions: int = INTERACTIONS,
     background_rays: int | None = None,
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
     pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    rays, background_rays  of each pulse, as of `Simulator`
+    rays, interactions, background_rays  as of `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene, one.sensor, pose=vehicle @ one.pose, world=worlds.get(wavelength),
-            rays=rays, background_rays=background_rays,
-        )  # fmt: skip
+            scene,
+            one.sensor,
+            pose=vehicle @ one.pose,
+            world=worlds.get(wavelength),
+            rays=rays,
+            interactions=interactions,
+            background_rays=background_rays,
+        )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator
 

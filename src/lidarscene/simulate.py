@@ -23,7 +23,7 @@ from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
-from .kernel.trace import trace
+from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
 from .returns import Detection, Outcome, Status
@@ -139,7 +139,8 @@ def _of_light(light: Echoes) -> list[Any]:
 def _needed(hits: Hits) -> list[Any]:
     """What the truth of points is made of."""
     needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-    return [*needed, hits.radial_velocity_m_s] if is_drjit(hits.radial_velocity_m_s) else needed
+    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    return [*needed, *(one for one in counted if is_drjit(one))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +181,7 @@ class Simulator:
         world: World | None = None,
         pose: Pose | None = None,
         rays: int = 1,
+        interactions: int = INTERACTIONS,
         background_rays: int | None = None,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
@@ -188,12 +190,16 @@ class Simulator:
         background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
+        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
         """
+        if not 0 <= interactions <= MOST_INTERACTIONS:
+            raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
         if rays < 1:
             raise InputError(f"rays: at least 1 was expected, {rays} came")
         if background_rays is not None and background_rays < 1:
             raise InputError(f"background_rays: at least 1 was expected, {background_rays} came")
-        self.scene, self.sensor, self.rays, self.background_rays = scene, sensor, rays, background_rays
+        self.scene, self.sensor = scene, sensor
+        self.rays, self.interactions, self.background_rays = rays, interactions, background_rays
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -265,7 +271,13 @@ class Simulator:
         pulses, stops = self.sensor.scanner.pulses, self.sensor.tdc.stops
         builder = CloudBuilder(capacity=pulses * stops)
         for first, columns, outcome in self._chunks(
-            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, ambient=ambient, observer=observer
+            now,
+            seed=seed,
+            chunk=chunk,
+            goal=now.goal(frame),
+            summary=summary,
+            ambient=ambient,
+            observer=observer,
         ):
             since = time.perf_counter()
             if columns is not None:
@@ -349,15 +361,18 @@ class Simulator:
         """The optical stages: beams, hits, echoes."""
         pulse = device.counter(first, count)
         background = None if self._field is None else self._background(now, first, pulse, seed, self._field)
-        rays, hits = self._traced(now, first, pulse, seed, self._footprint)
-        paths = [hits]
-        light = [echoes.receive(rays, one, self._device_sensor, self._device_ambient) for one in paths]
+        rays, paths = self._traced(now, first, pulse, seed, self._footprint)
+        light = echoes.with_all_background(
+            [echoes.receive(rays, one, self._device_sensor, self._device_ambient) for one in paths]
+        )
         if background is not None:
             of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=of_ray)
         return _Lit(pulse, rays, paths, light)
 
-    def _traced(self, now: Frame, first: int, pulse: Any, seed: Any, shape: Footprint) -> tuple[Beams, Hits]:
+    def _traced(
+        self, now: Frame, first: int, pulse: Any, seed: Any, shape: Footprint
+    ) -> tuple[Beams, Sequence[Hits]]:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
         place, movers = now.placements(first, len(pulse), rays=shape.rays)
@@ -368,18 +383,13 @@ class Simulator:
         return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+            interactions=self.interactions,
         )  # fmt: skip
 
     def _background(self, now: Frame, first: int, pulse: Any, seed: Any, shape: Footprint) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
-        rays, hits = self._traced(now, first, pulse, seed, shape)
-        place, _ = now.placements(first, len(pulse))
-        axes = beams.fire(
-            self._device_sensor, pulse=pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed
-        )
-        power = background_power_w(
-            axes, rays, hits, self._device_sensor, self._device_ambient, count=shape.rays
-        )
+        rays, paths = self._traced(now, first, pulse, seed, shape)
+        power = background_power_w(rays, paths, self._device_sensor, self._device_ambient, count=shape.rays)
         device.start([power])
         return power
 
@@ -449,8 +459,8 @@ class Simulator:
         pulse = columns["time_s"]
         columns["time_s"] = now.time_s(pulse)
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
-        if "radial_velocity_m_s" not in columns:
-            columns["radial_velocity_m_s"] = np.broadcast_to(np.float32(0.0), len(pulse))
+        for name, nothing in collect.ABSENT.items():
+            columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
 
     def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:

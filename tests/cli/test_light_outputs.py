@@ -69,7 +69,10 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
         (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, were expected, 9-3 came"),
         (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "0-99999999999 came"),
         (["--waveforms", "w.npz", "--pulses", "x"], "x came"),
-        (["--background-rays", "0"], "argument --background-rays: a whole number from 1 to 1024 was expected, 0 came"),
+        (
+            ["--background-rays", "0"],
+            "argument --background-rays: a whole number from 1 to 1024 was expected, 0 came",
+        ),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:

@@ -38,7 +38,10 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
         (["nothing.ply"], "nothing.ply: cannot be read: No such file or directory"),
         (["nothing.toml"], "nothing.toml: no such file"),
         (["a.xyz"], "a.xyz: suffix '.xyz' names no point cloud format; known: .ply"),
-        (["empty"], "empty: holds no clouds; files that end in .ply were expected"),
+        (
+            ["empty"],
+            "empty: holds no clouds; files that end in .las, .laz, .npz, .parquet, .pcd, .ply were expected",
+        ),
         (["wall.toml", "wall.toml"], "view: one scene was expected, wall.toml and wall.toml came"),
         (["wall.toml", "--save", "page.pdf"], "--save page.pdf: a name that ends in .html was expected"),
         (["wall.toml", "--save", "wall.toml/page.html"], "wall.toml/page.html: cannot be written"),

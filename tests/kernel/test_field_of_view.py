@@ -38,7 +38,7 @@ def background_w(described, rays, sensor=None):
 
 
 def test_half_of_the_field_on_a_bright_wall_is_half_of_its_light():
-    """The axis sees the sky beside the wall, 0.5 mm off: black. Half of 400 rays are 1 % off at most at a straight edge."""
+    """The axis sees the sky beside the wall, 0.5 mm off: black. Half of 400 rays are 1 % off at most."""
     described = scene(half_wall(0.0005))
     whole = background_w(scene(half_wall(-2.0)), None)
     assert background_w(described, None) == 0.0
@@ -77,7 +77,7 @@ def test_echoes_do_not_change():
 
 
 def test_the_suns_disc_counts_once_and_hides_behind_walls():
-    """Sun on the axis: with any number of rays the disc fills the field as by one. Behind a wall on its side it is gone."""
+    """Sun on the axis: the disc fills the field, by any number of rays. Behind a wall it is gone."""
     ahead = Sun(azimuth_rad=0.0, elevation_rad=0.0, illuminance_klux=100.0)
     open_sky = background_w(scene(sun=ahead), None)
     assert open_sky > 1e-3

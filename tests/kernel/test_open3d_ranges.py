@@ -11,7 +11,8 @@ import pytest
 from lidarscene import api, beams
 from lidarscene.geometry import Pose
 from lidarscene.kernel import device
-from lidarscene.kernel.trace import SHADOW_OFFSET_M, trace
+from lidarscene.kernel.onward import START_OFFSET_M
+from lidarscene.kernel.trace import trace
 from lidarscene.scene import Part, Scene
 from lidarscene.simulate import Simulator
 
@@ -136,7 +137,7 @@ def view(request: pytest.FixtureRequest, simulator: Simulator, road: Road) -> Vi
         origin_m=device.opaque(origin),
         rotation=device.opaque(tuple(float(v) for v in place.rotation.ravel())),
     )
-    hits = trace(simulator.world, rays, sun=device.opaque(sun))
+    hits, *_ = trace(simulator.world, rays, sun=device.opaque(sun), interactions=0)
     direction = np.stack([np.array(axis) for axis in rays.direction], axis=1)
     origin_m = np.array([origin], dtype=np.float32)
     names = ("found", "range_m", "cos_incidence", "cos_sun", "lit", "face")
@@ -207,7 +208,7 @@ def test_sunlight_and_shadow_are_the_same(view: View, simulator: Simulator) -> N
     assert not lit[cos_sun < -TERMINATOR].any()
 
     facing = cos_sun > TERMINATOR
-    points = (view.origin_m + direction * t + normal * SHADOW_OFFSET_M)[facing]
+    points = (view.origin_m + direction * t + normal * START_OFFSET_M)[facing]
     shadowed = view.road.occluded(points, sun[None])
     assert 0.05 < shadowed.mean() < 0.95
     differing = lit[facing] == shadowed

@@ -95,7 +95,9 @@ def test_without_times_it_is_the_window():
     np.testing.assert_allclose(step, FWHM_S / 16)
 
 
-@pytest.mark.parametrize(("pulses", "message"), [([9], "0 to 8 was expected"), ([-1], "-1 came"), ([], "0 came")])
+@pytest.mark.parametrize(
+    ("pulses", "message"), [([9], "0 to 8 was expected"), ([-1], "-1 came"), ([], "0 came")]
+)
 def test_pulses_that_are_none(pulses, message):
     with pytest.raises(InputError, match=message):
         Simulator(wall(), chain.sensor("table1-apd", *chain.NARROW)).waveforms(pulses)

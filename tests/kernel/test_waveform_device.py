@@ -136,7 +136,7 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
         on_device, pulse=lane // rays, origin_m=device.opaque((0.0, 0.0, 0.0)), rotation=rotation
     )
     fan = spread(fired, shape, ray=lane % rays, rotation=rotation)
-    hits = trace(world, fan, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
+    hits, *_ = trace(world, fan, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
     light = echoes.receive(fan, hits, on_device, device.opaque(ambient_of(described, equipped)))
     power = np.array(light.peak_power_w.numpy()).reshape(9, rays).astype(float) * shape.weight
     range_m = np.array(light.range_m.numpy()).reshape(9, rays)

@@ -91,7 +91,9 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
     """An echo from 0.3 m: its edge crosses before the middle of its pulse has left."""
     equipped = trains.sensor("table1-apd", *trains.QUIET)
     assert equipped.tdc.blanking_s == 0.0
-    found = trains.detect(trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped)
+    found = trains.detect(
+        trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped
+    )
     assert np.all(found.stops[0].reported)
 
 

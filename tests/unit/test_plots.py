@@ -88,6 +88,8 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
         "reflectivity": reflectivity,
         "sun_angle_rad": np.full(len(true), 0.5),
         "in_shadow": np.zeros(len(true)),
+        "interactions": np.zeros(len(true)),
+        "ghost": np.zeros(len(true)),
         "radial_velocity_m_s": np.zeros(len(true)),
         "body": body,
         "class_id": np.array([0, 1, 1, 1, 1, 2, 3, 3, 4, -1])[body],
@@ -138,7 +140,7 @@ def test_size_can_be_chosen(size_px: tuple[int, int], cloud: PointCloud, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "name", ["true_range", "class", "body", "material", "status", "azimuth", "time", "in_shadow"]
+    "name", ["true_range", "class", "body", "material", "status", "azimuth", "time", "in_shadow", "ghost"]
 )
 def test_colours_answer_to_the_column(name: str, cloud: PointCloud, tmp_path: Path) -> None:
     """Rationale: the same points in other colours is another picture, and no column makes it fail."""

@@ -88,9 +88,9 @@ def test_particles_make_up_their_medium(weather: Weather, wavelength_m: float) -
 def test_a_board_in_rain_loses_both_ways(mi) -> None:
     """Through the whole chain, point by point: without sun an APD's SNR is proportional to the echo's power.
 
-    1e-5: single precision.
+    The last crossing is the board's. 1e-3: the rain's own light, some 3e-4 of the board's within a pulse's length.
     """
-    sensor = chain.sensor("table1-apd")
+    sensor = chain.sensor("table1-apd", "tdc.keep='last'", "tdc.threshold_to_noise=300")
     alpha = precipitation.rain_extinction_per_m(rate_mm_h=30.0)
     clear, wet = (
         Simulator(chain.scene(chain.facing(range_m=60.0), klux=0.0, air=Air(weather=weather)), sensor).render(
@@ -99,4 +99,7 @@ def test_a_board_in_rain_loses_both_ways(mi) -> None:
         for weather in (Weather(), Weather(rain_mm_h=30.0))
     )
     clear, wet = (cloud.select(cloud.status == 0) for cloud in (clear, wet))
-    np.testing.assert_allclose(wet.snr / clear.snr, np.exp(-2 * alpha * clear.true_range_m), rtol=1e-5)
+    _, here, there = np.intersect1d(clear.time_s, wet.time_s, return_indices=True)
+    assert len(here) > 500
+    expected = np.exp(-2 * alpha * clear.true_range_m[here])
+    np.testing.assert_allclose(wet.snr[there] / clear.snr[here], expected, rtol=1e-3)

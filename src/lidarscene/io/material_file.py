@@ -19,10 +19,15 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "diffuse": (),
     "coated": ("coat_ior", "coat_roughness"),
     "conductor": ("roughness",),
+    "mirror": (),
     "glass": ("index",),
     "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
 }
-_OPTIONAL: dict[str, tuple[str, ...]] = {"conductor": ("index",), "glass": ("thickness_mm",)}
+_OPTIONAL: dict[str, tuple[str, ...]] = {
+    "conductor": ("index",),
+    "mirror": ("index",),
+    "glass": ("thickness_mm",),
+}
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
 
@@ -59,7 +64,7 @@ class MaterialFile(FileModel):
     name: str = ""
     description: str = ""
     note: str = ""
-    bsdf: Literal["diffuse", "coated", "conductor", "glass", "retroreflector"] = "diffuse"
+    bsdf: Literal["diffuse", "coated", "conductor", "mirror", "glass", "retroreflector"] = "diffuse"
     reflectivity: Reflectivity
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
     coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
@@ -97,6 +102,8 @@ class MaterialFile(FileModel):
         for key in ("coat_ior", "coat_roughness", "roughness"):
             if getattr(self, key) is not None:
                 parameters[key] = getattr(self, key)
+        if self.thickness_mm is not None:
+            parameters["thickness_m"] = self.thickness_mm * 1e-3
         if self.bsdf == "retroreflector":
             parameters["retro_coefficient_cd_per_lx_m2"] = self.retro_coefficient_cd_per_lx_m2 or 0.0
             parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import xp
 from ..errors import InputError
+from ..physics import dielectrics
 from .backend import mitsuba
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
@@ -31,7 +32,7 @@ def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
 
 def diffuse_share(values: Mapping[str, Any]) -> float:
     """What of the sky's light a surface returns evenly: metal and glass mirror it instead."""
-    return 0.0 if values["bsdf"] in ("conductor", "glass") else float(values["reflectivity"])
+    return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
 
 
 def _two_sided(inner: dict[str, Any]) -> dict[str, Any]:
@@ -93,8 +94,26 @@ def _conductor(values: dict[str, Any]) -> dict[str, Any]:
     return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
 
 
+def _mirror(values: dict[str, Any]) -> dict[str, Any]:
+    inner: dict[str, Any] = {"type": "conductor"}
+    if "index_n" in values:
+        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
+    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+
+
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "thindielectric", "int_ior": values["index_n"]}
+    """Lossless; what it absorbs is known to `kernel.speculars`."""
+    return {"type": "thindielectric", "int_ior": values["index_n"], "ext_ior": 1.0}
+
+
+def absorption(values: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Index and optical depth of a pane that absorbs; None of everything else."""
+    if values["bsdf"] != "glass" or not values["index_k"] or "thickness_m" not in values:
+        return None
+    depth = dielectrics.optical_depth(
+        index_k=values["index_k"], thickness_m=values["thickness_m"], wavelength_m=values["wavelength_m"]
+    )
+    return values["index_n"], depth
 
 
 def _retroreflector(values: dict[str, Any]) -> dict[str, Any]:
@@ -111,6 +130,7 @@ _BUILDERS = {
     "diffuse": _diffuse,
     "coated": _coated,
     "conductor": _conductor,
+    "mirror": _mirror,
     "glass": _glass,
     "retroreflector": _retroreflector,
 }

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..arrays import Array, is_drjit
 from ..beams import reported
 from ..hits import Hits
@@ -17,6 +19,13 @@ from ..returns import Detection, Outcome, Status
 from ..sensor import Sensor
 from .backend import mitsuba
 from .world import World
+
+ABSENT: dict[str, Any] = {
+    "radial_velocity_m_s": np.float32(0.0),
+    "interactions": np.uint8(0),
+    "ghost": np.uint8(0),
+}
+"""Columns that only some worlds have, and what they hold in the others."""
 
 
 def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:
@@ -94,8 +103,8 @@ def columns(
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
-    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; no radial velocity
-    where nothing moves.
+    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; none of
+    `ABSENT` where nothing moves, or where nothing lets through or mirrors.
 
     sensor       with its numbers on the device
     pulse        (n,) pulse numbers of the chunk's lanes
@@ -136,9 +145,15 @@ def columns(
         number = dr.select(source < 0, 0, source - rays * len(paths) + 1)
         class_id = dr.select(of_air, dr.gather(mi.Int32, air_classes, mi.UInt32(number), of_air), class_id)
         has_range |= of_air
-    moving = is_drjit(paths[0].radial_velocity_m_s)
-    velocity = {"radial_velocity_m_s": ends.get("radial_velocity_m_s")} if moving else {}
-    return velocity | {
+    given = {
+        column: ends.get(name)
+        for column, name in (("radial_velocity_m_s",) * 2, ("interactions",) * 2, ("ghost", "mirrored"))
+        if is_drjit(getattr(paths[0], name))
+    }
+    if "ghost" in given:
+        given["interactions"] = mi.UInt8(given["interactions"])
+        given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    return given | {
         "xyz_m": dr.ravel(
             mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
         ),

@@ -13,6 +13,9 @@ from .backend import is_cuda, mitsuba
 _KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
 
 
+_ALIGNMENT = 64
+
+
 def opaque(value: Any) -> Any:
     """A copy in which every float and int, however deep in frozen dataclasses and tuples, is on the device.
 
@@ -67,8 +70,14 @@ def repeated(values: Any, times: int) -> tuple[Any, Any]:
 
 
 def from_numpy(values: Any) -> Any:
-    """(n,) numbers in single precision."""
-    return mitsuba().Float(np.ascontiguousarray(values, dtype=np.float32))
+    """(n,) numbers in single precision, always at the same alignment: Dr.Jit takes numpy's memory as it is, and what
+    that is aligned to would become part of the kernel (MITSUBA.md 5.2).
+    """
+    room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
+    start = -room.ctypes.data % _ALIGNMENT
+    aligned = room[start : start + 4 * len(values)].view(np.float32)
+    aligned[:] = values
+    return mitsuba().Float(aligned)
 
 
 def whole_numbers(values: Any) -> Any:

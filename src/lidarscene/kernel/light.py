@@ -1,4 +1,4 @@
-"""Light: a World, a Sensor and some pulses in, their Echoes out as numpy: the chain up to the detector, once more."""
+"""Light: a World, a Sensor and some pulses in, the Echoes of their first ways out as numpy: the chain once more."""
 
 from __future__ import annotations
 
@@ -44,8 +44,9 @@ def light_of(
         seed=device.opaque_uint32(seed),
     )  # fmt: skip
     towards = device.opaque(tuple(float(x) for x in sun))
-    hits = trace(world, rays, sun=towards, placements=movers)
-    light = echoes.receive(rays, hits, equipment, device.opaque(ambient))
+    air = device.opaque(ambient)
+    ways = trace(world, rays, sun=towards, placements=movers)
+    light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}
     device.start(list(columns.values()))  # together, or each would be traced for itself
     return Echoes(**{name: column.numpy() for name, column in columns.items()})

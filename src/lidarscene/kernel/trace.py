@@ -1,8 +1,4 @@
-"""Trace: a World and Beams in, Hits out. One closest-hit and one sun-visibility query per ray and rigid frame.
-
-Rays are carried into the frame of each moving body as it stands when they leave; the nearest hit is kept, and the
-surface is looked at in the frame of its own body (MITSUBA.md 5.5: hit by hit what a rebuilt scene gives).
-"""
+"""Trace: a World and Beams in, Hits out. Closest-hit queries along the beam's ways, and one towards the sun."""
 
 from __future__ import annotations
 
@@ -14,13 +10,16 @@ from ..beams import Beams
 from ..hits import Hits
 from ..motion import Placement
 from ..scan.vectors import Vector
-from . import device
 from .backend import mitsuba
-from .world import Mover, World
+from .meeting import Meeting, Moment
+from .onward import START_OFFSET_M, Way, chosen, gone_on, is_pane, kind_of, sunlight_share
+from .world import World
 
-SHADOW_OFFSET_M = 3e-4
-"""How far in front of a surface its shadow ray starts. Mitsuba's own offset grows to 22 mm at 250 m and would
-jump through a 5 mm pane; float32 positions at 250 m are good to 0.03 mm (MITSUBA.md 5.7)."""
+INTERACTIONS = 3
+"""Panes and mirrors that a beam may meet: through both windows of a car, and through the next one's."""
+
+MOST_INTERACTIONS = 8
+"""Each is a further ray query in the kernel, and takes its time to compile."""
 
 
 def trace(
@@ -31,100 +30,119 @@ def trace(
     coherent: bool = True,
     placements: Sequence[Placement] | None = None,
     sensor_velocity_m_s: Vector | None = None,
-) -> Hits:
-    """First surface of each ray, on the device.
+    interactions: int = INTERACTIONS,
+) -> tuple[Hits, ...]:
+    """The surface at the end of each ray's ways, on the device.
+
+    The first way goes through panes and off mirrors. In a world with panes there is a second, which is reflected at
+    the first pane that the first one meets and from there on does the same; where none is met it carries no light.
 
     sun                  (x, y, z) unit vector towards the sun
     coherent             whether neighbouring rays are neighbours in angle
     placements           of each of the world's movers when each ray leaves; where they are at time 0 if None
     sensor_velocity_m_s  of the point that each ray leaves from; it stands still if None
+    interactions         with panes and mirrors, on each way; at the next one it ends without an echo
     """
+    mi = mitsuba()
+    if placements is None:
+        placements = [mover.rest for mover in world.movers]
+    moment = Moment(
+        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent
+    )
+    ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
+    first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
+    if world.speculars is None:
+        interactions = 0
+    ways = _ways(moment, first, interactions)
+    return tuple(_ended(moment, way, met, interactions=interactions) for way, met in ways)
+
+
+def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
+    """The way through panes and off mirrors, the one that the first pane mirrors, and what each meets in the end."""
+    mi = mitsuba()
+    met = moment.meet(way.ray)
+    speculars = moment.world.speculars
+    if not interactions or speculars is None:
+        return [(way, met)]
+    second, mirrored = way, mi.Bool(False)
+    for number in range(interactions):
+        kind = kind_of(moment, met)
+        if speculars.panes and (number == 0 or speculars.mirrors):
+            here = is_pane(moment, kind) & (way.interactions == number) & ~mirrored
+            second = chosen(here, gone_on(moment, way, met, here, reflected=True), second)
+            mirrored |= here
+        way, met = _a_step_on(moment, way, met, (kind > 0) & (way.interactions == number))
+    if not speculars.panes:
+        return [(way, met)]
+    second, end = _mirrored(moment, second, mirrored, interactions)
+    return [(way, met), (second, end)]
+
+
+def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
+    """The rest of a way from the first pane on, where it met one."""
+    import dataclasses
+
+    import drjit as dr
+
+    way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
+    met = moment.meet(way.ray, active)
+    for _ in range(1, interactions):
+        on = active & (kind_of(moment, met) > 0) & (way.interactions < interactions)
+        way, met = _a_step_on(moment, way, met, on)
+    return way, met
+
+
+def _a_step_on(moment: Moment, way: Way, met: Meeting, on: Any) -> tuple[Way, Meeting]:
+    """Beyond the panes and mirrors that were met, to the next surface; the same where ``on`` does not hold."""
+    further = gone_on(moment, way, met, on, reflected=False)
+    return chosen(on, further, way), chosen(on, moment.meet(further.ray, on), met)
+
+
+def _ended(moment: Moment, way: Way, met: Meeting, *, interactions: int) -> Hits:
+    """A way whose end is known, as Hits."""
     import drjit as dr
 
     mi = mitsuba()
-    direction = mi.Vector3f(*beams.direction)
-    ray = mi.Ray3f(mi.Point3f(*beams.origin_m), direction)
-    if placements is None:
-        placements = [mover.rest for mover in world.movers]
-    moving = list(zip(world.movers, placements, strict=True))
-    first = world.scene.ray_intersect_preliminary(ray, coherent=coherent)
-    seen, to_sun, shift = ray, mi.Vector3f(*sun), mi.UInt32(0)  # in the frame of what was hit
-    met: list[Any] = []
-    for mover, place in moving:
-        carried = _carried(mi, ray, place)
-        device.apart(first)
-        hit = mover.scene.ray_intersect_preliminary(
-            carried, coherent=coherent, active=_near(dr, carried, mover)
-        )
-        nearer = hit.is_valid() & (hit.t < first.t)
-        first, seen = dr.select(nearer, hit, first), dr.select(nearer, carried, seen)
-        to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(sun))), to_sun)
-        shift = dr.select(nearer, mover.face_shift, shift)
-        met = [one & ~nearer for one in met] + [nearer]
-    found = first.is_valid()
-    surface = first.compute_surface_interaction(seen, mi.RayFlags.All, found)
-
+    world, surface, found = moment.world, met.surface, met.found
     # Everything happens on the side of the surface that the ray came from, whatever the winding.
-    facing = dr.select(dr.dot(surface.n, seen.d) > 0.0, -1.0, 1.0)
+    facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
     normal = surface.n * facing
-    cos_sun = dr.dot(normal, to_sun)
-    start = surface.p + normal * SHADOW_OFFSET_M
-    receding = _receding(sensor_velocity_m_s, beams.direction)
-    for (_, place), here in zip(moving, met, strict=True):
-        at = place.point(tuple(start))
-        start = dr.select(here, mi.Point3f(*at), start)
-        receding = dr.select(here, receding + _along(place.velocity_at(at), beams.direction), receding)
+    cos_sun = dr.dot(normal, met.to_sun)
+    start = moment.outside(met, surface.p + normal * START_OFFSET_M)
+    receding = way.receding_m_s
+    for (_, place), here in zip(moment.moving, met.here, strict=True):
+        velocity = place.velocity_at(tuple(start))
+        receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
     sunny = found & (cos_sun > 0.0)
-    lit = sunny & ~_shadowed(world, moving, mi.Ray3f(start, mi.Vector3f(*sun)), sunny, coherent=coherent)
-
-    back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, to_sun, found, lit)
+    lit, share = _sunshine(moment, mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny, interactions)
+    back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
-    face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + shift
+    face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
     return Hits(
         found=found,
-        range_m=dr.select(found, first.t, 1.0),
-        cos_incidence=dr.select(found, xp(first.t).minimum(-dr.dot(normal, seen.d), 1.0), 0.0),
+        range_m=dr.select(found, way.length_m + met.t, 1.0),
+        cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
         backscatter_per_sr=back,
-        sun_scatter_per_sr=towards_sun,
+        sun_scatter_per_sr=towards_sun * share,
         reflectivity=reflectivity,
         cos_sun=dr.select(found, cos_sun, 0.0),
         lit=lit,
         radial_velocity_m_s=dr.select(found, receding, 0.0) if is_drjit(receding) else 0.0,
         face=dr.select(found, mi.Int32(face), -1),
+        throughput=way.throughput,
+        interactions=way.interactions,
+        mirrored=way.mirrored,
+        direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
     )
 
 
-def _carried(mi: Any, ray: Any, place: Placement) -> Any:
-    """A ray of the traced frame, in that of a body."""
-    origin, direction = place.point_within(tuple(ray.o)), place.vector_within(tuple(ray.d))
-    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
-
-
-def _near(dr: Any, ray: Any, mover: Mover) -> Any:
-    """Whether a ray in the body's frame comes into the sphere around it."""
-    x, y, z, radius = mover.sphere
-    to = type(ray.o)(x, y, z) - ray.o
-    along = dr.dot(to, ray.d)
-    apart = dr.squared_norm(to - along * ray.d)
-    # A little wider, for rounding: 1e-6 of the distance is ten times what single precision loses.
-    room = radius + 1e-6 * dr.abs(along)
-    return (apart <= room * room) & (along > -room)
-
-
-def _shadowed(
-    world: World, moving: list[tuple[Mover, Placement]], ray: Any, active: Any, *, coherent: bool
-) -> Any:
-    """Whether anything stands between these points and the sun, when the pulse left."""
-    import drjit as dr
-
-    mi = mitsuba()
-    dark = world.scene.ray_test(ray, coherent=coherent, active=active)
-    for mover, place in moving:
-        carried = _carried(mi, ray, place)
-        device.apart(dark)
-        still_lit = active & ~dark & _near(dr, carried, mover)
-        dark |= mover.scene.ray_test(carried, coherent=coherent, active=still_lit)
-    return dark
+def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
+    """Whether the sun is seen along these rays, and how much of it."""
+    speculars = moment.world.speculars
+    if not interactions or speculars is None or not speculars.panes:
+        return sunny & ~moment.blocked(ray, sunny), 1.0
+    share = sunlight_share(moment, ray, sunny, interactions=interactions)
+    return share > 0.0, share
 
 
 def _receding(velocity_m_s: Vector | None, direction: Vector) -> Array:

@@ -5,7 +5,7 @@ What moves is traced apart, in its own frame, so that nothing is built again whe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,8 @@ from ..scene import Ball, Body, Part, Scene
 from ..trajectory import Motion
 from . import base_scene, device
 from .backend import mitsuba
-from .bsdfs import bsdf_dict, diffuse_share
+from .bsdfs import absorption, bsdf_dict, diffuse_share
+from .speculars import Speculars
 
 Matrix = np.ndarray[Any, Any]
 
@@ -54,6 +55,7 @@ class World:
     face_material   (f,) Int32 on the device, index into ``material_names``
     body_class      (b,) Int32 on the device, index into ``class_names``
     has_foreign     whether some BSDF comes from a Mitsuba file as it is
+    speculars       where a beam goes on, or None: nowhere
     """
 
     scene: Any
@@ -68,16 +70,18 @@ class World:
     class_names: tuple[str, ...]
     material_names: tuple[str, ...]
     has_foreign: bool
+    speculars: Speculars | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A Mitsuba shape and who its faces are; reflectivity None where only its BSDF knows."""
+    """A Mitsuba shape and who its faces are; reflectivity None where only its BSDF knows; `bsdfs.absorption`."""
 
     shape: Any
     face_body: Matrix
     material: str
     reflectivity: float | None
+    absorbs: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +111,8 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
             index = np.full(found.faces, len(body_names), dtype=np.int32)
             body_names.append(found.name)
             class_of.append("unlabelled")
-            shapes.append(_Shape(found.shape, index, found.material, found.reflectivity))
+            absorbs = None if found.reflectivity is None else absorption(resolved[found.material])
+            shapes.append(_Shape(found.shape, index, found.material, found.reflectivity, absorbs))
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = _FaceTables()
@@ -184,7 +189,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    return _Shape(mesh, bodies, material, diffuse_share(values))
+    return _Shape(mesh, bodies, material, diffuse_share(values), absorption(values))
 
 
 def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str, Any]) -> _Shape:
@@ -195,7 +200,9 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
             "bsdf": bsdf_dict(values),
         }
     )  # fmt: skip
-    return _Shape(shape, np.array([index], dtype=np.int32), ball.material, diffuse_share(values))
+    return _Shape(
+        shape, np.array([index], np.int32), ball.material, diffuse_share(values), absorption(values)
+    )
 
 
 def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
@@ -248,7 +255,23 @@ class _FaceTables:
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
+            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()]),
         }
+
+
+def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
+    """A shape's number, its BSDF, what that is (a name in a Mitsuba file may stand for several), what it absorbs."""
+    import drjit as dr
+
+    mi = mitsuba()
+    bsdf = shape.shape.bsdf()
+    own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    return (
+        _registry_number(shape.shape),
+        bsdf,
+        own if shape.reflectivity is None else shape.material,
+        shape.absorbs,
+    )
 
 
 def _registry_number(shape: Any) -> int:

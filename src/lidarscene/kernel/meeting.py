@@ -1,0 +1,133 @@
+"""Meeting: rays in, the surface that each meets out, in a world some of which moves.
+
+Rays are carried into the frame of each moving body as it stands when they leave; the nearest hit is kept, and the
+surface is looked at in the frame of its own body (MITSUBA.md 5.5: hit by hit what a rebuilt scene gives).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..motion import Placement
+from ..scan.vectors import Vector
+from . import device
+from .backend import mitsuba
+from .speculars import Speculars
+from .world import Mover, World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Meeting:
+    """What each ray met.
+
+    found    whether it met anything
+    t        how far from the ray's start
+    surface  Mitsuba's interaction, in the frame of the body that was met
+    seen     the ray in that frame
+    to_sun   unit vector towards the sun in that frame
+    shift    from the numbers of faces that bodies of one shape share to the body's own
+    here     whether it was this one, for each of the world's movers
+    """
+
+    found: Any
+    t: Any
+    surface: Any
+    seen: Any
+    to_sun: Any
+    shift: Any
+    here: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Moment:
+    """A world as it stands for each ray when its pulse leaves.
+
+    moving    what moves, and where it is then
+    sun       unit vector towards the sun
+    coherent  whether neighbouring rays are neighbours in angle
+    """
+
+    world: World
+    moving: Sequence[tuple[Mover, Placement]]
+    sun: Vector
+    coherent: bool
+
+    @property
+    def speculars(self) -> Speculars:
+        """Of a world that has any."""
+        assert self.world.speculars is not None
+        return self.world.speculars
+
+    def meet(self, ray: Any, active: Any = True) -> Meeting:
+        """The nearest surface of each active ray of the traced frame."""
+        import drjit as dr
+
+        mi = mitsuba()
+        self._apart(ray, active)
+        first = self.world.scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
+        seen, to_sun, shift = ray, mi.Vector3f(*self.sun), mi.UInt32(0)
+        here: list[Any] = []
+        for mover, place in self.moving:
+            carried = _carried(mi, ray, place)
+            device.apart(first)
+            near = _near(dr, carried, mover)
+            hit = mover.scene.ray_intersect_preliminary(
+                carried, coherent=self.coherent, active=near if active is True else near & active
+            )
+            nearer = hit.is_valid() & (hit.t < first.t)
+            first, seen = dr.select(nearer, hit, first), dr.select(nearer, carried, seen)
+            to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(self.sun))), to_sun)
+            shift = dr.select(nearer, mover.face_shift, shift)
+            here = [one & ~nearer for one in here] + [nearer]
+        found = first.is_valid() if active is True else first.is_valid() & active
+        surface = first.compute_surface_interaction(seen, mi.RayFlags.All, found)
+        return Meeting(
+            found=found, t=first.t, surface=surface, seen=seen, to_sun=to_sun, shift=shift, here=tuple(here)
+        )
+
+    def blocked(self, ray: Any, active: Any) -> Any:
+        """Whether these rays of the traced frame meet anything."""
+        import drjit as dr
+
+        mi = mitsuba()
+        self._apart(ray, active)
+        dark = self.world.scene.ray_test(ray, coherent=self.coherent, active=active)
+        for mover, place in self.moving:
+            carried = _carried(mi, ray, place)
+            device.apart(dark)
+            still_lit = active & ~dark & _near(dr, carried, mover)
+            dark |= mover.scene.ray_test(carried, coherent=self.coherent, active=still_lit)
+        return dark
+
+    def outside(self, met: Meeting, point: Any) -> Any:
+        """A point of the frame of what was met, in the traced one."""
+        import drjit as dr
+
+        mi = mitsuba()
+        for (_, place), here in zip(self.moving, met.here, strict=True):
+            point = dr.select(here, mi.Point3f(*place.point(tuple(point))), point)
+        return point
+
+    def _apart(self, *arrays: Any) -> None:
+        """Nothing that was asked of another scene is left in the kernel that asks the still one."""
+        if self.moving:
+            device.apart(*arrays)
+
+
+def _carried(mi: Any, ray: Any, place: Placement) -> Any:
+    """A ray of the traced frame, in that of a body."""
+    origin, direction = place.point_within(tuple(ray.o)), place.vector_within(tuple(ray.d))
+    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
+
+
+def _near(dr: Any, ray: Any, mover: Mover) -> Any:
+    """Whether a ray in the body's frame comes into the sphere around it."""
+    x, y, z, radius = mover.sphere
+    to = type(ray.o)(x, y, z) - ray.o
+    along = dr.dot(to, ray.d)
+    apart = dr.squared_norm(to - along * ray.d)
+    # A little wider, for rounding: 1e-6 of the distance is ten times what single precision loses.
+    room = radius + 1e-6 * dr.abs(along)
+    return (apart <= room * room) & (along > -room)

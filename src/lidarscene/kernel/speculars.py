@@ -1,0 +1,68 @@
+"""Speculars: which surfaces of a world only mirror or let through, so that a beam goes on there."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import device
+from .backend import mitsuba
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Speculars:
+    """Panes and mirrors of a world.
+
+    bsdfs  panes first, then mirrors; a few, and asked by name: sampling every BSDF of the world would compile all
+    panes  how many of them are panes
+    glass  index and optical depth of each pane that absorbs, opaque; None of the others
+    kind   by Mitsuba's registry number of a shape: 0 where a beam ends, else 1 + the index into ``bsdfs``
+    """
+
+    bsdfs: tuple[Any, ...]
+    panes: int
+    glass: tuple[tuple[Any, Any] | None, ...]
+    kind: Any
+
+    @classmethod
+    def of(cls, shapes: Sequence[tuple[int, Any, Hashable, Any]]) -> Speculars | None:
+        """From registry number, Mitsuba's BSDF, identity of the material, and `bsdfs.absorption` of each shape.
+
+        None where a beam goes on nowhere.
+        """
+        mi = mitsuba()
+        panes: dict[Hashable, Any] = {}
+        mirrors: dict[Hashable, Any] = {}
+        glass: list[Any] = []
+        for _, bsdf, material, absorbs in shapes:
+            if _what(mi, bsdf) == "pane" and material not in panes:
+                glass.append(None if absorbs is None else device.opaque(absorbs))
+            found = {"pane": panes, "mirror": mirrors}.get(_what(mi, bsdf))
+            if found is not None:
+                found.setdefault(material, bsdf)
+        if not panes and not mirrors:
+            return None
+        order = [*panes, *mirrors]
+        kind = np.zeros(max(number for number, *_ in shapes) + 1, dtype=np.uint32)
+        for number, _, material, _ in shapes:
+            kind[number] = order.index(material) + 1 if material in order else 0
+        bsdfs = (*panes.values(), *mirrors.values())
+        return cls(bsdfs=bsdfs, panes=len(panes), glass=tuple(glass), kind=mi.UInt32(kind))
+
+    @property
+    def mirrors(self) -> int:
+        """How many of the materials are mirrors."""
+        return len(self.bsdfs) - self.panes
+
+
+def _what(mi: Any, bsdf: Any) -> str:
+    """Pane, mirror or nothing: a BSDF that has other lobes too ends the beam, and so does a solid of glass."""
+    flags, kinds = bsdf.flags(), mi.BSDFFlags
+    if mi.has_flag(flags, kinds.Smooth) or mi.has_flag(flags, kinds.DeltaTransmission):
+        return ""
+    if mi.has_flag(flags, kinds.Null):
+        return "pane"
+    return "mirror" if mi.has_flag(flags, kinds.DeltaReflection) else ""
