@@ -1,4 +1,4 @@
-"""The low sun scene: a road towards a sun 6 degrees high behind the crown of a tree, with shadows towards the sensor."""
+"""The low sun scene: a road towards a sun 6 degrees up behind the crown of a tree, its shadows towards the sensor."""
 
 import math
 
