@@ -93,6 +93,7 @@ def render_frames(
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -101,7 +102,9 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -117,6 +120,7 @@ def render(
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -129,10 +133,13 @@ def render(
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
     interactions  panes and mirrors that a beam may meet
+    background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
     return simulator.render(seed=seed, frame=frame, chunk=chunk)

@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .cli_output import (
+    SINGLE,
     add_output_options,
     check_output_options,
     cloud_files,
     is_folder,
+    pulses_of_waveforms,
     save,
     save_dataset_frame,
 )
@@ -44,7 +46,10 @@ examples:
   lidarscene render scenes/drive.toml -o out/drive --frames 10 --deskew
 """
 
-SUFFIXES = {"keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz")}
+SUFFIXES = {
+    "keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz"),
+    "ambient": (".png", ".npz"), "waveforms": (".npz",),
+}  # fmt: skip
 
 MOST_FRAMES = 10_000
 """By the four digits of their file names."""
@@ -80,6 +85,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
     add("--interactions", metavar="N", type=whole(0, 8), default=3,
         help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
+    add("--background-rays", metavar="K", type=whole(1, 1024),
+        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
@@ -133,6 +140,9 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
     scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
+    if arguments.waveforms is not None:
+        for mounted in sensors:
+            pulses_of_waveforms(arguments, mounted.sensor)
     since = before.spent("load", since)
     if arguments.merge:
         require_common_frames(sensors, arguments.frames or 1)
@@ -170,7 +180,10 @@ def _simulators(
     from .rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
-    return simulators(scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions)
+    return simulators(
+        scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions,
+        background_rays=arguments.background_rays,
+    )  # fmt: skip
 
 
 def _render(
@@ -179,17 +192,19 @@ def _render(
     """One frame of one sensor, or of those whose clouds are merged, into files."""
     from . import report
     from .deskew import deskewed
+    from .io.light_files import AmbientImage, write_waveforms
     from .rig import merged
     from .simulate import DEFAULT_CHUNK
 
     clouds, without_motion = [], []
     missed = report.MissedPulses() if "keep_missed" in one.files else None
+    ambient = AmbientImage() if "ambient" in one.files else None
     for simulator in simulators.values():
         with _progress(simulator.sensor.scanner.pulses) as progress:
             cloud = simulator.render(
                 seed=arguments.seed, number=number, begin_s=arguments.begin,
                 chunk=arguments.chunk or DEFAULT_CHUNK, frame=arguments.frame,
-                progress=progress, missed=missed, summary=one.summary,
+                progress=progress, missed=missed, ambient=ambient, summary=one.summary,
             )  # fmt: skip
         since = time.perf_counter()
         clouds.append(cloud)
@@ -205,6 +220,14 @@ def _render(
             save(arguments, one.files[key], together, scene)
     if missed is not None:
         missed.save(one.files["keep_missed"], simulator.sensor)
+    if ambient is not None:
+        ambient.save(one.files["ambient"], simulator.sensor)
+    if "waveforms" in one.files:
+        chosen = pulses_of_waveforms(arguments, simulator.sensor)
+        write_waveforms(
+            one.files["waveforms"],
+            simulator.waveforms(chosen, seed=arguments.seed, number=number, begin_s=arguments.begin),
+        )
     if "range_image" in one.files:
         from .io.range_image import write_range_image
 
@@ -257,7 +280,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
             raise InputError("--merge goes with --rig")
         if arguments.frame == "sensor":
             raise InputError("--merge: a frame that all sensors have was expected, --frame world or vehicle")
-        for option in ("keep_missed", "range_image"):
+        for option in SINGLE:
             if getattr(arguments, option) is not None:
                 raise InputError(
                     f"{_option(option)}: goes with the clouds of single sensors, not with --merge"
