@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test lint format bench lock clean
+.PHONY: car test lint docs format bench lock clean
 .DELETE_ON_ERROR:
 
 car: $(READY)
@@ -22,6 +22,10 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "wrote out/site/index.html"
 
 format: $(READY)
 	$(BIN)/ruff check --fix .

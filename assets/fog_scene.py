@@ -19,10 +19,11 @@ def text():
         sensor={"name": "table1-apd", "position_m": [0.0, -1.7, 1.9]},
         picture={"eye_m": [-9.0, -1.7, 5.0], "target_m": [30.0, 0.0, 0.5], "fov_deg": 60.0},
     )
-    return "\n".join([head, *_ground(), *_roadside()])
+    return "\n".join([head, *ground(), *roadside(STEPS_M)])
 
 
-def _ground():
+def ground():
+    """The road and the soil beside it."""
     middle = 0.5 * ROAD_M - 10.0
     dashes = [place(x, 0, 0.003) for x in range(0, int(ROAD_M) - 20, 6)]
     edges = [place(middle, s * (HALF_WIDTH_M - 0.2), 0.003) for s in (1, -1)]
@@ -36,11 +37,12 @@ def _ground():
     ]
 
 
-def _roadside():
-    cars = [place(x, 1.8, 0, 180) for x in STEPS_M]
-    walkers = [place(x, -4.2, 0, 180) for x in STEPS_M]
-    signs = [place(x, -5.5, 0, 180) for x in STEPS_M]
-    trees = [place(x + 7, s * 9.0, 0, 61 * x) for x in STEPS_M for s in (1, -1)]
+def roadside(steps_m):
+    """A car, a pedestrian and a sign at each distance, and trees."""
+    cars = [place(x, 1.8, 0, 180) for x in steps_m]
+    walkers = [place(x, -4.2, 0, 180) for x in steps_m]
+    signs = [place(x, -5.5, 0, 180) for x in steps_m]
+    trees = [place(x + 7, s * 9.0, 0, 61 * x) for x in steps_m for s in (1, -1)]
     return [
         objects("cars", "car", cars, paint="car_paint_white"),
         objects("pedestrians", "pedestrian", walkers),

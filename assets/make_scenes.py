@@ -6,10 +6,13 @@ from pathlib import Path
 
 import car_scene
 import drive_scene
+import edges_scene
 import fog_scene
 import garage_scene
 import glass_scene
+import low_sun_scene
 import make_range_scene
+import rain_scene
 import street_scene
 
 SCENES = {
@@ -20,6 +23,9 @@ SCENES = {
     "garage": garage_scene.text,
     "fog": fog_scene.text,
     "glass": glass_scene.text,
+    "rain": rain_scene.text,
+    "edges": edges_scene.text,
+    "low_sun": low_sun_scene.text,
 }
 
 

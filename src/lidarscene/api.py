@@ -21,9 +21,15 @@ from .sensor import Sensor
 from .simulate import DEFAULT_CHUNK, Simulator
 
 
-def load_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
-    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays. Raises InputError."""
-    return scene if isinstance(scene, Scene) else read_scene(Path(scene), catalogue=catalog.material)
+def load_scene(scene: str | os.PathLike[str] | Scene, *, overrides: Sequence[str] = ()) -> Scene:
+    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays.
+
+    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
+    Raises InputError.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    return read_scene(Path(scene), catalogue=catalog.material, overrides=overrides)
 
 
 def scene_from_trimesh(
@@ -87,6 +93,7 @@ def render_frames(
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> Iterator[PointCloud]:
     """Frames of a sensor one after the other, each when it is asked for; arguments as of `render`.
@@ -95,7 +102,9 @@ def render_frames(
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -111,6 +120,7 @@ def render(
     chunk: int = DEFAULT_CHUNK,
     interactions: int = INTERACTIONS,
     rays: int = 1,
+    background_rays: int | None = None,
     overrides: Sequence[str] = (),
 ) -> PointCloud:
     """One frame of a sensor in a scene.
@@ -123,10 +133,13 @@ def render(
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
     interactions  panes and mirrors that a beam may meet
+    background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(described, equipped, pose=pose, rays=rays, interactions=interactions)
+    simulator = Simulator(
+        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
+    )
     return simulator.render(seed=seed, frame=frame, chunk=chunk)

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 from . import __version__
 from .cli_analysis import add_commands
+from .cli_batch import add_batch
 from .cli_compare import add_compare
 from .cli_fov import add_fov
 from .cli_render import add_render
@@ -53,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"lidarscene {__version__}")
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for add in (add_render, add_commands, add_fov, add_compare, add_view):
+    for add in (add_render, add_batch, add_commands, add_fov, add_compare, add_view):
         add(commands, lambda text_of: lambda arguments: _told(text_of(arguments)))
 
     catalog = commands.add_parser(

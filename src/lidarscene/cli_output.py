@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .cli_types import pulses
 from .errors import InputError
 from .formats import DATASETS, FORMATS, LABELS, SUFFIXES, Format, format_of
 
 if TYPE_CHECKING:
     from .cloud import PointCloud
     from .scene import Scene
+    from .sensor import Sensor
+
+
+SINGLE = ("keep_missed", "range_image", "ambient", "waveforms")
+"""Options for files of one sensor's pulses."""
+
+FEW_PULSES = 9
 
 
 def add_output_options(add: Callable[..., Any]) -> None:
@@ -26,6 +34,12 @@ def add_output_options(add: Callable[..., Any]) -> None:
         help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}")  # fmt: skip
     add("--range-image", metavar="F.png|F.npz", type=Path,
         help="range, intensity and status by ring and azimuth, a pixel a beam")  # fmt: skip
+    add("--ambient", metavar="F.npz|F.png", type=Path,
+        help="background counts of every pulse, a near-infrared picture by ring and azimuth")  # fmt: skip
+    add("--waveforms", metavar="F.npz", type=Path,
+        help="power on the detector and its signal against time, of the pulses of --pulses")  # fmt: skip
+    add("--pulses", metavar="0,100,2000-2010", type=pulses,
+        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)")  # fmt: skip
 
 
 def check_output_options(arguments: argparse.Namespace) -> None:
@@ -41,6 +55,8 @@ def check_output_options(arguments: argparse.Namespace) -> None:
         able = " and ".join(name for name, one in FORMATS.items() if one.text)
         raise InputError(f"--ascii: {able} can be text")
     chosen.require()
+    if arguments.pulses is not None and arguments.waveforms is None:
+        raise InputError("--pulses goes with --waveforms")
     if arguments.range_image is not None:
         from .io.range_image import range_image_paths
 
@@ -104,6 +120,16 @@ def streamed(arguments: argparse.Namespace, path: Path) -> Iterator[Callable[[Po
     options = {"ascii": True} if arguments.ascii else {}
     with chosen_format(arguments).stream()(path, **options) as append:
         yield lambda cloud: append(cloud.without_truth() if arguments.no_truth else cloud)
+
+
+def pulses_of_waveforms(arguments: argparse.Namespace, sensor: Sensor) -> Sequence[int]:
+    """The pulses that are asked for, or a few. Raises InputError."""
+    from .waveforms import check_pulses
+
+    last = sensor.scanner.pulses - 1
+    few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]
+    chosen = check_pulses(arguments.pulses or few, sensor)
+    return [int(pulse) for pulse in chosen]
 
 
 def save(arguments: argparse.Namespace, path: Path, cloud: PointCloud, scene: Scene) -> None:

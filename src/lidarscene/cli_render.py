@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .cli_output import (
+    SINGLE,
     add_output_options,
     check_output_options,
     cloud_files,
     is_folder,
+    pulses_of_waveforms,
     save,
     save_dataset_frame,
     streamed,
@@ -33,6 +35,7 @@ from .formats import SUFFIXES as CLOUD_SUFFIXES
 
 if TYPE_CHECKING:
     from .cloud import PointCloud
+    from .kernel.profile import KernelHistory
     from .rig import Mounted
     from .scene import Scene
     from .simulate import Simulator, Summary
@@ -45,7 +48,10 @@ examples:
   lidarscene render scenes/drive.toml -o out/drive --frames 10 --deskew
 """
 
-SUFFIXES = {"keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz")}
+SUFFIXES = {
+    "keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz"),
+    "ambient": (".png", ".npz"), "waveforms": (".npz",),
+}  # fmt: skip
 
 MOST_FRAMES = 10_000
 """By the four digits of their file names."""
@@ -67,6 +73,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
         help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
         "sensor of a rig")  # fmt: skip
+    add("--scene-set", metavar="KEY=VALUE", action="append", default=[], dest="scene_overrides",
+        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
@@ -79,6 +87,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
     add("--interactions", metavar="N", type=whole(0, 8), default=3,
         help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
+    add("--background-rays", metavar="K", type=whole(1, 1024),
+        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
     add = render.add_argument_group("what is written").add_argument
     add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
@@ -95,6 +105,8 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
     add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
     add("--json", action="store_true", help="print the summary as JSON")
+    add("--profile", action="store_true",
+        help="print the time by stage, kernels launched and compiled, and the peak of memory")  # fmt: skip
     render.set_defaults(run=told(render_text))
 
 
@@ -108,6 +120,14 @@ class _Written:
 
 def render_text(arguments: argparse.Namespace) -> str:
     """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
+    from .kernel.profile import kernel_history
+
+    with kernel_history() if arguments.profile else nullcontext() as history:
+        return _rendered(arguments, history)
+
+
+def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> str:
+    """The same with what Dr.Jit runs counted in ``history``."""
     from . import api
     from .rig import require_common_frames
     from .simulate import Summary
@@ -119,9 +139,12 @@ def render_text(arguments: argparse.Namespace) -> str:
     groups = [labels] if arguments.merge else [[label] for label in labels]
     wanted = [_files(arguments, group[0], number) for number in _numbers(arguments) for group in groups]
     _check_outputs(wanted)
-    scene = api.load_scene(arguments.scene)
+    scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _keep_inputs(arguments, wanted)
+    if arguments.waveforms is not None:
+        for mounted in sensors:
+            pulses_of_waveforms(arguments, mounted.sensor)
     since = before.spent("load", since)
     if arguments.merge:
         require_common_frames(sensors, arguments.frames or 1)
@@ -135,7 +158,9 @@ def render_text(arguments: argparse.Namespace) -> str:
             one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
             _render(arguments, scene, {label: simulators[label] for label in group}, number, one)
             written.append(one)
-    return _told(arguments, written)
+            if history is not None:
+                history.take()
+    return _told(arguments, written, history)
 
 
 def _numbers(arguments: argparse.Namespace) -> range:
@@ -157,7 +182,10 @@ def _simulators(
     from .rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
-    return simulators(scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions)
+    return simulators(
+        scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions,
+        background_rays=arguments.background_rays,
+    )  # fmt: skip
 
 
 def _render(
@@ -166,17 +194,19 @@ def _render(
     """One frame of one sensor, or of those whose clouds are merged, into files."""
     from . import report
     from .deskew import deskewed
+    from .io.light_files import AmbientImage, write_waveforms
     from .rig import merged
     from .simulate import DEFAULT_CHUNK
 
     clouds, without_motion = [], []
     missed = report.MissedPulses() if "keep_missed" in one.files else None
+    ambient = AmbientImage() if "ambient" in one.files else None
     for simulator in simulators.values():
         with _progress(simulator.sensor.scanner.pulses) as progress:
             options: dict[str, Any] = {
                 "seed": arguments.seed, "number": number, "begin_s": arguments.begin,
                 "chunk": arguments.chunk or DEFAULT_CHUNK, "frame": arguments.frame,
-                "progress": progress, "missed": missed, "summary": one.summary,
+                "progress": progress, "missed": missed, "ambient": ambient, "summary": one.summary,
             }  # fmt: skip
             if streams(arguments):
                 with streamed(arguments, one.files["output"]) as append:
@@ -197,6 +227,14 @@ def _render(
             save(arguments, one.files[key], together, scene)
     if missed is not None:
         missed.save(one.files["keep_missed"], simulator.sensor)
+    if ambient is not None:
+        ambient.save(one.files["ambient"], simulator.sensor)
+    if "waveforms" in one.files:
+        chosen = pulses_of_waveforms(arguments, simulator.sensor)
+        write_waveforms(
+            one.files["waveforms"],
+            simulator.waveforms(chosen, seed=arguments.seed, number=number, begin_s=arguments.begin),
+        )
     if "range_image" in one.files:
         from .io.range_image import write_range_image
 
@@ -249,7 +287,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
             raise InputError("--merge goes with --rig")
         if arguments.frame == "sensor":
             raise InputError("--merge: a frame that all sensors have was expected, --frame world or vehicle")
-        for option in ("keep_missed", "range_image"):
+        for option in SINGLE:
             if getattr(arguments, option) is not None:
                 raise InputError(
                     f"{_option(option)}: goes with the clouds of single sensors, not with --merge"
@@ -282,7 +320,10 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
     from .io.rig_file import files_of_rig
     from .io.scene_file import files_of_scene
 
-    inputs = [*files_of_scene(arguments.scene), *([Path(arguments.sensor)] if arguments.sensor else [])]
+    inputs = [
+        *files_of_scene(arguments.scene, overrides=arguments.scene_overrides),
+        *([Path(arguments.sensor)] if arguments.sensor else []),
+    ]
     inputs += files_of_rig(arguments.rig) if arguments.rig is not None else []
     for files in wanted:
         for key, path in files.items():
@@ -290,7 +331,7 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
                 raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
 
 
-def _told(arguments: argparse.Namespace, written: Sequence[_Written]) -> str:
+def _told(arguments: argparse.Namespace, written: Sequence[_Written], history: KernelHistory | None) -> str:
     """The summary, of all frames together; as JSON with each of them if there are several."""
     from . import report
     from .simulate import Summary
@@ -300,11 +341,15 @@ def _told(arguments: argparse.Namespace, written: Sequence[_Written]) -> str:
     if not arguments.json:
         many = len(written) > 1
         shown = [f"{len(written)} clouds in {arguments.output}"] if many else list(names[0].values())
-        return report.as_text(total, shown)
+        profile = "" if history is None else "\n" + report.profile_as_text(total, history)
+        return report.as_text(total, shown) + profile
+    told = report.as_dict(total)
+    if history is not None:
+        told["profile"] = report.profile_as_dict(history)
     if len(written) == 1:
-        return json.dumps(report.as_dict(total) | names[0])
+        return json.dumps(told | names[0])
     frames = [report.as_dict(one.summary) | files for one, files in zip(written, names, strict=True)]
-    return json.dumps(report.as_dict(total) | {"frames": frames})
+    return json.dumps(told | {"frames": frames})
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Words of the command line, parsed: whole numbers, numbers, poses."""
+"""Words of the command line, parsed: whole numbers, numbers, pulses, poses."""
 
 from __future__ import annotations
 
@@ -54,6 +54,25 @@ def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return parsed
+
+
+def pulses(text: str) -> tuple[int, ...]:
+    """An argparse type: whole numbers and ranges of them, both ends included, with commas between."""
+    from .waveforms import MOST_PULSES
+
+    found: list[int] = []
+    try:
+        for word in text.split(","):
+            first, _, last = word.partition("-")
+            numbers = range(int(first), int(last or first) + 1)
+            if not numbers or len(numbers) + len(found) > MOST_PULSES:
+                raise ValueError
+            found += numbers
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"up to {MOST_PULSES} pulse numbers and ranges, such as 0,100,2000-2010, were expected, {text} came"
+        ) from None
+    return tuple(found)
 
 
 def with_joined_pose(argv: Sequence[str]) -> list[str]:

@@ -109,6 +109,15 @@ def converted(sensor: Sensor, time_s: Array, *, seed: Array, pulse: Array, draw:
     return tdc.quantised(time_s=jittered, least_significant_bit_s=sensor.tdc.least_significant_bit_s)
 
 
+def listening(sensor: Sensor, crossing_s: Array) -> Array:
+    """Whether the converter takes a crossing at this time at all.
+
+    Without blanking also one before time 0: an echo from right before the sensor begins before its pulse's middle.
+    """
+    blanking = sensor.tdc.blanking_s
+    return ((crossing_s >= blanking) | (blanking <= 0.0)) & (crossing_s < sensor.tdc.window_s)
+
+
 Alarm = tuple[Array, Array, Array]
 """Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: no such)."""
 
@@ -125,9 +134,10 @@ def false_alarms(
     """Crossings of each pulse without an echo of ours, at least as many as stops: those that the converter keeps.
 
     Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction
-    of time. Where none can come the time is far beyond any window.
+    of time. Where none can come the time is far beyond any window. Crossings while the converter is blind are passed
+    over: the process begins when it begins to listen.
     """
-    ops, window = xp(threshold), sensor.tdc.window_s
+    ops, window, blanking = xp(threshold), sensor.tdc.window_s, sensor.tdc.blanking_s
     others = interference.crossings(sources, point, threshold)
     p_false = point.false_alarm_probability(threshold)
     noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
@@ -154,7 +164,9 @@ def false_alarms(
             )  # fmt: skip
         time_s = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
         if sensor.tdc.keep == "last":
-            time_s = ops.where(time_s < window, window - time_s, NEVER_S)
+            time_s = ops.where(time_s < sensor.tdc.listening_s, window - time_s, NEVER_S)
+        else:
+            time_s = blanking + time_s
         arrivals.append((ops.minimum(time_s, NEVER_S), amplitude, theirs))
     return arrivals
 
@@ -173,10 +185,10 @@ def _strongest_alarms(
 
     Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
     """
-    ops, window = xp(threshold), sensor.tdc.window_s
+    ops, blanking, listening_s = xp(threshold), sensor.tdc.blanking_s, sensor.tdc.listening_s
     alarms: list[Alarm] = []
     for number, one in enumerate((None, *others)):
-        expected = (noise_rate_hz if one is None else one.rate_hz) * window
+        expected = (noise_rate_hz if one is None else one.rate_hz) * listening_s
         stage = noise.STAGE_FALSE_ALARM if one is None else noise.STAGE_INTERFERENCE
         higher: Array = 0.0
         for draw in range(sensor.tdc.stops):
@@ -190,5 +202,5 @@ def _strongest_alarms(
             else:
                 amplitude = interference.amplitude_of(one, point, threshold, uniform=share)
             theirs: Array = (there if one is not None else there & False) if others else False
-            alarms.append((ops.where(there, place * window, NEVER_S), amplitude, theirs))
+            alarms.append((ops.where(there, blanking + place * listening_s, NEVER_S), amplitude, theirs))
     return alarms

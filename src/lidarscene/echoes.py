@@ -172,7 +172,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
     background = radiometry.background_power_w(
         radiance_w_m2_sr=ops.where(hits.found, surface, sky),
-        aperture_m2=_background_aperture_m2(beams),
+        aperture_m2=background_aperture_m2(beams),
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
@@ -198,7 +198,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     )
 
 
-def _background_aperture_m2(beams: Beams) -> Array:
+def background_aperture_m2(beams: Beams) -> Array:
     """Aperture of (8)."""
     return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
@@ -213,7 +213,7 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> A
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_angle_rad=xp(square).sqrt(square),
         field_rad=sensor.detector.radius_m / sensor.optics.focal_length_m,
-        aperture_m2=_background_aperture_m2(beams),
+        aperture_m2=background_aperture_m2(beams),
         efficiency=sensor.optics.efficiency_sun * hits.throughput,
     )
 

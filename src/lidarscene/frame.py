@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,16 +92,17 @@ class Frame:
         return self._scanner.time_s(pulse) - self.scanner_s
 
     def placements(
-        self, first: int, count: int, *, rays: int = 1
+        self, pulse: Callable[[], Matrix], *, rays: int = 1
     ) -> tuple[Placement, list[Placement] | None]:
-        """Of the sensor and of each mover when ``count`` pulses from ``first`` on leave; None: nothing moves.
+        """Of the sensor and of each mover when pulses leave; None: nothing moves.
 
+        pulse  gives their numbers (n,), if they are needed
         rays  lanes of each pulse, one after the other
         """
         if self.paths is None:
             return self.origin, None
         # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        times = self.time_s(np.arange(first, first + count, dtype=np.uint32))
+        times = self.time_s(pulse())
         on_device = device.from_numpy(np.repeat(times, rays))
         sensor, *movers = (self.paths.at(on_device, i) for i in range(len(self.paths.table.values)))
         return sensor if self.moves else self.origin, movers

@@ -90,7 +90,8 @@ class _Converter(Shots):
         edge = rise.found & trip.tripped & ~(high & in_valley)
         place = self._crossing(rise, trip, edge, in_valley)
         crossing_s = self.time_s(place)
-        taken = edge & (crossing_s < tdc.window_s) & ((place - last) * self.sigma_s >= tdc.dead_time_s)
+        ready = (place - last) * self.sigma_s >= tdc.dead_time_s
+        taken = edge & comparator.listening(self.sensor, crossing_s) & ready
         new = self._stop(rise, trip, taken, place, crossing_s)
         return (
             ops.where(rise.found, trip.tripped, high),

@@ -166,8 +166,13 @@ def cells_of(cloud: PointCloud) -> Cells:
 
     Rows and columns are those of the scan where it has some, else cells as large as the points are dense.
     """
-    azimuth, elevation = cloud.azimuth_rad.astype(np.float64), cloud.elevation_rad.astype(np.float64)
-    n = max(len(cloud), 1)
+    return cells_of_beams(cloud.azimuth_rad, cloud.elevation_rad, cloud.return_number)
+
+
+def cells_of_beams(azimuth_rad: Array, elevation_rad: Array, return_number: Array) -> Cells:
+    """`cells_of`, of (n,) angles; of several in one cell the first with the lowest number is shown."""
+    azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
+    n = max(len(azimuth), 1)
     dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / n)
     rows = _groups(elevation)
     if len(rows) <= max(n / 16, 1):
@@ -179,7 +184,7 @@ def cells_of(cloud: PointCloud) -> Cells:
     else:
         x, y = _bins(azimuth, dense), _bins(elevation, dense)
     point = np.full((len(y) - 1, len(x) - 1), NOTHING, np.int32)
-    order = np.argsort(-cloud.return_number.astype(np.int32), kind="stable")
+    order = np.argsort(-return_number.astype(np.int32), kind="stable")
     row = np.searchsorted(y, elevation[order]).clip(1, len(y) - 1) - 1
     column = np.searchsorted(x, azimuth[order]).clip(1, len(x) - 1) - 1
     point[row, column] = order

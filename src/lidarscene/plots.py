@@ -276,9 +276,14 @@ def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
 
 def _title(figure: Any, cloud: PointCloud) -> None:
     """Scene and sensor, and how many points."""
-    alarms = int(np.count_nonzero(cloud.status))
+    alarms, weather = (int(np.isin(cloud.status, kinds).sum()) for kinds in ((1, 2), (3,)))
     named = [Path(cloud.metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    counts = [f"{len(cloud):,} points".replace(",", "\u202f"), f"{alarms:,} false alarms" if alarms else ""]
+    told = {"points": len(cloud), "false alarms": alarms, "of the weather": weather}
+    counts = [
+        f"{count:,} {name}".replace(",", "\u202f")
+        for name, count in told.items()
+        if count or name == "points"
+    ]
     box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
     options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
     title = "  ·  ".join(filter(None, named)) or "lidarscene"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from . import catalog
 from .beams import firing_time_s
 from .io.files import atomic_output
+from .kernel.profile import KernelHistory, peak_memory_bytes
 from .returns import Outcome
 from .sensor import Sensor
 from .simulate import Summary
@@ -45,6 +47,34 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
         "beams_per_second": round(beams_per_second(summary)),
     }
+
+
+def profile_as_dict(history: KernelHistory) -> dict[str, Any]:
+    """Kernels and memory for machines; the time by stage is the summary's."""
+    return {
+        "kernels": {key: round(value, 6) for key, value in dataclasses.asdict(history).items()},
+        "peak_memory_bytes": peak_memory_bytes(),
+    }
+
+
+def profile_as_text(summary: Summary, history: KernelHistory) -> str:
+    """Time by stage, kernels and memory for people."""
+    total = sum(summary.seconds.values())
+    lines = ["profile"]
+    for stage, seconds in summary.seconds.items():
+        lines.append(f"  {stage:<12}{seconds:>12.3f} s {seconds / total:>6.1%}")
+    peak = peak_memory_bytes()
+    counts = (
+        f"{history.launched} launched, {history.compiled} compiled, {history.from_disk} from the disk cache; "
+        f"{history.helpers} helpers"
+    )
+    times = (
+        f"{history.device_s:.3f} s on the device, {history.codegen_s:.3f} s to write, "
+        f"{history.compile_s:.3f} s to compile"
+    )
+    memory = "unknown" if peak is None else f"{peak / 2**20:,.0f} MiB"
+    lines += [f"  kernels     {counts}", f"  their time  {times}", f"  peak memory {memory}"]
+    return "\n".join(lines)
 
 
 def as_text(summary: Summary, written: Sequence[str]) -> str:

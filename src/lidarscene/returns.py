@@ -30,7 +30,7 @@ class Outcome(enum.IntEnum):
     KEPT = 0
     NO_SURFACE = 1  # the ray left the scene
     BELOW_THRESHOLD = 2  # light may have come back, the comparator did not trip
-    OUT_OF_WINDOW = 3  # the echo came after the converter had stopped listening
+    OUT_OF_WINDOW = 3  # the echo came while the converter did not listen: too early or too late
     HIDDEN = 4  # false alarms had used up the converter's stops
 
 
@@ -107,7 +107,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     point = sensor.working_point(echoes.background_power_w)
     threshold = sensor.threshold(point)
     edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
-    in_window = edge.found & (edge.crossing_s < sensor.tdc.window_s)
+    in_window = edge.found & comparator.listening(sensor, edge.crossing_s)
     alarms = [
         (time_s, height, alarm_status(theirs))
         for time_s, height, theirs in comparator.false_alarms(

@@ -49,12 +49,12 @@ def simulators(
     pose: Pose | None = None,
     rays: int = 1,
     interactions: int = INTERACTIONS,
+    background_rays: int | None = None,
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
-    pose          of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    rays          of each pulse
-    interactions  panes and mirrors that a beam may meet
+    pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    rays, interactions, background_rays  as of `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
@@ -67,6 +67,7 @@ def simulators(
             world=worlds.get(wavelength),
             rays=rays,
             interactions=interactions,
+            background_rays=background_rays,
         )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator

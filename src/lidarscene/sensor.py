@@ -81,6 +81,7 @@ class Tdc:
     jitter_s                  standard deviation of the converter's own jitter
     stops                     crossings reported per shot, in order of time
     keep                      which ones: "first", "last" or "strongest"
+    blanking_s                after the pulse leaves, in which crossings go unnoticed
     dead_time_s               from a crossing by an echo to the next that can be taken
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is, "none" takes off exactly what it is
@@ -95,9 +96,15 @@ class Tdc:
     jitter_s: Array = 0.0
     stops: int = 1
     keep: str = "first"
+    blanking_s: Array = 0.0
     dead_time_s: Array = 0.0
     walk: str = "corrected"
     ambient_window_s: Array | None = None
+
+    @property
+    def listening_s(self) -> Array:
+        """Time in which crossings are taken."""
+        return self.window_s - self.blanking_s
 
     @property
     def ambient_s(self) -> Array:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
-from .arrays import is_drjit
+from .arrays import is_drjit, xp
+from .beams import Beams
 from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient, Echoes
+from .echoes import Ambient, Echoes, EchoTrain
 from .errors import InputError
-from .footprint import footprint, spread
+from .field_of_view import background_power_w, field_of_view
+from .footprint import Footprint, footprint, spread
 from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -28,11 +32,15 @@ from .returns import Detection, Outcome, Status
 from .scene import Scene
 from .sensor import Sensor
 from .trajectory import Motion, pose_at
+from .waveforms import Waveforms, check_pulses, sampled_pulses
 
 Matrix = np.ndarray[Any, Any]
 
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
+
+Numbers = Callable[[], Matrix]
+"""Gives pulse numbers as numpy, where they are needed."""
 
 Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
 """Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
@@ -95,10 +103,10 @@ class Summary:
 class _Chunk:
     """Some pulses after all stages, on the device."""
 
-    first: int
     pulse: Any
     paths: Sequence[Hits]
     detection: Detection
+    goes_on: Any = None
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
@@ -110,6 +118,8 @@ class _Chunk:
             detection.outcome,
             detection.ambient,
         ]
+        if self.goes_on is not None:
+            needed.append(self.goes_on)
         for hits in self.paths:
             needed += _needed(hits)
         for stop in detection.stops:
@@ -117,6 +127,60 @@ class _Chunk:
             own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
+
+
+def _numbered(first: int, count: int) -> Numbers:
+    """``count`` numbers from ``first`` on."""
+    return functools.partial(np.arange, first, first + count, dtype=np.uint32)
+
+
+def _chunk(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> _Chunk:
+    """A chunk; what goes on is left out of it."""
+    if goes_on is None:
+        return _Chunk(pulse, paths, detection)
+    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
+    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
+    return _Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
+
+
+def _in_order(
+    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
+) -> tuple[Matrix, dict[str, Any] | None]:
+    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
+    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
+    if len(filled) < 2:
+        return filled[0] if filled else parts[0]
+    pulse = np.concatenate([one for one, _ in filled])
+    order = np.argsort(pulse, kind="stable")
+    together = {}
+    for name in filled[0][1] or {}:
+        arrays = [(columns or {})[name] for _, columns in filled]
+        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
+        if len(values) == 1:  # constant columns stay so
+            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
+        else:
+            together[name] = np.concatenate(arrays)[order]
+    return pulse[order], together
+
+
+def _all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
+    """Columns of several collections as one, by pulse."""
+    filled = [one for one in parts if one]
+    if not filled:
+        return {}
+    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
+    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lit:
+    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
+
+    pulse: Any
+    rays: Beams
+    paths: Sequence[Hits]
+    light: Sequence[Echoes]
+    goes_on: Any
 
 
 def _plain(sensor: Sensor) -> bool:
@@ -177,10 +241,12 @@ class Simulator:
         pose: Pose | None = None,
         rays: int = 1,
         interactions: int = INTERACTIONS,
+        background_rays: int | None = None,
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
         rays  of each pulse, over the laser's footprint; a single one is its axis. Raises InputError for less.
+        background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
         interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
@@ -189,8 +255,10 @@ class Simulator:
             raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
         if rays < 1:
             raise InputError(f"rays: at least 1 was expected, {rays} came")
+        if background_rays is not None and background_rays < 1:
+            raise InputError(f"background_rays: at least 1 was expected, {background_rays} came")
         self.scene, self.sensor = scene, sensor
-        self.rays, self.interactions = rays, interactions
+        self.rays, self.interactions, self.background_rays = rays, interactions, background_rays
         self.pose = pose or scene.sensor_pose
         self.world = world or build_world(
             scene,
@@ -201,6 +269,9 @@ class Simulator:
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
         self._footprint = device.opaque(footprint(sensor.laser, rays))
+        self._field = None
+        if background_rays is not None:
+            self._field = device.opaque(field_of_view(sensor, background_rays))
         air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
         self._air = device.opaque(air)
         self.class_names = self.world.class_names
@@ -232,6 +303,7 @@ class Simulator:
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        ambient: Callable[[Matrix, Matrix], None] | None = None,
         observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
@@ -247,6 +319,7 @@ class Simulator:
                   it: all points are placed from where it stood at the frame's start (see `deskewed`)
         progress  called with the number of pulses done so far
         missed    called with (pulse, outcome) of every pulse that has no echo point, chunk by chunk
+        ambient   called with (pulse, counts) of every pulse, chunk by chunk: the background, `ambient.counts`
         observer  told of every pulse that met a surface: what rates of detection need
         summary   filled if given
         Raises InputError for a seed, number, chunk or frame that is none, or a motion that ends too early.
@@ -257,7 +330,7 @@ class Simulator:
         builder = CloudBuilder(capacity=self.sensor.scanner.pulses * self.sensor.tdc.stops)
         self._hand_out(
             now, builder.append, "assemble", seed=seed, chunk=chunk, frame=frame, progress=progress,
-            missed=missed, observer=observer, summary=summary,
+            missed=missed, ambient=ambient, observer=observer, summary=summary,
         )  # fmt: skip
         since = time.perf_counter()
         cloud = builder.build(**self._description(now, seed, frame))
@@ -276,6 +349,7 @@ class Simulator:
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
         missed: Callable[[Matrix, Matrix], None] | None = None,
+        ambient: Callable[[Matrix, Matrix], None] | None = None,
         summary: Summary | None = None,
     ) -> None:
         """One frame, chunk by chunk: the memory that it takes does not grow with its pulses.
@@ -295,7 +369,7 @@ class Simulator:
 
         self._hand_out(
             now, take, "write", seed=seed, chunk=chunk, frame=frame, progress=progress,
-            missed=missed, observer=None, summary=Summary() if summary is None else summary,
+            missed=missed, ambient=ambient, observer=None, summary=Summary() if summary is None else summary,
         )  # fmt: skip
         if empty:
             sink(CloudBuilder().build(**description))
@@ -311,14 +385,16 @@ class Simulator:
         frame: str,
         progress: Callable[[int], None] | None,
         missed: Callable[[Matrix, Matrix], None] | None,
+        ambient: Callable[[Matrix, Matrix], None] | None,
         observer: Observer | None,
         summary: Summary,
     ) -> None:
         """A frame's columns to ``take``, all else to who asked for it; ``stage`` is what taking is called."""
         done = 0
         for first, columns, outcome in self._chunks(
-            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, observer=observer
-        ):
+            now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, ambient=ambient,
+            observer=observer,
+        ):  # fmt: skip
             since = time.perf_counter()
             done += len(outcome)
             summary.count(outcome, None if columns is None else columns["status"])
@@ -332,66 +408,162 @@ class Simulator:
             summary.spent(stage, since)
 
     def _chunks(
-        self, now: Frame, *, seed: int, chunk: int, goal: Pose, summary: Summary, observer: Observer | None
+        self,
+        now: Frame,
+        *,
+        seed: int,
+        chunk: int,
+        goal: Pose,
+        summary: Summary,
+        ambient: Callable[[Matrix, Matrix], None] | None,
+        observer: Observer | None,
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
-        chunk = max(1, chunk // self.rays)
+        chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
         seed_word = device.opaque_uint32(seed)
         placing = _Placing.of(goal)
 
         def started(first: int) -> _Chunk:
             since = time.perf_counter()
-            part = self._chain(now, first, min(chunk, end - first), seed_word)
+            count = min(chunk, end - first)
+            pulse = device.counter(first, count)
+            part = self._chain(now, pulse, _numbered(first, count), seed_word, survey=self.interactions > 0)
             device.start(part.arrays())
             summary.spent("record", since)
             return part
 
-        part = started(begin)
+        part, first = started(begin), begin
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             device.wait()
+            parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
-            pulse, columns = self._columns(now, part, placing)
-            outcome = part.detection.outcome.numpy()
+            collected = [self._columns(now, one, placing) for one in parts]
+            pulse, columns = _in_order(collected)
+            outcome = np.array(part.detection.outcome.numpy())
+            for one in parts[1:]:
+                outcome[one.pulse.numpy() - first] = one.detection.outcome.numpy()
+            if ambient is not None:
+                counts = np.array(part.detection.ambient.numpy())
+                for one in parts[1:]:
+                    counts[one.pulse.numpy() - first] = one.detection.ambient.numpy()
+                every = np.arange(first, first + len(outcome), dtype=np.uint32)
+                ambient(every, counts.astype(np.uint64))
             if observer is not None:
-                observer(pulse, self._surfaces(part))
+                observer(pulse, _all_of([self._surfaces(one) for one in parts]))
             summary.spent("collect", since)
-            done = part.first
+            done = first
             if following is not None:
-                part = started(following)
+                part, first = started(following), following
             yield done, columns, outcome
 
-    def _chain(self, now: Frame, first: int, count: int, seed: Any) -> _Chunk:
-        """Beams, hits, echoes, returns of ``count`` pulses from ``first`` on, on the device."""
-        pulse = device.counter(first, count)
-        of_ray, ray = (pulse, None) if self.rays == 1 else device.repeated(pulse, self.rays)
-        place, movers = now.placements(first, count, rays=self.rays)
-        sensor, ambient = self._device_sensor, self._device_ambient
-        axes = beams.fire(sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
-        rays = axes if ray is None else spread(axes, self._footprint, ray=ray, rotation=place.rotation)
-        paths = trace(
+    def _gone_on(self, now: Frame, part: _Chunk, seed: Any) -> list[_Chunk]:
+        """The pulses of a chunk that meet panes or mirrors, once more and in full."""
+        lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
+        if lanes is None:
+            return []
+        pulse = collect.gathered(part.pulse, lanes)
+        whole = self._chain(now, pulse, pulse.numpy, seed)
+        device.start(whole.arrays())
+        device.wait()
+        return [whole]
+
+    def _chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> _Chunk:
+        """Beams, hits, echoes, returns of some pulses, on the device.
+
+        survey  leave out the pulses that meet panes or mirrors, and say which these are
+        """
+        sensor, lit = self._device_sensor, self._lit(now, pulse, numbers, seed, survey=survey)
+        if self.rays == len(lit.paths) == 1 and self._air is None and _plain(sensor):
+            detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
+            return _chunk(pulse, lit.paths, detection, lit.goes_on)
+        whole = self._train(lit, seed)
+        goes_on = None if lit.goes_on is None else collect.any_of_pulse(lit.goes_on, self.rays)
+        return _chunk(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+
+    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> _Lit:
+        """The optical stages: beams, hits, echoes."""
+        background = None if self._field is None else self._background(now, pulse, numbers, seed, self._field)
+        rays, paths = self._traced(now, pulse, numbers, seed, self._footprint, survey=survey)
+        light = echoes.with_all_background(
+            [echoes.receive(rays, one, self._device_sensor, self._device_ambient) for one in paths]
+        )
+        if background is not None:
+            of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
+            light[0] = replace(light[0], background_power_w=of_ray)
+        return _Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
+
+    def _traced(
+        self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint, *, survey: bool = False
+    ) -> tuple[Beams, Sequence[Hits]]:
+        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
+        of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
+        place, movers = now.placements(numbers, rays=shape.rays)
+        axes = beams.fire(
+            self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions,
+            interactions=self.interactions, survey=survey,
         )  # fmt: skip
-        light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
-        if self.rays == len(paths) == 1 and self._air is None and _plain(sensor):
-            return _Chunk(first, pulse, paths, returns.detect(light[0], sensor, seed=seed, pulse=pulse))
+
+    def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:
+        """Of each pulse, gathered over the receiver's field of view."""
+        rays, paths = self._traced(now, pulse, numbers, seed, shape)
+        power = background_power_w(rays, paths, self._device_sensor, self._device_ambient, count=shape.rays)
+        device.start([power])
+        return power
+
+    def _train(self, lit: _Lit, seed: Any) -> EchoTrain:
+        """All that comes back of each pulse, with the light of the air."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         device.start(
             [
-                *(array for one in light for array in _of_light(one)),
-                *(one for hits in paths for one in _needed(hits)),
+                *(array for one in lit.light for array in _of_light(one)),
+                *(one for hits in lit.paths for one in _needed(hits)),
+                *([] if lit.goes_on is None else [lit.goes_on]),
             ]
         )
-        whole = train.together(
-            light, rays, sensor, ambient, rays=self.rays, air=self._air, seed=seed, pulse=pulse
-        )
-        return _Chunk(first, pulse, paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse))
+        return train.together(
+            lit.light, lit.rays, self._device_sensor, self._device_ambient,
+            rays=self.rays, air=self._air, seed=seed, pulse=lit.pulse,
+        )  # fmt: skip
+
+    def waveforms(
+        self,
+        pulses: Sequence[int],
+        times_s: Matrix | None = None,
+        *,
+        seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
+        pose: Pose | None = None,
+    ) -> Waveforms:
+        """Power on the detector and its signal against time, without noise, of chosen pulses of a frame.
+
+        pulses   their numbers within the frame, 0 for its first; in rising order in what is returned
+        times_s  (times,) after the pulse left; if None the converter's window in sixteenths of the pulse's width
+        seed, number, begin_s, pose  of the frame, as for `render`
+        Raises InputError for a pulse that is none.
+        """
+        _check_call(seed=seed, chunk=1, frame="sensor")
+        now = self._frame(number, begin_s, pose)
+        chosen = check_pulses(pulses, self.sensor)
+        seed_word = device.opaque_uint32(seed)
+
+        def train_of(first: int, count: int) -> EchoTrain:
+            begin = now.first_pulse + first
+            lit = self._lit(now, device.counter(begin, count), _numbered(begin, count), seed_word)
+            whole = self._train(lit, seed_word)
+            return cast(EchoTrain, device.fetched(whole))
+
+        return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
     def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""

@@ -46,7 +46,7 @@ def test_diffuse_points_are_explained_by_the_truth_columns(frames: Any, name: st
     """
     scene, sensor, _, cloud = frames[name]
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
-    lambertian = is_diffuse(scene, cloud)
+    lambertian = is_diffuse(scene, cloud) & (cloud.interactions == 0)  # panes take their share off
     assert lambertian.sum() > 40_000
     point = sensor.working_point(budget.background_power_w)
     snr = point.signal(budget.lambertian_power_w) / budget.noise
@@ -67,13 +67,14 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     count = sensor.scanner.pulses
     now = Frame.of(scene, sensor, simulator.world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
     whole = light_of(
-        simulator.world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(0, count),
-        first=0, count=count, seed=3,
+        simulator.world, sensor, ambient, sun=scene.sun.direction,
+        placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count, seed=3,
     )  # fmt: skip
     pulse = pulses_of(cloud, sensor.scanner)
     light = Echoes(**{name: getattr(whole, name)[pulse] for name in COLUMNS})
     budget = budget_of(cloud, sensor, ambient, light=light)
-    hit = np.isfinite(cloud.true_range_m)
+    # Behind panes a pulse may have two echoes, whose SNR is that of their sum.
+    hit = np.isfinite(cloud.true_range_m) & (cloud.interactions == 0)
     point = sensor.working_point(light.background_power_w)
     snr = point.signal(light.peak_power_w)[hit] / budget.noise[hit]
     assert np.isclose(snr, cloud.snr[hit], rtol=1e-5, atol=0).mean() > 0.9999

@@ -9,62 +9,27 @@ import importlib
 import io
 import pkgutil
 import re
-import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
 from typing import Any
 
 import pytest
+from documentation import PAGES, README, ROOT, Block, blocks, code_spans, make_workplace, prose, text_of
 from pydantic_core import PydanticUndefined
 
 import lidarscene
-from lidarscene import cli, load_scene, load_sensor
+from lidarscene import cli
 from lidarscene.cloud import COLUMNS
+from lidarscene.io.job_file import JobFile
 from lidarscene.io.material_file import MaterialFile
 from lidarscene.io.rig_file import RigFile
 from lidarscene.io.scene_file import SceneFile
 from lidarscene.io.sensor_file import SensorFile
 from lidarscene.io.toml_file import FileModel
 
-ROOT = Path(__file__).parents[2]
-README = ROOT / "README.md"
-PAGES = (README, *sorted((ROOT / "docs").glob("*.md")))
 CONVENTIONS, THEORY, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "theory", "architecture", "validation")
 )
-
-
-def text_of(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
-
-
-@dataclass(frozen=True)
-class Block:
-    """A fenced block of a page, and the text block that follows it as its output, if any."""
-
-    page: Path
-    number: int
-    code: str
-    output: str | None
-
-    def __str__(self) -> str:
-        return f"{self.page.name}-{self.number}"
-
-
-def blocks(page: Path, language: str) -> list[Block]:
-    pattern = rf"^```{language}\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?"
-    found = re.finditer(pattern, text_of(page), re.MULTILINE | re.DOTALL)
-    return [Block(page, i, match[1], match[2]) for i, match in enumerate(found)]
-
-
-def prose(page: Path) -> str:
-    """The page without its fenced blocks."""
-    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
-
-
-def code_spans(page: Path) -> list[str]:
-    return re.findall(r"`([^`\n]+)`", prose(page))
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -97,16 +62,6 @@ def test_readme_is_short_and_its_picture_small() -> None:
 # --- examples ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to write in that looks like the repository's root."""
-    for name in ("scenes", "assets"):
-        (tmp_path / name).symlink_to(ROOT / name, target_is_directory=True)
-    (tmp_path / "out").mkdir()
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def printed(code: str) -> str:
     """What a piece of code prints."""
     with contextlib.redirect_stdout(io.StringIO()) as out:
@@ -115,31 +70,16 @@ def printed(code: str) -> str:
 
 
 @pytest.mark.parametrize("block", [b for page in PAGES for b in blocks(page, "python")], ids=str)
-def test_python_blocks_run(block: Block, workplace: Path, request: pytest.FixtureRequest) -> None:
+def test_python_blocks_run(
+    block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
     """And print what the page says they print."""
     if re.search("render|Simulator", block.code):
         request.getfixturevalue("mi")
+    make_workplace(tmp_path, block.page, monkeypatch)
     output = printed(block.code)
     if block.output is not None:
         assert output == block.output
-
-
-def test_readme_files_can_be_read(workplace: Path) -> None:
-    """The scene and the sensor of the README, with a mesh that has the parts it names."""
-    import trimesh
-
-    van, panes = trimesh.creation.box((4000, 2000, 2000)), trimesh.creation.box((100, 1800, 800))
-    mesh = trimesh.Scene()
-    mesh.add_geometry(van, geom_name="body", node_name="body")
-    mesh.add_geometry(panes, geom_name="windows", node_name="windows")
-    mesh.export(workplace / "van.glb")
-    for block in blocks(README, "toml"):
-        name = re.match(r"# (\S+)\n", block.code)
-        assert name
-        (workplace / name[1]).write_text(block.code, encoding="utf-8")
-    scene = load_scene("van.toml")
-    assert {part.material for part in scene.bodies[0].parts} == {"car_paint_white", "clear_glass"}
-    assert load_sensor(scene.sensor_name).name == "my-sensor"
 
 
 def test_readme_names_the_columns() -> None:
@@ -147,7 +87,9 @@ def test_readme_names_the_columns() -> None:
     assert " ".join(told).split() == [column.name for column in COLUMNS]
 
 
-def test_readme_summary(mi: Any, workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_readme_summary(
+    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The lines of the excerpt, to a part in a hundred: back ends differ in last bits, scenes get better."""
 
     def lines(text: str) -> list[tuple[str, list[int]]]:
@@ -155,40 +97,13 @@ def test_readme_summary(mi: Any, workplace: Path, capsys: pytest.CaptureFixture[
         numbers = [[int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*", row)] for row in rows]
         return [(re.sub(r"[\d,\s]+", " ", row), n) for row, n in zip(rows, numbers, strict=True)]
 
+    make_workplace(tmp_path, README, monkeypatch)
     assert cli.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
     excerpt = next(re.finditer(r"```text\n(beams .*?)```", text_of(README), re.DOTALL))[1]
     came, told = lines(capsys.readouterr().out), lines(excerpt)
     assert [words for words, _ in came] == [words for words, _ in told]
     for (words, here), (_, there) in zip(came, told, strict=True):
         assert here == pytest.approx(there, rel=0.01, abs=8), words
-
-
-# --- commands ---------------------------------------------------------------------------------------
-
-
-def commands() -> list[str]:
-    """Every `lidarscene ...` line of a shell block, and every code span with arguments."""
-    lines = [line for page in PAGES for block in blocks(page, "sh") for line in block.code.splitlines()]
-    lines += [span for page in PAGES for span in code_spans(page)]
-    kept = [re.split(" [#>] ", line.removeprefix(".venv/bin/"))[0].strip() for line in lines]
-    return sorted({line for line in kept if line.startswith("lidarscene ")})
-
-
-@pytest.mark.parametrize("command", commands())
-def test_commands_parse(command: str, workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And the cheap ones run."""
-    arguments = shlex.split(command)[1:]
-    if arguments[0] in ("catalog", "schema"):
-        assert cli.main(arguments) == 0
-        assert len(capsys.readouterr().out) > 100
-    elif "-o" in arguments or arguments[0] != "render":
-        assert cli._parser().parse_args(arguments).run
-
-
-def test_the_readme_renders_shipped_scenes() -> None:
-    named = {word for command in commands() for word in command.split() if word.startswith("scenes/")}
-    assert {"scenes/car.toml", "scenes/range.toml"} <= named
-    assert all((ROOT / name).is_file() for name in named)
 
 
 # --- names ------------------------------------------------------------------------------------------
@@ -307,7 +222,7 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return found
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile)
+MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)
 
 
 def default_of(info: Any) -> str:

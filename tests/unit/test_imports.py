@@ -22,18 +22,19 @@ TIERS = (
     ("beams", "footprint"),
     ("hits",),
     ("echoes",),
-    ("ambient", "intensity", "interference", "air_light", "train"),
-    ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo"),
+    ("ambient", "field_of_view", "intensity", "interference", "air_light", "train"),
+    ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo", "waveforms"),
     ("formats", "cloud", "labels"),
     ("kernel",),
     ("simulate", "frame", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
-    ("analysis",),
+    ("analysis", "batch"),
     ("view",),
     (
         "cli",
         "cli_analysis",
+        "cli_batch",
         "cli_compare",
         "cli_fov",
         "cli_output",
@@ -54,9 +55,10 @@ MAY_IMPORT = {
     "open3d": ("io",),
     "pandas": ("io",),
     "pvlib": ("io",),
+    "distributed": ("batch",),
 }
 
-HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh")
+HEAVY = ("mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh", "distributed", "pyarrow")
 
 
 def imported(code: str, *, file: Path, modules: set[str]) -> Iterator[str]:

@@ -8,8 +8,9 @@ from pydantic import BaseModel
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
+from lidarscene.io.scene_file import scene_model
 from lidarscene.io.sensor_file import SensorFile
-from lidarscene.io.toml_file import read_toml, validated, with_overrides
+from lidarscene.io.toml_file import read_toml, toml_text, validated, with_overrides
 
 TABLES = {"a": {"b": 1, "c": [1, 2]}, "name": "x"}
 
@@ -81,3 +82,49 @@ def test_type_that_is_missing_is_named() -> None:
     del tables["detector"]["type"]
     with pytest.raises(InputError, match=r"^file: key 'detector\.type' is missing$"):
         validated(SensorFile, tables, "file")
+
+
+BODIES = {"bodies": [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b"}]}
+
+
+@pytest.mark.parametrize(
+    ("assignment", "changed"),
+    [
+        ("bodies.a.x=3", [{"name": "a", "x": 3, "motion": {"v": 2}}, {"name": "b"}]),
+        ("bodies.1.x=3", [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b", "x": 3}]),
+        ("bodies.a.motion.v=3", [{"name": "a", "x": 1, "motion": {"v": 3}}, {"name": "b"}]),
+        (
+            "bodies.b.motion.v=3",
+            [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b", "motion": {"v": 3}}],
+        ),
+    ],
+)
+def test_override_in_a_list_of_tables(assignment: str, changed: list[object]) -> None:
+    original = copy.deepcopy(BODIES)
+    assert with_overrides(original, [assignment]) == {"bodies": changed}
+    assert original == BODIES
+
+
+@pytest.mark.parametrize("assignment", ["bodies.c.x=1", "bodies.2.x=1", "bodies.-1.x=1", "bodies.a=1"])
+def test_override_of_a_table_that_is_not_there(assignment: str) -> None:
+    with pytest.raises(InputError) as caught:
+        with_overrides(BODIES, [assignment], option="--scene-set")
+    told = f"--scene-set {assignment}: bodies.NAME.KEY was expected, with a name of a, b"
+    assert str(caught.value) == told
+
+
+@pytest.mark.parametrize(
+    "value", [1, 2.5, 1e-9, True, 'x "y"', [1, [2.5, "z"]], {"a b": {"c": [1, {"d": False}]}}]
+)
+def test_toml_text_is_read_back(value: object) -> None:
+    assert with_overrides({}, [f"a={toml_text(value)}"]) == {"a": value}
+
+
+def test_a_scene_names_the_override_that_is_to_blame(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('[[bodies]]\nname = "w"\nprimitive = "plane"\nsize_m = [4, 4]\nmaterial = "concrete"\n')
+    assert scene_model(path, overrides=["bodies.w.scale=2", "sun.illuminance_klux=1"]).bodies[0].scale == 2
+    with pytest.raises(InputError) as caught:
+        scene_model(path, overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"])
+    told = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: more than 0 was expected, -2 came'
+    assert str(caught.value) == told

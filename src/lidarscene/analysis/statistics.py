@@ -95,9 +95,9 @@ def operating_curve(
     signal = point.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
     p_false = np.asarray(point.false_alarm_probability(threshold))
-    m = tdc.comparisons(window_s=sensor.tdc.window_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    m = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
     mean = np.asarray(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
-    mean = mean * sensor.tdc.window_s
+    mean = mean * sensor.tdc.listening_s
     return OperatingCurve(
         threshold_to_noise=ratios,
         false_alarms_per_shot=mean,
@@ -155,12 +155,13 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     """
     p_false = false_alarm_probability(sensor, target, sky=range_m is None)
     rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
-    window_s, stops = float(sensor.tdc.window_s), sensor.tdc.stops
-    per_pulse = _mean_of_first(rate * window_s, stops)
+    blanking_s, window_s = float(sensor.tdc.blanking_s), float(sensor.tdc.window_s)
+    stops = sensor.tdc.stops
+    per_pulse = _mean_of_first(rate * (window_s - blanking_s), stops)
     arrival_s = math.inf if range_m is None else 2.0 * range_m / SPEED_OF_LIGHT_M_S
-    if range_m is not None and arrival_s < window_s:
+    if range_m is not None and blanking_s <= arrival_s < window_s:
         p_detect = detection_probability(sensor, target, range_m)
-        before, after = rate * arrival_s, rate * (window_s - arrival_s)
+        before, after = rate * (arrival_s - blanking_s), rate * (window_s - arrival_s)
         with_echo = _mean_of_first(before, stops) + sum(
             _poisson(before, n) * _mean_of_first(after, stops - 1 - n) for n in range(stops)
         )

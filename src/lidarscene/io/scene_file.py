@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import cast
@@ -21,7 +21,7 @@ from . import interference_file, meshes
 from .scene_model import BodyFile, SceneFile
 from .sensor_file import LARGEST_COORDINATE_M
 from .submesh import SubMesh
-from .toml_file import read_toml, validated
+from .toml_file import read_toml, validated, with_overrides
 
 MaterialLookup = Callable[[str], Material]
 
@@ -29,17 +29,34 @@ SMALLEST_BODY_M = 1e-6
 """A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
 
 
-def read_scene(path: Path, *, catalogue: MaterialLookup) -> Scene:
+def read_scene(path: Path, *, catalogue: MaterialLookup, overrides: Sequence[str] = ()) -> Scene:
     """A scene from a TOML or Mitsuba XML file; ``catalogue`` finds materials the file does not define.
 
+    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
     Raises InputError, one line that names the file and the key.
     """
     if _is_xml(path):
+        _no_overrides(path, overrides)
         return Scene(name=path.stem, base=xml_file(path))
-    return scene_from_model(validated(SceneFile, read_toml(path), str(path)), path=path, catalogue=catalogue)
+    return scene_from_model(scene_model(path, overrides=overrides), path=path, catalogue=catalogue)
 
 
-def files_of_scene(path: Path) -> Iterator[Path]:
+def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
+    """A TOML scene file, checked, with overrides. Raises InputError."""
+    option = "--scene-set"
+    tables = with_overrides(read_toml(path), overrides, option=option)
+    return validated(SceneFile, tables, str(path), overrides=overrides, option=option)
+
+
+def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
+    """The scene's own sensor, a catalogue name or a file; no mesh is read for it. Raises InputError."""
+    if _is_xml(path):
+        _no_overrides(path, overrides)
+        return Scene(name="").sensor_name
+    return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
+
+
+def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
     """The scene file and all that it names: meshes, base scene, sensor. None of them may be an output.
 
     The file is one that `read_scene` has taken; of an XML file, what it takes from others is not known.
@@ -51,7 +68,7 @@ def files_of_scene(path: Path) -> Iterator[Path]:
                 if element.tag in ("string", "include"):
                     yield path.parent / (element.get("filename") or element.get("value") or "")
         return
-    file = validated(SceneFile, read_toml(path), str(path))
+    file = scene_model(path, overrides=overrides)
     yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
     for motion in (file.ego, *(body.motion for body in file.bodies)):
         if motion is not None and motion.poses_file:
@@ -93,6 +110,11 @@ def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) 
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )
+
+
+def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
+    if overrides:
+        raise InputError(f"--scene-set {overrides[0]}: goes with a scene file (.toml), {path} came")
 
 
 def _is_xml(path: Path) -> bool:

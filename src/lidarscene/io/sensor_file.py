@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from .intensity_file import AnyIntensityFile
 from .optics_file import OpticsFile
 from .published_file import PublishedFile
 from .sampler_file import AnySamplerFile
-from .scanner_file import AnyScannerFile
+from .scanner_file import AnyScannerFile, TableFile
 from .scanner_model import Surroundings
 from .toml_file import FileModel, read_toml, validated, with_overrides
 
@@ -166,6 +166,9 @@ class TdcFile(FileModel):
     keep: Literal["first", "last", "strongest", "all"] = Field(
         default="first", description='which crossings, if there are more than stops; "all" is the first 16'
     )
+    blanking_ns: NotNegative = Field(
+        default=0.0, description="after the pulse leaves, in which crossings go unnoticed: the shortest range"
+    )
     dead_time_ns: NotNegative = Field(
         default=0.0, description="from an echo's crossing to the next that can be taken"
     )
@@ -180,6 +183,10 @@ class TdcFile(FileModel):
             raise ValueError("one of threshold_to_noise and threshold_level was expected, not both or none")
         if self.keep == "all" and "stops" in self.model_fields_set:
             raise ValueError('stops: not together with keep = "all", which has 16')
+        if self.blanking_ns >= 1e3 * self.window_us:
+            raise ValueError(
+                f"blanking_ns: less than the window of {1e3 * self.window_us:g} was expected, {self.blanking_ns:g} came"
+            )
         return self
 
 
@@ -290,6 +297,7 @@ def _tdc(tdc: TdcFile) -> Tdc:
         jitter_s=tdc.jitter_ps * 1e-12,
         stops=MOST_STOPS if tdc.keep == "all" else tdc.stops,
         keep="first" if tdc.keep == "all" else tdc.keep,
+        blanking_s=tdc.blanking_ns * 1e-9,
         dead_time_s=tdc.dead_time_ns * 1e-9,
         walk=tdc.walk,
         ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
@@ -310,3 +318,13 @@ def sensor_from_tables(
         return file.build(folder or Path())
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
+    """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
+    file = validated(SensorFile, with_overrides(read_toml(path), overrides), str(path), overrides=overrides)
+    yield path
+    if isinstance(file.scanner, TableFile):
+        yield path.parent / file.scanner.file
+    if file.optics.filter is not None and file.optics.filter.csv is not None:
+        yield path.parent / file.optics.filter.csv

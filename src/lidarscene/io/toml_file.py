@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date, time
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -64,11 +65,17 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(
-    model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = ()
+    model: type[Model],
+    tables: Mapping[str, Any],
+    where: str,
+    *,
+    overrides: Iterable[str] = (),
+    option: str = "--set",
 ) -> Model:
     """``tables`` as a model. Raises InputError with the first mistake and how many more there are.
 
     overrides  the assignments already made with `with_overrides`, to be named where one is to blame
+    option     of the command line, by which they are given
     """
     try:
         return model.model_validate(_with_tuples(tables))
@@ -79,9 +86,9 @@ def validated(
             str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")
         ]
         for assignment in overrides:
-            path = _key_path(assignment)
+            path = _numbered(_key_path(assignment), tables)
             shared = min(len(path), len(place))
-            where += f" --set {assignment}" if path[:shared] == place[:shared] else ""
+            where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
         raise InputError(f"{where}: {_told(first, model, tables)}{more}") from None
 
 
@@ -183,25 +190,72 @@ def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:
     return tuple(getattr(field.annotation, "__args__", ())) if field else ()
 
 
-def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
-    """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain text."""
+def with_overrides(
+    tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set"
+) -> dict[str, Any]:
+    """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain text.
+
+    In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
+
+    option  of the command line, by which they are given
+    """
     result: dict[str, Any] = _copied(tables)
     for assignment in assignments:
         _, equals, text = assignment.partition("=")
         path = _key_path(assignment)
         if not equals or not all(path):
-            raise InputError(f"--set {assignment}: KEY=VALUE was expected, such as detector.gain=60")
-        table = result
-        for depth, part in enumerate(path[:-1], start=1):
-            table = table.setdefault(part, {})
-            if not isinstance(table, dict):
-                raise InputError(f"--set {assignment}: {'.'.join(path[:depth])} is a value, not a table")
+            raise InputError(f"{option} {assignment}: KEY=VALUE was expected, such as {_EXAMPLES[option]}")
+        table: Any = result
+        for depth in range(1, len(path)):
+            part = path[depth - 1]  # names of tables in lists have become numbers
+            table = table.setdefault(part, {}) if isinstance(table, dict) else table[int(part)]
+            if _is_list_of_tables(table):
+                path = path[:depth] + _numbered(path[depth:], table)
+                if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
+                    known = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
+                    raise InputError(
+                        f"{option} {assignment}: {'.'.join(path[:depth])}.NAME.KEY was expected, with a name of {known}"
+                    )
+            elif not isinstance(table, dict):
+                raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
         table[path[-1]] = _toml_value(text)
     return result
 
 
+_EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1"}
+
+
 def _key_path(assignment: str) -> list[str]:
     return [part.strip() for part in assignment.partition("=")[0].split(".")]
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+
+
+def _numbered(path: list[str], tables: Any) -> list[str]:
+    """The path with numbers for the names of tables in lists; names that are not there stay."""
+    keys = []
+    for part in path:
+        if _is_list_of_tables(tables):
+            names = [one.get("name") for one in tables]
+            part = str(names.index(part)) if part in names else part
+            tables = _inside(tables, int(part)) if part.isdecimal() else None
+        else:
+            tables = _inside(tables, part)
+        keys.append(part)
+    return keys
+
+
+def toml_text(value: Any) -> str:
+    """A value as it is written in TOML, in one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml_text(one) for one in value) + "]"
+    if isinstance(value, (date, time)):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _toml_value(text: str) -> Any:
@@ -215,6 +269,8 @@ def _toml_value(text: str) -> Any:
 
 def _copied(value: Any) -> Any:
     """A copy that shares no table with the original."""
+    if isinstance(value, list):
+        return [_copied(inner) for inner in value]
     return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, is_drjit
+from ..arrays import Array, is_drjit, xp
 from ..beams import reported
 from ..hits import Hits
 from ..returns import Detection, Outcome, Status
@@ -26,6 +26,32 @@ ABSENT: dict[str, Any] = {
     "ghost": np.uint8(0),
 }
 """Columns that only some worlds have, and what they hold in the others."""
+
+
+def lanes_where(flag: Any) -> Any:
+    """(k,) lanes at which a flag is set, or None if none is."""
+    import drjit as dr
+
+    lanes = dr.compress(flag)
+    return None if dr.width(lanes) == 0 else lanes
+
+
+def gathered(values: Any, lanes: Any) -> Any:
+    """Entries of these lanes, computed."""
+    import drjit as dr
+
+    found = dr.gather(type(values), values, lanes)
+    dr.eval(found)
+    return found
+
+
+def any_of_pulse(flag: Any, rays: int) -> Any:
+    """Whether it is set for any of the rays of each pulse."""
+    ops = xp(flag)
+    found = ops.column(flag, 0, rays)
+    for ray in range(1, rays):
+        found = found | ops.column(flag, ray, rays)
+    return found
 
 
 def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Table
+from ..arrays import Table, is_drjit
 from .backend import is_cuda, mitsuba
 
 _KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
@@ -87,6 +87,18 @@ def whole_numbers(values: Any) -> Any:
     return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
+def fetched(value: Any) -> Any:
+    """A description with every array in it, however deep, as numpy; numbers on the device become one-element arrays."""
+    if isinstance(value, tuple):
+        return tuple(fetched(inner) for inner in value)
+    if isinstance(value, Table):
+        return value
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        changed = {field.name: fetched(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return dataclasses.replace(value, **changed)
+    return value.numpy() if is_drjit(value) else value
+
+
 def start(arrays: list[Any]) -> None:
     """Have these arrays computed, in one kernel where they have one size, without waiting."""
     import drjit as dr
@@ -109,3 +121,12 @@ def apart(*arrays: Any) -> None:
 
     if is_cuda():
         dr.eval(*arrays)
+
+
+def use_threads(count: int) -> None:
+    """Have Dr.Jit compute with so many threads of this process."""
+    from .backend import drjit
+
+    dr = drjit()
+    if dr.thread_count() != count:
+        dr.set_thread_count(count)

@@ -101,6 +101,22 @@ class Moment:
             dark |= mover.scene.ray_test(carried, coherent=self.coherent, active=still_lit)
         return dark
 
+    def first_shape(self, ray: Any, active: Any) -> tuple[Any, Any]:
+        """Whether these rays meet anything, and registry number of the shape that they meet first."""
+        import drjit as dr
+
+        mi = mitsuba()
+        self._apart(ray, active)
+        first = self.world.scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
+        for mover, place in self.moving:
+            carried = _carried(mi, ray, place)
+            device.apart(first)
+            hit = mover.scene.ray_intersect_preliminary(
+                carried, coherent=self.coherent, active=active & _near(dr, carried, mover)
+            )
+            first = dr.select(hit.is_valid() & (hit.t < first.t), hit, first)
+        return first.is_valid() & active, dr.reinterpret_array(mi.UInt32, first.shape)
+
     def outside(self, met: Meeting, point: Any) -> Any:
         """A point of the frame of what was met, in the traced one."""
         import drjit as dr

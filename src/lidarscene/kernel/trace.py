@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..arrays import Array, is_drjit, xp
@@ -31,6 +31,7 @@ def trace(
     placements: Sequence[Placement] | None = None,
     sensor_velocity_m_s: Vector | None = None,
     interactions: int = INTERACTIONS,
+    survey: bool = False,
 ) -> tuple[Hits, ...]:
     """The surface at the end of each ray's ways, on the device.
 
@@ -42,6 +43,9 @@ def trace(
     placements           of each of the world's movers when each ray leaves; where they are at time 0 if None
     sensor_velocity_m_s  of the point that each ray leaves from; it stands still if None
     interactions         with panes and mirrors, on each way; at the next one it ends without an echo
+    survey               stop at the first surface, and tell only which rays have to be traced in full: those that
+                         meet a pane or mirror, and those whose sunlight comes through a pane. A kernel that follows
+                         all ways costs every ray, and few rays meet glass
     """
     mi = mitsuba()
     if placements is None:
@@ -52,9 +56,35 @@ def trace(
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
     if world.speculars is None:
-        interactions = 0
+        interactions, survey = 0, False
+    if survey:
+        return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
-    return tuple(_ended(moment, way, met, interactions=interactions) for way, met in ways)
+
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+        return _sunshine(moment, ray, sunny, interactions)
+
+    return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
+
+
+def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
+    """The first surface, and whether the ray has to be traced in full."""
+    import dataclasses
+
+    import drjit as dr
+
+    mi = mitsuba()
+    through_glass = mi.Bool(False)
+
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+        nonlocal through_glass
+        dark, shape = moment.first_shape(ray, sunny)
+        kind = dr.gather(mi.UInt32, moment.speculars.kind, shape, dark)
+        through_glass = dark & is_pane(moment, kind)
+        return sunny & ~dark, 1.0
+
+    hits = _ended(moment, way, met, sunshine)
+    return dataclasses.replace(hits, goes_on=(kind_of(moment, met) > 0) | through_glass)
 
 
 def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
@@ -98,8 +128,8 @@ def _a_step_on(moment: Moment, way: Way, met: Meeting, on: Any) -> tuple[Way, Me
     return chosen(on, further, way), chosen(on, moment.meet(further.ray, on), met)
 
 
-def _ended(moment: Moment, way: Way, met: Meeting, *, interactions: int) -> Hits:
-    """A way whose end is known, as Hits."""
+def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
+    """A way whose end is known, as Hits; ``sunshine`` says of shadow rays whether the sun is seen, and how much."""
     import drjit as dr
 
     mi = mitsuba()
@@ -114,7 +144,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, *, interactions: int) -> Hits
         velocity = place.velocity_at(tuple(start))
         receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
     sunny = found & (cos_sun > 0.0)
-    lit, share = _sunshine(moment, mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny, interactions)
+    lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift

@@ -184,8 +184,8 @@ class Live:
         now = Frame.of(scene, sensor, world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
         count = sensor.scanner.pulses
         light = light_of(
-            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(0, count),
-            first=0, count=count, seed=self.seed,
+            world, sensor, ambient, sun=scene.sun.direction,
+            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count, seed=self.seed,
         )  # fmt: skip
         pulse = pulses_of(cloud, sensor.scanner)
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})

@@ -1,0 +1,45 @@
+r"""A hook of MkDocs: equations become MathML, which browsers draw without a script or a network, and numbers links.
+
+The pages keep `$$...$$` with `\\tag{T1}`, which GitHub draws too.
+"""
+
+import html
+import re
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+
+THEORY = Path(__file__).parent / "theory.md"
+NUMBERED = re.compile(r"\\tag\{(T\w+)\}")
+# What is code stays as it is: fenced blocks and spans.
+CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
+NUMBERS = set(NUMBERED.findall(THEORY.read_text(encoding="utf-8")))
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """The page's text with its equations drawn and every (T1) a link to its equation."""
+    parts = CODE.split(markdown)
+    parts[::2] = [_linked(_drawn(part)) for part in parts[::2]]
+    return "".join(parts)
+
+
+def _drawn(text: str) -> str:
+    return re.sub(r"\$\$(.+?)\$\$", lambda found: equation(found[1]), text, flags=re.DOTALL)
+
+
+def equation(latex: str) -> str:
+    """One displayed equation as HTML, with its number at the right and as its anchor."""
+    number = NUMBERED.search(latex)
+    drawn = convert(NUMBERED.sub("", latex).strip(), display="block")
+    label = f'<span class="number">({number[1]})</span>' if number else ""
+    anchor = f' id="{number[1]}"' if number else ""
+    source = html.escape(latex.strip(), quote=True).replace("\n", " ")
+    return f'<div class="equation"{anchor} title="{source}">{drawn}{label}</div>'
+
+
+def _linked(text: str) -> str:
+    def link(found: re.Match[str]) -> str:
+        return f"[({found[1]})](theory.md#{found[1]})" if found[1] in NUMBERS else found[0]
+
+    return re.sub(r"\((T\d+[a-z]?)\)(?!<)", link, text)

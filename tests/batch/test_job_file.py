@@ -1,0 +1,54 @@
+"""Job files: what is refused, in one line that names the key."""
+
+from pathlib import Path
+
+import pytest
+
+from lidarscene.errors import InputError
+from lidarscene.io.job_file import read_job
+
+SCENES = 'scenes = ["a.toml"]\n'
+
+
+def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(
+        SCENES + '[sweep.scene]\n"a.b" = [1]\na.c = [[1, 2], [3, 4]]\n[sweep.sensor.d]\ne = ["x"]\n'
+    )
+    sweep = read_job(path).sweep
+    assert sweep.of_scene() == {"a.b": (1,), "a.c": ((1, 2), (3, 4))}
+    assert sweep.of_sensor() == {"d.e": ("x",)}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "key 'scenes' is missing"),
+        ("scenes = []", "scenes: a list of at least 1 was expected, [] came"),
+        ('scenes = ["a", "a"]', 'scenes: every value once was expected, "a" came 2 times'),
+        (SCENES + "seeds = [1, 1]", "seeds: every value once was expected, 1 came 2 times"),
+        (SCENES + "seeds = [-1]", "seeds[0]: 0 or more was expected, -1 came"),
+        (SCENES + "seeds = [1]\nseed_count = 2", "one way to say it was expected, seeds and seed_count came"),
+        (SCENES + "frames = 0", "frames: 1 or more was expected, 0 came"),
+        (SCENES + 'format = "docx"', "format: one of ply"),
+        (SCENES + "sweeps = 1", "unknown key 'sweeps'; known here: name, scenes"),
+        (
+            SCENES + "[sweep.scene]\nsun.illuminance_klux = 5",
+            "scene.sun.illuminance_klux: a list of values was",
+        ),
+        (SCENES + "[sweep.sensor]\na = []", "sensor.a: a list of values was expected, [] came"),
+        (SCENES + "[sweep.sensor]\na = [1, 1]", "sensor.a: every value once was expected, 1 came 2 times"),
+        (SCENES + "[[trajectories]]\nspeed_m_s = 1.0", "key 'trajectories[0].label' is missing"),
+        (
+            SCENES + "[[trajectories]]\nlabel = 'a'\n[[trajectories]]\nlabel = 'a'",
+            "trajectories: every value once",
+        ),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_job(path)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)

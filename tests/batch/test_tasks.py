@@ -1,0 +1,142 @@
+"""Which frames a job has, and that a frame's name changes with what its cloud follows from, and with nothing else."""
+
+import itertools
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lidarscene import catalog
+from lidarscene.batch import tasks
+from lidarscene.batch.tasks import Job
+from lidarscene.errors import InputError
+
+WALL = """
+[sensor]
+name = "own.toml"
+[[bodies]]
+name = "wall"
+mesh = "wall.obj"
+material = "concrete"
+"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+POSES = "time_s,x_m,y_m,z_m,yaw_deg,pitch_deg,roll_deg\n0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A scene with a mesh and a sensor of its own, and a rig."""
+    (tmp_path / "scene.toml").write_text(WALL)
+    (tmp_path / "wall.obj").write_text(OBJ)
+    (tmp_path / "poses.csv").write_text(POSES)
+    shutil.copy(catalog.path_of("sensors", "table1-apd"), tmp_path / "own.toml")
+    (tmp_path / "rig.toml").write_text(
+        '[[sensors]]\nlabel = "a"\nsensor = "own.toml"\n[[sensors]]\nlabel = "b"\nsensor = "table1-sipm"\n'
+    )
+    return tmp_path
+
+
+def keys(folder: Path, text: str = "") -> list[str]:
+    """Of the frames of a job over the one scene."""
+    path = folder / "job.toml"
+    path.write_text('scenes = ["scene.toml"]\n' + text)
+    return [task.key for task in Job.read(path).tasks()]
+
+
+def test_the_product(folder: Path) -> None:
+    """Every value of every list with every other, once each, those of one scene together."""
+    path = folder / "job.toml"
+    path.write_text(
+        'scenes = ["scene.toml"]\nsensors = ["own.toml", "table1-sipm"]\nrigs = ["rig.toml"]\nframes = 3\n'
+        "seed_count = 2\nbegin_s = 0.1\n"
+        "[[trajectories]]\nlabel = 'slow'\nspeed_m_s = 1.0\n"
+        "[[trajectories]]\nlabel = 'file'\nposes_file = 'poses.csv'\n"
+        "[sweep]\nscene.sun.illuminance_klux = [1, 100]\n"
+        '[sweep.sensor]\n"laser.peak_power_w" = [50, 75.5, 80]\n'
+    )
+    job = Job.read(path)
+    found = list(job.tasks())
+    assert len(found) == len(job) == 2 * 2 * (2 + 2) * 3 * 3 * 2
+    assert len({task.key for task in found}) == len(found)
+    assert len(
+        {(t.scene.trajectory, *t.parameters.items(), t.sensor, t.seed, t.number) for t in found}
+    ) == len(found)
+    assert {task.begin_s for task in found} == {0.1}
+    worlds = [task.scene.world for task in found]
+    changes = sum(one != other for one, other in itertools.pairwise(worlds))
+    assert changes == 1  # two trajectories; the sun's values share a world
+
+
+def test_the_scenes_own_sensor_is_the_default(folder: Path) -> None:
+    keys(folder)
+    (task,) = Job.read(folder / "job.toml").tasks()
+    assert task.sensor.name == str(folder / "own.toml")
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "seeds = [1]", "begin_s = 0.5", 'coordinates = "sensor"', "truth = false", "rays = 2", "interactions = 0",
+        '[sweep.scene]\n"sun.illuminance_klux" = [1]', '[sweep.sensor]\n"laser.peak_power_w" = [50]',
+        "[[trajectories]]\nlabel = 'a'\nspeed_m_s = 1.0",
+    ],
+)  # fmt: skip
+def test_what_is_asked_is_in_the_name(folder: Path, more: str) -> None:
+    assert keys(folder, more) != keys(folder)
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "wall.obj", "own.toml"])
+def test_the_content_of_every_file_is_in_the_name(folder: Path, name: str) -> None:
+    before = keys(folder)
+    (folder / name).write_text((folder / name).read_text() + "\n# more\n")
+    assert keys(folder) != before
+
+
+def test_so_is_that_of_poses_and_rigs(folder: Path) -> None:
+    more = "rigs = ['rig.toml']\n[[trajectories]]\nlabel = 'a'\nposes_file = 'poses.csv'\n"
+    before = keys(folder, more)
+    assert len(before) == 2
+    for name in ("poses.csv", "rig.toml", "own.toml"):
+        (folder / name).write_text((folder / name).read_text() + "\n")
+        after = keys(folder, more)
+        assert not set(after) & set(before)
+        before = after
+
+
+def test_the_version_is_in_the_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = keys(folder)
+    monkeypatch.setattr(tasks, "__version__", "99.0")
+    assert keys(folder) != before
+
+
+def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Folder, time of the files, labels, names of the job, how many others there are, the chunk."""
+    more = "[[trajectories]]\nlabel = '{}'\nposes_file = 'poses.csv'\n"
+    before = keys(folder, more.format("a"))
+    moved = tmp_path_factory.mktemp("elsewhere") / "deeper"
+    shutil.copytree(folder, moved)
+    for file in moved.iterdir():
+        os.utime(file, (1, 1))
+    assert keys(moved, "name = 'x'\nchunk = 1000\n" + more.format("b")) == before
+    assert keys(moved, "seeds = [3, 0]\nframes = 2\n" + more.format("b"))[2] == before[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('scenes = ["none.toml"]', "none.toml: no such file"),
+        ('scenes = ["scene.toml"]\nsensors = ["table1-apt"]', "no sensor 'table1-apt' in the catalogue; did you mean"),
+        ('scenes = ["scene.toml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1, -1]',
+         "scene.toml --scene-set sun.illuminance_klux=-1: sun.illuminance_klux: 0 or more was expected, -1 came"),
+        ('scenes = ["scene.toml"]\n[sweep.sensor]\n"laser.power" = [1]', "own.toml --set laser.power=1: unknown key"),
+        ('scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1]', "goes with a scene file (.toml)"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str, told: str) -> None:
+    path = folder / "job.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        Job.read(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert told in str(caught.value)

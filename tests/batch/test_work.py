@@ -1,0 +1,195 @@
+"""What a worker does with a frame: the bits of `render`, worlds kept, failures told, nothing done twice."""
+
+import dataclasses
+import errno
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarscene import catalog, cli
+from lidarscene.batch import work
+from lidarscene.batch.store import Store
+from lidarscene.batch.tasks import FrameTask, Job
+from lidarscene.io import files
+from lidarscene.simulate import Simulator
+
+COARSE = [
+    f"--set=scanner.{axis}_{key}_deg={value}"
+    for axis, fov in (("azimuth", 40), ("elevation", 20))
+    for key, value in (("fov", fov), ("step", 2.0))
+]
+RIG = """
+[[sensors]]
+label = "left"
+sensor = "table1-apd"
+position_m = [0, 1, 0.3]
+[[sensors]]
+label = "right"
+sensor = "table1-apd"
+position_m = [0, -1, 0.3]
+"""
+
+
+@pytest.fixture(autouse=True)
+def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker that has seen nothing yet."""
+    for name in ("_scenes", "_sensors", "_worlds"):
+        monkeypatch.setattr(work, name, work._Kept())
+
+
+def done(task: FrameTask, store: Store) -> Path:
+    """Render a frame in this process; returns its file."""
+    work._render(task, store)
+    row = store.row(task.key)
+    assert row is not None
+    return store.folder / row["file"]
+
+
+def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
+    """Rationale: same scene, sensor, changes and seed, same file. Four frames of one world, which was compiled for
+    the first of them only.
+    """
+    store = Store(tmp_path / "out")
+    for task in job.tasks():
+        alone = tmp_path / "alone.ply"
+        klux = task.parameters["scene.sun.illuminance_klux"]
+        argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.seed)]
+        assert cli.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
+        assert done(task, store).read_bytes() == alone.read_bytes()
+    assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
+
+
+def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
+    """Behind a pane, which one interaction goes through."""
+    pane = (tmp_path / "wall.toml").read_text().replace("wall", "pane").replace("concrete", "clear_glass")
+    with (tmp_path / "wall.toml").open("a") as file:
+        file.write(pane.replace("[10, 0, 0]", "[5, 0, 0]"))
+    job_file.write_text("rays = 4\ninteractions = 1\n" + job_file.read_text())
+    alone = tmp_path / "alone.ply"
+    argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
+    assert cli.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
+    first = next(Job.read(job_file).tasks())
+    assert done(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
+
+
+def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
+    """Rationale: sensors of one wavelength share the world around the first; another one has other last bits."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    job_file.write_text('rigs = ["rig.toml"]\nframes = 2\n' + job_file.read_text())
+    argv = [
+        "render",
+        str(tmp_path / "wall.toml"),
+        "--rig",
+        str(tmp_path / "rig.toml"),
+        "-o",
+        str(tmp_path / "rig"),
+    ]
+    argv += [*COARSE, "--frames", "2", "--seed", "7", "--scene-set", "sun.illuminance_klux=1"]
+    assert cli.main(argv) == 0
+    store, compared = Store(tmp_path / "out"), 0
+    for task in reversed(list(Job.read(job_file).tasks())):  # the second sensor comes first
+        if task.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
+            alone = tmp_path / "rig" / task.sensor.label / f"frame_{task.number:04d}.ply"
+            assert done(task, store).read_bytes() == alone.read_bytes()
+            compared += 1
+    assert compared == 4
+
+
+def test_a_world_is_compiled_once(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = []
+    build = work.Simulator
+
+    def counted(*arguments: Any, **options: Any) -> Simulator:
+        if options.get("world") is None:
+            compiled.append(1)
+        return build(*arguments, **options)
+
+    monkeypatch.setattr(work, "Simulator", counted)
+    for task in job.tasks():
+        done(task, Store(tmp_path / "out"))
+    assert len(compiled) == 1
+
+
+def test_no_more_than_a_few_things_are_kept() -> None:
+    kept, made = work._Kept(), []
+
+    def get(key: int) -> int:
+        return kept.get(key, lambda: made.append(key) or key)
+
+    for key in range(work.KEPT):
+        get(key)
+    assert get(0) == 0
+    get(99)  # now 1 has waited longest
+    get(0)
+    get(1)
+    assert made == [*range(work.KEPT), 99, 1]
+    assert len(kept._things) == work.KEPT
+
+
+def test_a_frame_that_is_there_is_not_rendered_again(job: Job, tmp_path: Path) -> None:
+    task, store = next(job.tasks()), Store(tmp_path / "out")
+    before = done(task, store).stat().st_mtime_ns
+    assert done(task, store).stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("spoil", ["shorter", "longer", "gone", "row", "empty row"])
+def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) -> None:
+    """What a dying machine may leave, or a careless user; the whole file comes back."""
+    task, store = next(job.tasks()), Store(tmp_path / "out")
+    cloud = done(task, store)
+    whole, (row,) = cloud.read_bytes(), store.folder.glob("rows/*/*.json")
+    if spoil == "gone":
+        cloud.unlink()
+    elif spoil == "row":
+        row.write_bytes(row.read_bytes()[:-5])
+    elif spoil == "empty row":
+        row.write_text("[]")
+    else:
+        cloud.write_bytes(whole[:-7] if spoil == "shorter" else whole + b"x")
+    assert store.row(task.key) is None
+    assert done(task, store).read_bytes() == whole
+
+
+@pytest.mark.parametrize("fails", [1, 3])
+def test_a_full_disk_loses_nothing(
+    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: int
+) -> None:
+    """The write that meets it, of the cloud (the first sync) or of its row (the third), fails as a whole."""
+    task, store, sync, calls = next(job.tasks()), Store(tmp_path / "out"), files._sync, []
+
+    def full(*arguments: Any) -> None:
+        calls.append(1)
+        if len(calls) == fails:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        sync(*arguments)
+
+    monkeypatch.setattr(files, "_sync", full)
+    told = work._told(task, store, 1)
+    assert told.endswith("cannot be written: No space left on device")
+    assert "\n" not in told
+    assert store.row(task.key) is None
+    assert [one.name for one in tmp_path.rglob("*.part")] == []
+    assert work._told(task, store, 1) == ""
+    assert store.row(task.key) is not None
+
+
+def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) -> None:
+    """Rationale: a result under the name of other inputs would be wrong for ever."""
+    task, store = next(job.tasks()), Store(tmp_path / "out")
+    scene = tmp_path / "wall.toml"
+    scene.write_text(scene.read_text().replace("[10, 0, 0]", "[11, 0, 0]"))
+    assert "is not the one of which this frame was asked" in work._told(task, store, 1)
+    assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
+        "lidarscene 0.0.0 gave this"
+    )
+    assert not store.folder.exists()
+
+
+def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
+    shutil.copy(catalog.path_of("sensors", "table1-apd"), tmp_path / "own.toml")
+    job_file.write_text('sensors = ["own.toml"]\n' + job_file.read_text())
+    task = next(Job.read(job_file).tasks())
+    (tmp_path / "own.toml").write_text((tmp_path / "own.toml").read_text() + "\n")
+    assert "own.toml: it, or a file" in work._told(task, Store(tmp_path / "out"), 1)

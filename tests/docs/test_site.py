@@ -1,0 +1,54 @@
+"""The documentation as a site: it builds strictly, its equations are drawn, and it loads nothing from elsewhere."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from documentation import PAGES, ROOT, prose, text_of
+
+EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("mkdocs")
+    folder = tmp_path_factory.mktemp("site")
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder
+
+
+def html(site: Path, page: Path) -> str:
+    return text_of(site / page.with_suffix(".html").name)
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if EQUATION.search(prose(page))], ids=lambda page: page.name
+)
+def test_every_equation_is_drawn(site: Path, page: Path) -> None:
+    """No LaTeX is left in what is drawn, and every number is an anchor."""
+    drawn = re.findall(r"<math .*?</math>", html(site, page), re.DOTALL)
+    assert len(drawn) == len(EQUATION.findall(prose(page)))
+    assert not [one for one in drawn if "\\" in re.sub("<[^>]*>", "", one)]
+    for number in re.findall(r"\\tag\{(\w+)\}", text_of(page)):
+        assert f'id="{number}"' in html(site, page)
+
+
+def test_numbers_link_to_their_equations(site: Path) -> None:
+    assert 'href="theory.html#T2"' in html(site, ROOT / "docs" / "theory.md")
+
+
+def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    """Scripts, styles, fonts and pictures are files of the site."""
+    pages = list(site.glob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"?([^\s\">]+)", text_of(page))
+        assert loaded
+        assert not [one for one in loaded if re.match(r"(https?:)?//", one)], page.name
