@@ -41,7 +41,7 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     scenes |= {
         f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)
     }
-    simulators = {name: Simulator(one, sensor) for name, one in scenes.items()}
+    simulators = {name: Simulator(one, sensor, interactions=0) for name, one in scenes.items()}
     seconds = clock.in_turns({name: one.render for name, one in simulators.items()}, rounds=rounds)
     rows = [_row(seconds, name) for name in scenes if name != STILL]
     most = max(len(one.world.movers) for one in simulators.values())

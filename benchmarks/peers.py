@@ -48,7 +48,7 @@ def measure(
         for beams, step_deg in seen.items():
             steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
             sensor = api.load_sensor("table1-apd", overrides=steps)
-            simulator = Simulator(scene, sensor, world=world)
+            simulator = Simulator(scene, sensor, world=world, interactions=0)
             world = simulator.world
             for threads in sorted({1, os.cpu_count() or 1}):
                 rows += _rows(simulator, f"{name}, {beams} beams, {threads} threads", threads, rounds)

@@ -25,8 +25,8 @@ that puts the rays of a pulse together and finds the crossings: its share of the
 def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, rounds: int) -> Section:
     """``single_deg`` and ``many_deg``: steps of the raster with one ray and with ``rays``."""
     scene = api.load_scene(scene_file)
-    one = Simulator(scene, _sensor(single_deg))
-    many = Simulator(scene, _sensor(many_deg), world=one.world, rays=rays)
+    one = Simulator(scene, _sensor(single_deg), interactions=0)
+    many = Simulator(scene, _sensor(many_deg), world=one.world, rays=rays, interactions=0)
     counts = {"one": one.sensor.scanner.pulses, "many": many.sensor.scanner.pulses * rays}
     seconds = clock.in_turns({"one": one.render, "many": many.render}, rounds=rounds)
     rates = (counts["many"] / seconds["many"]) / (counts["one"] / seconds["one"])
