@@ -125,7 +125,7 @@ def _stages(scene: Path, target: Path) -> dict[str, float]:
 
 def _row(what: str, seconds: Sequence[float], note: str = "", goal: float | None = None) -> Row:
     median = float(np.median(seconds))
-    verdict = f"under {goal:g} s: {'met' if median < goal else 'NOT met'}"
+    verdict = "" if goal is None else f"under {goal:g} s: {'met' if median < goal else 'NOT met'}"
     return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, verdict)
 
 

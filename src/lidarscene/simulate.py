@@ -2,35 +2,47 @@
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 
 from . import beams, echoes, multi_echo, returns, train
 from .air_light import air_light
-from .arrays import is_drjit, xp
+from .arrays import is_drjit
 from .beams import Beams
+from .chunk import (
+    Chunk,
+    Lit,
+    Numbers,
+    Placing,
+    all_of,
+    in_order,
+    is_plain,
+    left_out,
+    needed_of,
+    numbered,
+    numbers_of,
+    of_light,
+)
 from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
 from .detectors import Apd
-from .echoes import Ambient, Echoes, EchoTrain
+from .echoes import Ambient, EchoTrain
 from .errors import InputError
 from .field_of_view import background_power_w, field_of_view
 from .footprint import Footprint, footprint, spread
-from .frame import COORDINATES, LARGEST_FLOAT32_M, Frame, check_frame, motion_of
+from .frame import COORDINATES, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
 from .kernel import collect, device
 from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
-from .returns import Detection, Outcome, Status
 from .scene import Scene
 from .sensor import Sensor
+from .summary import Summary as Summary
 from .trajectory import Motion, pose_at
 from .waveforms import Waveforms, check_pulses, sampled_pulses
 
@@ -39,190 +51,8 @@ Matrix = np.ndarray[Any, Any]
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
-Numbers = Callable[[], Matrix]
-"""Gives pulse numbers as numpy, where they are needed."""
-
 Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
 """Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
-
-
-@dataclass(slots=True)
-class Summary:
-    """What happened in a frame: pulses by outcome, points, and seconds by stage."""
-
-    beams: int = 0
-    outcomes: Matrix = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
-    points: int = 0
-    statuses: Matrix = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def false_alarms(self) -> int:
-        """Points of noise and of other lidars."""
-        return int(self.statuses[Status.FALSE_ALARM] + self.statuses[Status.INTERFERENCE])
-
-    @property
-    def weather(self) -> int:
-        """Points of fog, rain and snow."""
-        return int(self.statuses[Status.WEATHER])
-
-    @property
-    def hits(self) -> int:
-        """Pulses that met a surface."""
-        return self.beams - int(self.outcomes[Outcome.NO_SURFACE])
-
-    @classmethod
-    def total(cls, parts: Sequence[Summary]) -> Summary:
-        """Of several frames."""
-        whole = cls()
-        for part in parts:
-            whole.beams += part.beams
-            whole.outcomes += part.outcomes
-            whole.points += part.points
-            whole.statuses += part.statuses
-            for stage, seconds in part.seconds.items():
-                whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
-        return whole
-
-    def count(self, outcome: Matrix, status: Matrix | None) -> None:
-        """Add some pulses, and the points of them if there are any."""
-        self.beams += len(outcome)
-        self.outcomes += np.bincount(outcome, minlength=len(Outcome))
-        if status is not None:
-            self.points += len(status)
-            self.statuses += np.bincount(status, minlength=len(Status))
-
-    def spent(self, stage: str, since: float) -> float:
-        """Add the time since ``since`` to a stage; returns now."""
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
-        return now
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chunk:
-    """Some pulses after all stages, on the device."""
-
-    pulse: Any
-    paths: Sequence[Hits]
-    detection: Detection
-    goes_on: Any = None
-
-    def arrays(self) -> list[Any]:
-        """Everything that is still needed once the stages are done."""
-        detection = self.detection
-        needed = [
-            self.pulse,
-            detection.snr,
-            detection.detection_probability,
-            detection.outcome,
-            detection.ambient,
-        ]
-        if self.goes_on is not None:
-            needed.append(self.goes_on)
-        for hits in self.paths:
-            needed += _needed(hits)
-        for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
-            needed += [one for one in own if one is not None]
-        return needed
-
-
-def _numbered(first: int, count: int) -> Numbers:
-    """``count`` numbers from ``first`` on."""
-    return functools.partial(np.arange, first, first + count, dtype=np.uint32)
-
-
-def _chunk(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> _Chunk:
-    """A chunk; what goes on is left out of it."""
-    if goes_on is None:
-        return _Chunk(pulse, paths, detection)
-    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    return _Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
-
-
-def _in_order(
-    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
-) -> tuple[Matrix, dict[str, Any] | None]:
-    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
-    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
-    if len(filled) < 2:
-        return filled[0] if filled else parts[0]
-    pulse = np.concatenate([one for one, _ in filled])
-    order = np.argsort(pulse, kind="stable")
-    together = {}
-    for name in filled[0][1] or {}:
-        arrays = [(columns or {})[name] for _, columns in filled]
-        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
-        if len(values) == 1:  # constant columns stay so
-            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
-        else:
-            together[name] = np.concatenate(arrays)[order]
-    return pulse[order], together
-
-
-def _all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
-    """Columns of several collections as one, by pulse."""
-    filled = [one for one in parts if one]
-    if not filled:
-        return {}
-    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
-    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lit:
-    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
-
-    pulse: Any
-    rays: Beams
-    paths: Sequence[Hits]
-    light: Sequence[Echoes]
-    goes_on: Any
-
-
-def _plain(sensor: Sensor) -> bool:
-    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
-    return sensor.sampler is None and sensor.tdc.keep == "first"
-
-
-def _of_light(light: Echoes) -> list[Any]:
-    """What pulses are put together from."""
-    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
-    found += [one.peak_power_w for one in light.interference]
-    return [one for one in found if is_drjit(one)]
-
-
-def _needed(hits: Hits) -> list[Any]:
-    """What the truth of points is made of."""
-    needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
-    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
-    return [*needed, *(one for one in counted if is_drjit(one))]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Placing:
-    """From the sensor's frame to that of the points, once for a frame: a sensor does not know that it moves.
-
-    turn, shift  rotation and place, on the device
-    added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
-    """
-
-    turn: Any
-    shift: Any
-    added_m: Matrix | None
-
-    @classmethod
-    def of(cls, goal: Pose) -> _Placing:
-        """The sensor stands at ``goal`` in the frame of the points."""
-        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
-        return cls(
-            turn=device.opaque(_numbers(goal.rotation)),
-            shift=device.opaque(_numbers(goal.position_m if near else np.zeros(3))),
-            added_m=None if near else goal.position_m,
-        )
 
 
 class Simulator:
@@ -280,7 +110,7 @@ class Simulator:
             self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
             sources = (air.strongest, *air.sources)
             self._air_classes = device.whole_numbers([self.class_names.index(name) for name in sources])
-        self._device_sun = device.opaque(_numbers(scene.sun.direction))
+        self._device_sun = device.opaque(numbers_of(scene.sun.direction))
 
     @property
     def motion(self) -> Motion:
@@ -425,13 +255,13 @@ class Simulator:
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
         seed_word = device.opaque_uint32(seed)
-        placing = _Placing.of(goal)
+        placing = Placing.of(goal)
 
-        def started(first: int) -> _Chunk:
+        def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
             pulse = device.counter(first, count)
-            part = self._chain(now, pulse, _numbered(first, count), seed_word, survey=self.interactions > 0)
+            part = self._chain(now, pulse, numbered(first, count), seed_word, survey=self.interactions > 0)
             device.start(part.arrays())
             summary.spent("record", since)
             return part
@@ -443,7 +273,7 @@ class Simulator:
             parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
             collected = [self._columns(now, one, placing) for one in parts]
-            pulse, columns = _in_order(collected)
+            pulse, columns = in_order(collected)
             outcome = np.array(part.detection.outcome.numpy())
             for one in parts[1:]:
                 outcome[one.pulse.numpy() - first] = one.detection.outcome.numpy()
@@ -454,14 +284,14 @@ class Simulator:
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
                 ambient(every, counts.astype(np.uint64))
             if observer is not None:
-                observer(pulse, _all_of([self._surfaces(one) for one in parts]))
+                observer(pulse, all_of([self._surfaces(one) for one in parts]))
             summary.spent("collect", since)
             done = first
             if following is not None:
                 part, first = started(following), following
             yield done, columns, outcome
 
-    def _gone_on(self, now: Frame, part: _Chunk, seed: Any) -> list[_Chunk]:
+    def _gone_on(self, now: Frame, part: Chunk, seed: Any) -> list[Chunk]:
         """The pulses of a chunk that meet panes or mirrors, once more and in full."""
         lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
         if lanes is None:
@@ -472,20 +302,20 @@ class Simulator:
         device.wait()
         return [whole]
 
-    def _chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> _Chunk:
+    def _chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
         survey  leave out the pulses that meet panes or mirrors, and say which these are
         """
         sensor, lit = self._device_sensor, self._lit(now, pulse, numbers, seed, survey=survey)
-        if self.rays == len(lit.paths) == 1 and self._air is None and _plain(sensor):
+        if self.rays == len(lit.paths) == 1 and self._air is None and is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
-            return _chunk(pulse, lit.paths, detection, lit.goes_on)
+            return left_out(pulse, lit.paths, detection, lit.goes_on)
         whole = self._train(lit, seed)
         goes_on = None if lit.goes_on is None else collect.any_of_pulse(lit.goes_on, self.rays)
-        return _chunk(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
-    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> _Lit:
+    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Lit:
         """The optical stages: beams, hits, echoes."""
         background = None if self._field is None else self._background(now, pulse, numbers, seed, self._field)
         rays, paths = self._traced(now, pulse, numbers, seed, self._footprint, survey=survey)
@@ -495,7 +325,7 @@ class Simulator:
         if background is not None:
             of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=of_ray)
-        return _Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
+        return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
 
     def _traced(
         self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint, *, survey: bool = False
@@ -520,13 +350,13 @@ class Simulator:
         device.start([power])
         return power
 
-    def _train(self, lit: _Lit, seed: Any) -> EchoTrain:
+    def _train(self, lit: Lit, seed: Any) -> EchoTrain:
         """All that comes back of each pulse, with the light of the air."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         device.start(
             [
-                *(array for one in lit.light for array in _of_light(one)),
-                *(one for hits in lit.paths for one in _needed(hits)),
+                *(array for one in lit.light for array in of_light(one)),
+                *(one for hits in lit.paths for one in needed_of(hits)),
                 *([] if lit.goes_on is None else [lit.goes_on]),
             ]
         )
@@ -559,13 +389,13 @@ class Simulator:
 
         def train_of(first: int, count: int) -> EchoTrain:
             begin = now.first_pulse + first
-            lit = self._lit(now, device.counter(begin, count), _numbered(begin, count), seed_word)
+            lit = self._lit(now, device.counter(begin, count), numbered(begin, count), seed_word)
             whole = self._train(lit, seed_word)
             return cast(EchoTrain, device.fetched(whole))
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
-    def _columns(self, now: Frame, part: _Chunk, placing: _Placing) -> tuple[Matrix, dict[str, Any] | None]:
+    def _columns(self, now: Frame, part: Chunk, placing: Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         lanes = collect.kept_lanes(part.detection)
         if lanes is None:
@@ -593,7 +423,7 @@ class Simulator:
             columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
 
-    def _surfaces(self, part: _Chunk) -> dict[str, Matrix]:
+    def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
         """`collect.surfaces` of a chunk; empty without any."""
         on_device = collect.surfaces(
             world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection
@@ -660,10 +490,6 @@ def _fetched(on_device: dict[str, Any]) -> dict[str, Matrix]:
     return {name: array.numpy() for name, array in on_device.items()}
 
 
-def _numbers(values: Matrix) -> tuple[Any, ...]:
-    return tuple(float(x) for x in values.ravel())
-
-
 def _text(values: Matrix) -> str:
     return " ".join(repr(float(x)) for x in values.ravel())
 
@@ -681,7 +507,7 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
-        sun_direction=_numbers(scene.sun.direction),
+        sun_direction=numbers_of(scene.sun.direction),
         lamps_w_m2=scene.lamps_w_m2 or None,
         interferers=scene.interferers,
     )

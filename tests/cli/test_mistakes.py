@@ -383,7 +383,7 @@ def test_interrupt_leaves_nothing(
         raise KeyboardInterrupt
 
     before = files_in(tmp_path)
-    for target in ("lidarscene.simulate.Simulator.render", "lidarscene.io.files._sync"):
+    for target in ("lidarscene.simulate.Simulator.stream", "lidarscene.io.files._sync"):
         with monkeypatch.context() as patch:
             patch.setattr(target, interrupted)
             ran = run("render", wall, "-o", "new/o.ply", *COARSE)
@@ -397,7 +397,7 @@ def test_memory_that_is_not_there(
     def too_much(*_: Any, **__: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(Simulator, "render", too_much)
+    monkeypatch.setattr(Simulator, "stream", too_much)
     ran = run("render", wall, "-o", "new/o.ply", *COARSE)
     assert (ran.code, ran.err) == (1, "lidarscene: error: out of memory; a smaller --chunk needs less\n")
 

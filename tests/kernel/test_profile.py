@@ -74,7 +74,7 @@ def test_render_prints_it(
     assert cli.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
     text = capsys.readouterr().out.split("\nprofile\n")[1]
     assert [line.split()[0] for line in text.splitlines()][-3:] == ["kernels", "their", "peak"]
-    assert text.count("%") == 7  # load, build, record, trace, collect, assemble, write
+    assert text.count("%") == 6  # load, build, record, trace, collect, write: nothing is assembled
 
 
 def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

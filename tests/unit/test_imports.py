@@ -26,7 +26,7 @@ TIERS = (
     ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo", "waveforms"),
     ("formats", "cloud", "labels"),
     ("kernel",),
-    ("simulate", "frame", "rig", "deskew"),
+    ("simulate", "frame", "chunk", "summary", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
     ("analysis", "batch"),

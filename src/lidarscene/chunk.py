@@ -1,0 +1,157 @@
+"""Chunk: some pulses of a frame on the device, after the stages, and what takes them apart and puts them together."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .arrays import is_drjit, xp
+from .beams import Beams
+from .echoes import Echoes
+from .frame import LARGEST_FLOAT32_M
+from .geometry import Pose
+from .hits import Hits
+from .kernel import device
+from .returns import Detection, Outcome
+from .sensor import Sensor
+
+Matrix = np.ndarray[Any, Any]
+
+Numbers = Callable[[], Matrix]
+"""Gives pulse numbers as numpy, where they are needed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """Some pulses after all stages, on the device."""
+
+    pulse: Any
+    paths: Sequence[Hits]
+    detection: Detection
+    goes_on: Any = None
+
+    def arrays(self) -> list[Any]:
+        """Everything that is still needed once the stages are done."""
+        detection = self.detection
+        needed = [
+            self.pulse,
+            detection.snr,
+            detection.detection_probability,
+            detection.outcome,
+            detection.ambient,
+        ]
+        if self.goes_on is not None:
+            needed.append(self.goes_on)
+        for hits in self.paths:
+            needed += needed_of(hits)
+        for stop in detection.stops:
+            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
+            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            needed += [one for one in own if one is not None]
+        return needed
+
+
+def numbered(first: int, count: int) -> Numbers:
+    """``count`` numbers from ``first`` on."""
+    return functools.partial(np.arange, first, first + count, dtype=np.uint32)
+
+
+def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> Chunk:
+    """A chunk; what goes on is left out of it."""
+    if goes_on is None:
+        return Chunk(pulse, paths, detection)
+    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
+    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
+    return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
+
+
+def in_order(
+    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
+) -> tuple[Matrix, dict[str, Any] | None]:
+    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
+    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
+    if len(filled) < 2:
+        return filled[0] if filled else parts[0]
+    pulse = np.concatenate([one for one, _ in filled])
+    order = np.argsort(pulse, kind="stable")
+    together = {}
+    for name in filled[0][1] or {}:
+        arrays = [(columns or {})[name] for _, columns in filled]
+        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
+        if len(values) == 1:  # constant columns stay so
+            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
+        else:
+            together[name] = np.concatenate(arrays)[order]
+    return pulse[order], together
+
+
+def all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
+    """Columns of several collections as one, by pulse."""
+    filled = [one for one in parts if one]
+    if not filled:
+        return {}
+    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
+    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lit:
+    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
+
+    pulse: Any
+    rays: Beams
+    paths: Sequence[Hits]
+    light: Sequence[Echoes]
+    goes_on: Any
+
+
+def is_plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    return sensor.sampler is None and sensor.tdc.keep == "first"
+
+
+def of_light(light: Echoes) -> list[Any]:
+    """What pulses are put together from."""
+    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
+    found += [one.peak_power_w for one in light.interference]
+    return [one for one in found if is_drjit(one)]
+
+
+def needed_of(hits: Hits) -> list[Any]:
+    """What the truth of points is made of."""
+    needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    return [*needed, *(one for one in counted if is_drjit(one))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """From the sensor's frame to that of the points, once for a frame: a sensor does not know that it moves.
+
+    turn, shift  rotation and place, on the device
+    added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
+    """
+
+    turn: Any
+    shift: Any
+    added_m: Matrix | None
+
+    @classmethod
+    def of(cls, goal: Pose) -> Placing:
+        """The sensor stands at ``goal`` in the frame of the points."""
+        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
+        return cls(
+            turn=device.opaque(numbers_of(goal.rotation)),
+            shift=device.opaque(numbers_of(goal.position_m if near else np.zeros(3))),
+            added_m=None if near else goal.position_m,
+        )
+
+
+def numbers_of(values: Matrix) -> tuple[Any, ...]:
+    """An array as plain numbers, row by row."""
+    return tuple(float(x) for x in values.ravel())
