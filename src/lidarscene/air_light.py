@@ -80,7 +80,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     media = weather.media(sensor.laser.wavelength_m)
     if not media:
         return None
-    overlap = _overlap(sensor)
+    overlap = overlap_of(sensor)
     far_m = 0.5 * SPEED_OF_LIGHT_M_S * float(sensor.tdc.window_s)
     nearest_m = _nearest_m(overlap, far_m)
     area = _area_m2(sensor)
@@ -141,7 +141,7 @@ def _least_strength(sensor: Sensor) -> float:
     return float(seen_w / sent)
 
 
-def _overlap(sensor: Sensor) -> Overlap:
+def overlap_of(sensor: Sensor) -> Overlap:
     """The sensor's own, or that of one whose axes are one and whose focus is far away.
 
     Without it the air right before the sensor would give any amount of light.

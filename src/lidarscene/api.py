@@ -100,11 +100,10 @@ def render_frames(
 
     begin_s  when the first begins, by the clock of the scene's motions
     """
-    described = load_scene(scene)
-    equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(
-        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
-    )
+    simulator = _simulator(
+        scene, sensor, overrides,
+        pose=pose, rays=rays, interactions=interactions, background_rays=background_rays,
+    )  # fmt: skip
     simulator.check_frames(frames, begin_s=begin_s)
     for number in range(frames):
         yield simulator.render(seed=seed, number=number, begin_s=begin_s, frame=frame, chunk=chunk)
@@ -137,9 +136,20 @@ def render(
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.
     """
+    simulator = _simulator(
+        scene, sensor, overrides,
+        pose=pose, rays=rays, interactions=interactions, background_rays=background_rays,
+    )  # fmt: skip
+    return simulator.render(seed=seed, frame=frame, chunk=chunk)
+
+
+def _simulator(
+    scene: str | os.PathLike[str] | Scene,
+    sensor: str | os.PathLike[str] | Sensor | None,
+    overrides: Sequence[str],
+    **options: Any,
+) -> Simulator:
+    """A simulator of what is named, ready to render."""
     described = load_scene(scene)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    simulator = Simulator(
-        described, equipped, pose=pose, rays=rays, interactions=interactions, background_rays=background_rays
-    )
-    return simulator.render(seed=seed, frame=frame, chunk=chunk)
+    return Simulator(described, equipped, **options)

@@ -90,6 +90,14 @@ def in_order(
     return pulse[order], together
 
 
+def of_every_pulse(parts: Sequence[Chunk], first: int, name: str) -> Matrix:
+    """What detections say of each pulse from ``first`` on; later parts go before the first."""
+    values = np.array(getattr(parts[0].detection, name).numpy())
+    for one in parts[1:]:
+        values[one.pulse.numpy() - first] = getattr(one.detection, name).numpy()
+    return values
+
+
 def all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
     """Columns of several collections as one, by pulse."""
     filled = [one for one in parts if one]

@@ -25,6 +25,7 @@ from .chunk import (
     needed_of,
     numbered,
     numbers_of,
+    of_every_pulse,
     of_light,
 )
 from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
@@ -274,15 +275,10 @@ class Simulator:
             since = summary.spent("trace", since)
             collected = [self._columns(now, one, placing) for one in parts]
             pulse, columns = in_order(collected)
-            outcome = np.array(part.detection.outcome.numpy())
-            for one in parts[1:]:
-                outcome[one.pulse.numpy() - first] = one.detection.outcome.numpy()
+            outcome = of_every_pulse(parts, first, "outcome")
             if ambient is not None:
-                counts = np.array(part.detection.ambient.numpy())
-                for one in parts[1:]:
-                    counts[one.pulse.numpy() - first] = one.detection.ambient.numpy()
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
-                ambient(every, counts.astype(np.uint64))
+                ambient(every, of_every_pulse(parts, first, "ambient").astype(np.uint64))
             if observer is not None:
                 observer(pulse, all_of([self._surfaces(one) for one in parts]))
             summary.spent("collect", since)
@@ -412,7 +408,7 @@ class Simulator:
             turn=placing.turn,
             shift=placing.shift,
         )
-        columns = _fetched(on_device)
+        columns = device.columns(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
@@ -428,7 +424,7 @@ class Simulator:
         on_device = collect.surfaces(
             world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection
         )
-        return {} if on_device is None else _fetched(on_device)
+        return {} if on_device is None else device.columns(on_device)
 
     def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:
         return Frame.of(
@@ -481,13 +477,6 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"chunk: at least 1 was expected, {chunk} came")
     if frame not in COORDINATES:
         raise InputError(f"frame: {' or '.join(map(repr, COORDINATES))} was expected, {frame!r} came")
-
-
-def _fetched(on_device: dict[str, Any]) -> dict[str, Matrix]:
-    """Columns off the device."""
-    device.start(list(on_device.values()))
-    device.wait()
-    return {name: array.numpy() for name, array in on_device.items()}
 
 
 def _text(values: Matrix) -> str:

@@ -6,7 +6,7 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.air_light import _overlap
+from lidarscene.air_light import overlap_of
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics import radiometry, soft_target
 from lidarscene.physics.pulse import gaussian_pulse
@@ -192,7 +192,7 @@ def _trips(sensor, air, pulses):
     (rain,) = air.weather.media(905e-9)
     point = sensor.working_point(np.zeros(1))
     least_w = float(point.power_w(sensor.threshold(point))[0])
-    overlap = _overlap(sensor)
+    overlap = overlap_of(sensor)
     random = np.random.default_rng(11)
     farthest, widest = 12.0, np.pi * (0.005**2 + (0.0015 * 12.0) ** 2)
     slope, smallest = rain.sizes.slope_per_m, 2e-4

@@ -99,6 +99,13 @@ def fetched(value: Any) -> Any:
     return value.numpy() if is_drjit(value) else value
 
 
+def columns(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Arrays by name, computed together, as numpy."""
+    start(list(arrays.values()))
+    wait()
+    return {name: array.numpy() for name, array in arrays.items()}
+
+
 def start(arrays: list[Any]) -> None:
     """Have these arrays computed, in one kernel where they have one size, without waiting."""
     import drjit as dr
