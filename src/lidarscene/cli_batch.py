@@ -109,11 +109,11 @@ class _Followed:
     @contextmanager
     def connected(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
         """The client of this connection, once it is told where its dashboard is."""
-        from .batch.cluster import has_dashboard
+        from .batch.cluster import dashboard
 
         with connection as client:
-            if client.dashboard_link and has_dashboard():
-                self._console.print(f"dashboard     {client.dashboard_link}")
+            if link := dashboard(client):
+                self._console.print(f"dashboard     {link}")
             if not client.nthreads():
                 self._console.print("the scheduler has no workers yet; waiting for them")
             yield client

@@ -178,7 +178,7 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
 
     told = run._cause(KilledWorker("render-x", None, 3))
     assert "died" in told
-    assert run._cause(RuntimeError("a\nb")) == "RuntimeError: a b"
+    assert run._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
 
 
 def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
@@ -202,4 +202,4 @@ def test_a_bundle_that_fails_is_taken_apart(
     monkeypatch.setattr(run._Given, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
-    assert (progress.rendered, list(progress.failed.values())) == (38, ["RuntimeError: broken"] * 2)
+    assert (progress.rendered, list(progress.failed.values())) == (38, ["the worker said RuntimeError: broken"] * 2)
