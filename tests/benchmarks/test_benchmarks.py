@@ -49,6 +49,7 @@ SECTIONS = {
         "its time from start to end, to .ply",
         "the same of the whole cloud, car.toml",
     ],
+    "Two workers against one": ["1 worker", "2 workers", "efficiency of two"],
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import logging
 import os
@@ -68,13 +69,24 @@ def remote_client(address: str) -> Iterator[Any]:
     for handler in logging.getLogger("distributed").handlers:  # what matters is told in lines of our own
         handler.setLevel(logging.CRITICAL)
     try:
+        asyncio.run(_greeted(address))
         client = Client(address, timeout=PATIENCE_S)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise LidarSceneError(
             f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}"
         ) from None
     with client:
         yield client
+
+
+async def _greeted(address: str) -> None:
+    """Raise where no Dask answers: its client waits for ever for the greeting of something that listens and is none."""
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    how = Security().get_connection_args("client")
+    comm = await asyncio.wait_for(connect(address, timeout=PATIENCE_S, **how), 1.5 * PATIENCE_S)
+    await comm.close()
 
 
 def _reason(error: BaseException) -> str:
