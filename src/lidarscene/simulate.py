@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ from .chunk import (
     Chunk,
     Lit,
     Numbers,
+    Order,
     Placing,
     all_of,
     in_order,
@@ -41,6 +43,7 @@ from .kernel import collect, device
 from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
+from .scan.tiles import PACKET, Tiling
 from .scene import Scene
 from .sensor import Sensor
 from .summary import Summary as Summary
@@ -96,6 +99,9 @@ class Simulator:
             wavelength_m=sensor.laser.wavelength_m,
             centre_m=pose_at(self.motion).position_m,
         )
+        # The rays of one pulse are neighbours already.
+        self._tiling = Tiling.of(sensor.scanner) if rays < PACKET else None
+        self._orders: dict[int, Order] = {}
         self._device_sensor = device.opaque(sensor)
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
@@ -255,17 +261,24 @@ class Simulator:
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
+        tiling = self._tiling if self._tiling is not None and chunk >= self._tiling.band else None
+        if tiling is not None:
+            chunk -= chunk % tiling.band
         seed_word = device.opaque_uint32(seed)
         placing = Placing.of(goal)
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
-            pulse = device.counter(first, count)
-            part = self._chain(now, pulse, numbered(first, count), seed_word, survey=self.interactions > 0)
+            order = None if tiling is None else self._order(tiling, count)
+            if order is None:
+                pulse, numbers = device.counter(first, count), numbered(first, count)
+            else:
+                pulse, numbers = order.on_device(first), functools.partial(order.pulse_from, first)
+            part = self._chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
             device.start(part.arrays())
             summary.spent("record", since)
-            return part
+            return replace(part, order=order)
 
         part, first = started(begin), begin
         for following in [*range(begin + chunk, end, chunk), None]:
@@ -286,6 +299,14 @@ class Simulator:
             if following is not None:
                 part, first = started(following), following
             yield done, columns, outcome
+
+    def _order(self, tiling: Tiling, count: int) -> Order:
+        """Of a chunk of so many pulses; frames have chunks of two sizes, and the last two are kept."""
+        known = self._orders.get(count)
+        if known is None:
+            known = Order.of(tiling.order(count))
+            self._orders = dict([*self._orders.items()][-1:]) | {count: known}
+        return known
 
     def _gone_on(self, now: Frame, part: Chunk, seed: Any) -> list[Chunk]:
         """The pulses of a chunk that meet panes or mirrors, once more and in full."""
@@ -393,7 +414,7 @@ class Simulator:
 
     def _columns(self, now: Frame, part: Chunk, placing: Placing) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
-        lanes = collect.kept_lanes(part.detection)
+        lanes = collect.kept_lanes(part.detection, None if part.order is None else part.order.device_lane)
         if lanes is None:
             return np.zeros(0, np.uint32), None
         on_device = collect.columns(

@@ -54,18 +54,23 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
     return found
 
 
-def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:
-    """(k,) lane and stop number of every reported return, by pulse and then by stop, or None if k is 0."""
+def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | None:
+    """(k,) lane and stop number of every reported return, by pulse and then by stop, or None if k is 0.
+
+    lane_of  (n,) lane of each pulse where lanes are not by pulse
+    """
     import drjit as dr
 
     mi = mitsuba()
     stops = len(detection.stops)
-    index = dr.compress(_interleaved([stop.reported for stop in detection.stops]))
+    reported = [stop.reported for stop in detection.stops]
+    if lane_of is not None:
+        reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
+    index = dr.compress(_interleaved(reported))
     if dr.width(index) == 0:
         return None
-    if stops == 1:
-        return index, mi.UInt32(0)
-    return index // stops, index % stops
+    place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
+    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
