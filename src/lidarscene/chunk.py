@@ -101,28 +101,6 @@ def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: A
     return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
 
 
-def in_order(
-    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
-) -> tuple[Matrix, dict[str, Any] | None]:
-    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
-    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
-    if not filled:
-        return parts[0]
-    pulse = np.concatenate([one for one, _ in filled])
-    if len(filled) == 1 and bool((pulse[1:] >= pulse[:-1]).all()):
-        return filled[0]
-    order = np.argsort(pulse, kind="stable")
-    together = {}
-    for name in filled[0][1] or {}:
-        arrays = [(columns or {})[name] for _, columns in filled]
-        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
-        if len(values) == 1:  # constant columns stay so
-            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
-        else:
-            together[name] = np.concatenate(arrays)[order]
-    return pulse[order], together
-
-
 def of_every_pulse(parts: Sequence[Chunk], first: int, name: str) -> Matrix:
     """What detections say of each pulse from ``first`` on; later parts go before the first."""
     values, order = np.array(getattr(parts[0].detection, name).numpy()), parts[0].order

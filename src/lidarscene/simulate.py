@@ -21,7 +21,6 @@ from .chunk import (
     Order,
     Placing,
     all_of,
-    in_order,
     is_plain,
     left_out,
     needed_of,
@@ -98,6 +97,7 @@ class Simulator:
             scene,
             wavelength_m=sensor.laser.wavelength_m,
             centre_m=pose_at(self.motion).position_m,
+            see_through=interactions > 0,
         )
         # The rays of one pulse are neighbours already.
         self._tiling = Tiling.of(sensor.scanner) if rays < PACKET else None
@@ -286,8 +286,7 @@ class Simulator:
             device.wait()
             parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
-            collected = [self._columns(now, one, placing) for one in parts]
-            pulse, columns = in_order(collected)
+            pulse, columns = self._columns(now, parts, placing)
             outcome = of_every_pulse(parts, first, "outcome")
             if ambient is not None:
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
@@ -412,24 +411,16 @@ class Simulator:
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
-    def _columns(self, now: Frame, part: Chunk, placing: Placing) -> tuple[Matrix, dict[str, Any] | None]:
+    def _columns(
+        self, now: Frame, parts: Sequence[Chunk], placing: Placing
+    ) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
-        lanes = collect.kept_lanes(part.detection, None if part.order is None else part.order.device_lane)
-        if lanes is None:
+        found = [self._on_device(part, placing) for part in parts]
+        kept = [one for one in found if one is not None]
+        if not kept:
             return np.zeros(0, np.uint32), None
-        on_device = collect.columns(
-            world=self.world,
-            sensor=self._device_sensor,
-            pulse=part.pulse,
-            paths=part.paths,
-            rays=self.rays,
-            detection=part.detection,
-            air_classes=self._air_classes,
-            lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
-        )
-        columns = device.columns(on_device)
+        ordered = found[0] is not None and len(kept) == 1
+        columns = device.columns(collect.one_by_one(kept[0]) if ordered else collect.by_pulse(kept))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
@@ -439,6 +430,17 @@ class Simulator:
         for name, nothing in collect.ABSENT.items():
             columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
+
+    def _on_device(self, part: Chunk, placing: Placing) -> dict[str, Any] | None:
+        """`collect.columns` of some pulses; None without any points."""
+        lanes = collect.kept_lanes(part.detection, None if part.order is None else part.order.device_lane)
+        if lanes is None:
+            return None
+        return collect.columns(
+            world=self.world, sensor=self._device_sensor, pulse=part.pulse, paths=part.paths, rays=self.rays,
+            detection=part.detection, air_classes=self._air_classes, lanes=lanes,
+            turn=placing.turn, shift=placing.shift,
+        )  # fmt: skip
 
     def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
         """`collect.surfaces` of a chunk; empty without any."""
