@@ -74,7 +74,7 @@ class Order:
     @classmethod
     def of(cls, pulse: Matrix) -> Order:
         """From the pulses of the lanes."""
-        lane = np.empty_like(pulse)
+        lane = np.zeros_like(pulse)
         lane[pulse] = np.arange(len(pulse), dtype=pulse.dtype)
         return cls(pulse, lane, device.unsigned_numbers(pulse), device.unsigned_numbers(lane))
 

@@ -102,6 +102,8 @@ class Simulator:
         # The rays of one pulse are neighbours already.
         self._tiling = Tiling.of(sensor.scanner) if rays < PACKET else None
         self._orders: dict[int, Order] = {}
+        if interactions and not self.world.see_through:
+            raise ValueError("world: one that beams go on in was expected, one for interactions=0 came")
         self._device_sensor = device.opaque(sensor)
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
@@ -261,16 +263,15 @@ class Simulator:
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
-        tiling = self._tiling if self._tiling is not None and chunk >= self._tiling.band else None
-        if tiling is not None:
-            chunk -= chunk % tiling.band
+        if self._tiling is not None and chunk > self._tiling.band:
+            chunk -= chunk % self._tiling.band
         seed_word = device.opaque_uint32(seed)
         placing = Placing.of(goal)
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
-            order = None if tiling is None else self._order(tiling, count)
+            order = self._order(count)
             if order is None:
                 pulse, numbers = device.counter(first, count), numbered(first, count)
             else:
@@ -299,11 +300,13 @@ class Simulator:
                 part, first = started(following), following
             yield done, columns, outcome
 
-    def _order(self, tiling: Tiling, count: int) -> Order:
+    def _order(self, count: int) -> Order | None:
         """Of a chunk of so many pulses; frames have chunks of two sizes, and the last two are kept."""
+        if self._tiling is None:
+            return None
         known = self._orders.get(count)
         if known is None:
-            known = Order.of(tiling.order(count))
+            known = Order.of(self._tiling.order(count))
             self._orders = dict([*self._orders.items()][-1:]) | {count: known}
         return known
 

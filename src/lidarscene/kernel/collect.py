@@ -247,7 +247,7 @@ def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
     """Where each element of several lists goes in all of them together, sorted; what is equal keeps its order."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
-    place = np.empty(len(order), dtype=np.uint32)
+    place = np.zeros(len(order), dtype=np.uint32)
     place[order] = np.arange(len(order), dtype=np.uint32)
     return np.split(place, np.cumsum([len(one) for one in pulses])[:-1])
 

@@ -109,6 +109,7 @@ class Moment:
             to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(self.sun))), to_sun)
             shift = dr.select(nearer, mover.face_shift, shift)
             here = [one & ~nearer for one in here] + [nearer]
+        self._apart(first)
         found = first.is_valid() if active is True else first.is_valid() & active
         surface = first.compute_surface_interaction(seen, mi.RayFlags.All, found)
         return Meeting(
@@ -131,6 +132,7 @@ class Moment:
             device.apart(met)
             left = active & ~met & _near(dr, carried, mover)
             met |= scene.ray_test(carried, coherent=self.coherent, active=left)
+        self._apart(met)
         return met
 
     def outside(self, met: Meeting, point: Any) -> Any:
@@ -143,7 +145,7 @@ class Moment:
         return point
 
     def _apart(self, *arrays: Any) -> None:
-        """Nothing that was asked of another scene is left in the kernel that asks the next one."""
+        """Nothing that one scene was asked is left to the kernel that asks the next one."""
         if self.moving or self.world.has_panes:
             device.apart(*arrays)
 

@@ -70,8 +70,6 @@ def trace(
 
 def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     """The first surface, and whether the ray has to be traced in full."""
-    import drjit as dr
-
     mi = mitsuba()
     through_glass = mi.Bool(False)
 

@@ -59,6 +59,7 @@ class World:
     body_class      (b,) Int32 on the device, index into ``class_names``
     has_foreign     whether some BSDF comes from a Mitsuba file as it is
     speculars       where a beam goes on, or None: nowhere
+    see_through     whether it was built for beams that go on at all
     """
 
     scene: Any
@@ -75,6 +76,7 @@ class World:
     material_names: tuple[str, ...]
     has_foreign: bool
     speculars: Speculars | None
+    see_through: bool
 
     @property
     def has_panes(self) -> bool:
@@ -144,6 +146,7 @@ def build_world(
     return World(
         scene=standing,
         panes=panes,
+        see_through=see_through,
         movers=tuple(movers),
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),

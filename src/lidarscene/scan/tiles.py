@@ -70,8 +70,11 @@ class Tiling:
         for parity in (0, 1):
             grid[:, parity::2] = grid[:, parity::2][:, :, self.along[parity]]
         whole = self.line // self.width * self.width
-        tiles = grid[:, :, :whole].reshape(bands, HEIGHT, -1, self.width).swapaxes(1, 2)
-        parts = [tiles.reshape(bands, -1), grid[:, :, whole:].reshape(bands, -1)]
+        tiles = grid[:, :, :whole].reshape(bands, HEIGHT, whole // self.width, self.width)
+        parts = [
+            tiles.swapaxes(1, 2).reshape(bands, HEIGHT * whole),
+            grid[:, :, whole:].reshape(bands, self.band - HEIGHT * whole),
+        ]
         rest = np.arange(bands * self.band, count, dtype=np.uint32)
         return np.concatenate([np.concatenate(parts, axis=1).ravel(), rest])
 
