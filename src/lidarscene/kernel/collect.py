@@ -24,8 +24,9 @@ ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
     "interactions": np.uint8(0),
     "ghost": np.uint8(0),
+    "pulse_width_s": np.float32(0.0),
 }
-"""Columns that only some worlds have, and what they hold in the others."""
+"""Columns that only some worlds or sensors have, and what they hold in the others."""
 
 
 def lanes_where(flag: Any) -> Any:
@@ -130,7 +131,7 @@ def columns(
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
     """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; none of
-    `ABSENT` where nothing moves, or where nothing lets through or mirrors.
+    `ABSENT` where nothing moves, where nothing lets through or mirrors, or where widths are not measured.
 
     sensor       with its numbers on the device
     pulse        (n,) pulse numbers of the chunk's lanes
@@ -179,6 +180,8 @@ def columns(
     if "ghost" in given:
         given["interactions"] = mi.UInt8(given["interactions"])
         given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    if sensor.measures_width:
+        given["pulse_width_s"] = of_stop("width_s")
     return given | {
         "xyz_m": dr.ravel(
             mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
