@@ -76,11 +76,13 @@ def overdrive_of_width(
 ) -> Array:
     """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
 
-    That grows with the peak without end, so there is one answer; by bisection from below what a pulse that does not
-    drain would need, to 1e-7 of it.
+    That grows with the peak without end, so there is one answer; by bisection, to 1e-7 of the largest it could be:
+    draining takes tau ln(s / U) at least.
     """
-    high = overdrive_of_symmetric_width(width_s=width_s, fwhm_s=fwhm_s)
-    ops = xp(high, level, saturation)
+    even = overdrive_of_symmetric_width(width_s=width_s, fwhm_s=fwhm_s)
+    ops = xp(even, level, saturation)
+    draining = ops.maximum(width_s / ops.maximum(recovery_s, 1e-15), ops.log(saturation / level))
+    high = ops.minimum(even, draining)
     low = high * 0.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
