@@ -50,11 +50,24 @@ class Laser:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Halo:
+    """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together.
+
+    share           of the echo of a wide surface that it brings
+    divergence_rad  full angle at 1/e^2
+    """
+
+    share: Array
+    divergence_rad: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
     """Receiver.
 
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
     overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    halo                 around the spot, or None
     """
 
     aperture_radius_m: Array
@@ -63,6 +76,7 @@ class Optics:
     efficiency_sun: Array
     sun_irradiance_w_m2: Array
     overlap: Overlap | None = None
+    halo: Halo | None = None
 
     @property
     def aperture_m2(self) -> Array:
