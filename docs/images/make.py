@@ -57,6 +57,7 @@ def main() -> None:
     low_sun()
     retro()
     intensity()
+    bloom()
     view()
 
 
@@ -104,10 +105,23 @@ def intensity() -> None:
             cloud = lidarscene.render(scene, overrides=[*FINER, *CLIPPING, *kind])
             range_image(cloud, path, colour_by="intensity", size_px=(1920, 520))
             strips.append(Image.open(path).convert("RGB"))
-    whole = Image.new("RGB", (strips[0].width, sum(one.height for one in strips)))
-    for number, one in enumerate(strips):
-        whole.paste(one, (0, number * one.height))
-    store(whole, "intensity.png")
+    below(strips, "intensity.png")
+
+
+def bloom() -> None:
+    """The rows at 10 and 20 m of the retro scene by range, with a halo around the beam and without."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    halo = ["optics.halo.share=1e-3", "optics.halo.divergence_mrad=20"]
+    strips = []
+    with tempfile.TemporaryDirectory() as folder:
+        for keys in (halo, []):
+            path = Path(folder) / "strip.png"
+            cloud = lidarscene.render(scene, overrides=[*FINER, "laser.divergence_mrad=2", *keys], rays=32)
+            left, up = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
+            near = cloud.select((np.abs(left - 6.0) < 29.0) & (np.abs(up) < 9.0) & (cloud.range_m < 45.0))
+            range_image(near, path, size_px=(1920, 700))
+            strips.append(Image.open(path).convert("RGB"))
+    below(strips, "bloom.png")
 
 
 def compare() -> None:
@@ -277,6 +291,14 @@ def view() -> None:
         browser.value("new Promise(done => setTimeout(done, 500))")
         browser.screenshot(Path(folder) / "view.png")
         store(Image.open(Path(folder) / "view.png"), "view.png")
+
+
+def below(strips: list[Image.Image], name: str) -> None:
+    """Pictures of one size, one below the other."""
+    whole = Image.new("RGB", (strips[0].width, sum(one.height for one in strips)))
+    for number, one in enumerate(strips):
+        whole.paste(one, (0, number * one.height))
+    store(whole, name)
 
 
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
