@@ -96,7 +96,9 @@ class _Followed:
         self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         hidden = not sys.stderr.isatty()
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=hidden)
+        self._bar = Progress(
+            *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
+        )
         self._task = self._bar.add_task("frames", total=frames)
 
     def __enter__(self) -> _Followed:
