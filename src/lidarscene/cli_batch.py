@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 BATCH_HELP = """\
 examples:
-  lidarscene batch job.toml -o out/job
-  lidarscene batch job.toml -o out/job --workers 2
+  lidarscene batch scenes/job.toml -o out/job
+  lidarscene batch scenes/job.toml -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
 A run that was broken off goes on where it was: the same command again renders what is missing.
