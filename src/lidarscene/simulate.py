@@ -33,7 +33,7 @@ from .detectors import Apd
 from .echoes import Ambient, EchoTrain
 from .errors import InputError
 from .field_of_view import background_power_w, field_of_view
-from .footprint import Footprint, footprint, spread
+from .footprint import Footprint, aim, footprint, spread
 from .frame import COORDINATES, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -333,10 +333,13 @@ class Simulator:
             self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        aimed = None
+        if self.world.speculars is not None and shape is self._footprint:
+            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions, survey=survey,
+            interactions=self.interactions, survey=survey, seed=seed, ray=0 if ray is None else ray, aim=aimed,
         )  # fmt: skip
 
     def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..footprint import Aim
 from ..motion import Placement
 from ..scan.vectors import Vector
 from . import device
 from .backend import mitsuba
+from .gaps import Draws
 from .speculars import Speculars
 from .world import Mover, World
 
@@ -47,12 +49,16 @@ class Moment:
     moving    what moves, and where it is then
     sun       unit vector towards the sun
     coherent  whether neighbouring rays are neighbours in angle
+    draws     random numbers of the rays, which gaps ask for
+    aim       of the beams, of which panes and mirrors may send some back; None: that is not asked
     """
 
     world: World
     moving: Sequence[tuple[Mover, Placement]]
     sun: Vector
     coherent: bool
+    draws: Draws
+    aim: Aim | None = None
 
     @property
     def speculars(self) -> Speculars:

@@ -7,16 +7,19 @@ from typing import Any
 
 from ..arrays import Array, is_drjit, xp
 from ..beams import Beams
+from ..footprint import Aim
 from ..hits import Hits
 from ..motion import Placement
 from ..scan.vectors import Vector
 from .backend import mitsuba
+from .gaps import Draws, gap_share
+from .glints import returned
 from .meeting import Meeting, Moment
-from .onward import START_OFFSET_M, Way, chosen, gone_on, is_pane, kind_of, sunlight_share
+from .onward import START_OFFSET_M, Way, chosen, goes_on, gone_on, kind_of, sunlight_share
 from .world import World
 
 INTERACTIONS = 3
-"""Panes and mirrors that a beam may meet: through both windows of a car, and through the next one's."""
+"""Panes, mirrors and gaps that a beam may meet: through both windows of a car, and through the next one's."""
 
 MOST_INTERACTIONS = 8
 """Each is a further ray query in the kernel, and takes its time to compile."""
@@ -32,27 +35,35 @@ def trace(
     sensor_velocity_m_s: Vector | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
+    seed: Array = 0,
+    ray: Array = 0,
+    aim: Aim | None = None,
 ) -> tuple[Hits, ...]:
     """The surface at the end of each ray's ways, on the device.
 
-    The first way goes through panes and off mirrors. In a world with panes there is a second, which is reflected at
-    the first pane that the first one meets and from there on does the same; where none is met it carries no light.
+    The first way goes through panes and off mirrors, and through gaps if it finds one. In a world with panes there is
+    a second, which is reflected at the first pane that the first one meets and from there on does the same; where
+    none is met it carries no light.
 
     sun                  (x, y, z) unit vector towards the sun
     coherent             whether neighbouring rays are neighbours in angle
     placements           of each of the world's movers when each ray leaves; where they are at time 0 if None
     sensor_velocity_m_s  of the point that each ray leaves from; it stands still if None
-    interactions         with panes and mirrors, on each way; at the next one it ends without an echo
+    interactions         with panes, mirrors and gaps, on each way; at the next pane or mirror it ends without an
+                         echo, and the next porous surface counts as solid
     survey               stop at the first surface, and tell only which rays have to be traced in full: those that
-                         meet a pane or mirror, and those whose sunlight comes through a pane. A kernel that follows
-                         all ways costs every ray, and few rays meet glass
+                         meet a pane, mirror or porous surface, and those whose sunlight comes through one. A kernel
+                         that follows all ways costs every ray, and few rays meet glass
+    seed, ray            of the frame, and number of each ray within its pulse: what finds gaps
+    aim                  of the beams, so that panes and mirrors straight across one send it back; None: they do not
     """
     mi = mitsuba()
     if placements is None:
         placements = [mover.rest for mover in world.movers]
     moment = Moment(
-        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent
-    )
+        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent,
+        draws=Draws(seed=seed, pulse=beams.pulse, ray=ray), aim=aim,
+    )  # fmt: skip
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
     if world.speculars is None:
@@ -80,7 +91,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
         nonlocal through_glass
         dark, shape = moment.first_shape(ray, sunny)
         kind = dr.gather(mi.UInt32, moment.speculars.kind, shape, dark)
-        through_glass = dark & is_pane(moment, kind)
+        through_glass = dark & (kind > 0) & ~moment.speculars.is_mirror(kind)
         return sunny & ~dark, 1.0
 
     hits = _ended(moment, way, met, sunshine)
@@ -97,11 +108,14 @@ def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meetin
     second, mirrored = way, mi.Bool(False)
     for number in range(interactions):
         kind = kind_of(moment, met)
-        if speculars.panes and (number == 0 or speculars.mirrors):
-            here = is_pane(moment, kind) & (way.interactions == number) & ~mirrored
-            second = chosen(here, gone_on(moment, way, met, here, reflected=True), second)
+        if speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
+            here = speculars.is_pane(kind) & (way.interactions == number) & ~mirrored
+            off = gone_on(moment, way, met, here, reflected=True)
+            back, ended = returned(moment, way, met, off, here)
+            second = chosen(here, chosen(back, ended, off), second)
             mirrored |= here
-        way, met = _a_step_on(moment, way, met, (kind > 0) & (way.interactions == number))
+        on = goes_on(moment, way, met, kind) & (way.interactions == number)
+        way, met = _a_step_on(moment, way, met, kind, on)
     if not speculars.panes:
         return [(way, met)]
     second, end = _mirrored(moment, second, mirrored, interactions)
@@ -117,14 +131,18 @@ def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple
     way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
     met = moment.meet(way.ray, active)
     for _ in range(1, interactions):
-        on = active & (kind_of(moment, met) > 0) & (way.interactions < interactions)
-        way, met = _a_step_on(moment, way, met, on)
+        kind = kind_of(moment, met)
+        on = active & goes_on(moment, way, met, kind) & (way.interactions < interactions)
+        way, met = _a_step_on(moment, way, met, kind, on & (way.glint_per_sr == 0.0))
     return way, met
 
 
-def _a_step_on(moment: Moment, way: Way, met: Meeting, on: Any) -> tuple[Way, Meeting]:
-    """Beyond the panes and mirrors that were met, to the next surface; the same where ``on`` does not hold."""
+def _a_step_on(moment: Moment, way: Way, met: Meeting, kind: Any, on: Any) -> tuple[Way, Meeting]:
+    """Beyond what was met, of this kind, to the next surface; the same where ``on`` does not hold."""
     further = gone_on(moment, way, met, on, reflected=False)
+    if moment.speculars.mirrors:
+        back, ended = returned(moment, way, met, further, on & moment.speculars.is_mirror(kind))
+        way, on = chosen(back, ended, way), on & ~back
     return chosen(on, further, way), chosen(on, moment.meet(further.ray, on), met)
 
 
@@ -138,23 +156,30 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
     normal = surface.n * facing
     cos_sun = dr.dot(normal, met.to_sun)
-    start = moment.outside(met, surface.p + normal * START_OFFSET_M)
+    sunny, side, through = found & (cos_sun > 0.0), normal, 0.0
+    if world.shape_transmittance is not None:
+        through = _transmittance(world, met)
+        behind = (cos_sun < 0.0) & (through > 0.0)
+        sunny, side = sunny | behind, dr.select(behind, -normal, normal)
+    start = moment.outside(met, surface.p + side * START_OFFSET_M)
     receding = way.receding_m_s
     for (_, place), here in zip(moment.moving, met.here, strict=True):
         velocity = place.velocity_at(tuple(start))
         receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
-    sunny = found & (cos_sun > 0.0)
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
+    if is_drjit(through):
+        towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
     return Hits(
         found=found,
         range_m=dr.select(found, way.length_m + met.t, 1.0),
         cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
-        backscatter_per_sr=back,
+        backscatter_per_sr=back + way.glint_per_sr,
         sun_scatter_per_sr=towards_sun * share,
         reflectivity=reflectivity,
+        transmittance=through,
         cos_sun=dr.select(found, cos_sun, 0.0),
         lit=lit,
         radial_velocity_m_s=dr.select(found, receding, 0.0) if is_drjit(receding) else 0.0,
@@ -169,7 +194,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
 def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
     """Whether the sun is seen along these rays, and how much of it."""
     speculars = moment.world.speculars
-    if not interactions or speculars is None or not speculars.panes:
+    if not interactions or speculars is None or not (speculars.panes or speculars.gaps):
         return sunny & ~moment.blocked(ray, sunny), 1.0
     share = sunlight_share(moment, ray, sunny, interactions=interactions)
     return share > 0.0, share
@@ -184,6 +209,15 @@ def _along(velocity_m_s: Vector, direction: Vector) -> Array:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
+def _transmittance(world: World, met: Meeting) -> Any:
+    """Diffuse, of what was met; 0 where nothing was."""
+    import drjit as dr
+
+    mi = mitsuba()
+    number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
+    return dr.gather(mi.Float, world.shape_transmittance, number, met.found)
+
+
 def _scattering(
     mi: Any, dr: Any, world: World, surface: Any, to_sun: Any, found: Any, lit: Any
 ) -> tuple[Any, Any, Any]:
@@ -194,6 +228,12 @@ def _scattering(
     # Reciprocity: light from the sun into the ray is light along the ray into the sun's direction.
     towards_sun = bsdf.eval(context, surface, surface.to_local(to_sun), lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
+    if world.speculars is not None and world.speculars.gaps:
+        # A ray that met a porous surface met what is not gaps; Mitsuba's mask takes the mean over both.
+        porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, found))
+        solid = 1.0 - gap_share(surface, porous)
+        solid = xp(solid).maximum(solid, 1e-6)
+        back, towards_sun = back / solid, towards_sun / solid
     reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, found)
     if world.has_foreign:
         own = bsdf.eval_diffuse_reflectance(surface, found)[0]

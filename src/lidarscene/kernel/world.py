@@ -49,8 +49,9 @@ class World:
     scene           Mitsuba scene of what stands still; vertices are relative to ``centre_m``
     movers          what moves
     centre_m        (3,) float64: what was taken off every coordinate before it became single precision
-    first_face, shape_reflectivity
-                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF
+    first_face, shape_reflectivity, shape_transmittance
+                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF; transmittance None: all
+                    are opaque
     face_body       (f,) Int32 on the device, index into ``body_names``
     face_material   (f,) Int32 on the device, index into ``material_names``
     body_class      (b,) Int32 on the device, index into ``class_names``
@@ -63,6 +64,7 @@ class World:
     centre_m: Matrix
     first_face: Any
     shape_reflectivity: Any
+    shape_transmittance: Any
     face_body: Any
     face_material: Any
     body_class: Any
@@ -75,13 +77,24 @@ class World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A Mitsuba shape and who its faces are; reflectivity None where only its BSDF knows; `bsdfs.absorption`."""
+    """A Mitsuba shape, who its faces are, and its material by `Material.at`; None where only its BSDF knows it."""
 
     shape: Any
     face_body: Matrix
     material: str
-    reflectivity: float | None
-    absorbs: tuple[float, float] | None = None
+    values: Mapping[str, Any] | None
+
+    @property
+    def reflectivity(self) -> float | None:
+        return None if self.values is None else diffuse_share(self.values)
+
+    @property
+    def transmittance(self) -> float:
+        return 0.0 if self.values is None else self.values.get("transmittance", 0.0)
+
+    @property
+    def absorbs(self) -> tuple[float, float] | None:
+        return None if self.values is None else absorption(self.values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +124,8 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
             index = np.full(found.faces, len(body_names), dtype=np.int32)
             body_names.append(found.name)
             class_of.append("unlabelled")
-            absorbs = None if found.reflectivity is None else absorption(resolved[found.material])
-            shapes.append(_Shape(found.shape, index, found.material, found.reflectivity, absorbs))
+            values = resolved[found.material] if found.is_ours else None
+            shapes.append(_Shape(found.shape, index, found.material, values))
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = _FaceTables()
@@ -189,7 +202,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    return _Shape(mesh, bodies, material, diffuse_share(values), absorption(values))
+    return _Shape(mesh, bodies, material, values)
 
 
 def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str, Any]) -> _Shape:
@@ -200,9 +213,7 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
             "bsdf": bsdf_dict(values),
         }
     )  # fmt: skip
-    return _Shape(
-        shape, np.array([index], np.int32), ball.material, diffuse_share(values), absorption(values)
-    )
+    return _Shape(shape, np.array([index], np.int32), ball.material, values)
 
 
 def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
@@ -244,13 +255,15 @@ class _FaceTables:
         mi = mitsuba()
         numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
         first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
-        reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
+        reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
         for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
             first_face[number] = start
             reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+            transmittance[number] = shape.transmittance
         return {
             "first_face": mi.UInt32(first_face),
             "shape_reflectivity": mi.Float(reflectivity),
+            "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
             "face_body": mi.Int32(np.concatenate(self._body)),
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
