@@ -84,9 +84,7 @@ class Lanes:
     light_of_ways: Any
 
 
-def run(
-    described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glints=False, **tracing
-) -> Lanes:
+def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glints=False, **tracing) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
 
     glints  whether panes and mirrors may throw beams back, as in `Simulator`

@@ -62,7 +62,7 @@ COLUMNS = (
     Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
     Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
     Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
-    Column("interactions", "interactions", "uint8", "1", "panes and mirrors on the way to the surface", True),
+    Column("interactions", "interactions", "uint8", "1", "panes, mirrors and gaps on the way to the surface", True),
     Column("ghost", "ghost", "uint8", "1", "1 where one mirrored it: no surface is there", True),
     Column("radial_velocity", "radial_velocity_m_s", "float32", "m/s", "of surface and sensor apart", True),
     Column("body", "body", "int32", "1", "body that was hit, -1 none", True),

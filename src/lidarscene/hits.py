@@ -26,9 +26,9 @@ class Hits:
     radial_velocity_m_s (n,) of the surface against the sensor, along the ray, positive where they part; 0.0 where
                         nothing in the scene moves
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
-    goes_on             (n,) bool, of a survey: whether panes or mirrors have to do with this ray or its sunlight
+    goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps have to do with this ray or its sunlight
     throughput          (n,) share of the light that panes and mirrors leave, one way; back it is the same again
-    interactions        (n,) uint32, panes and mirrors on the way
+    interactions        (n,) uint32, panes, mirrors and gaps on the way
     direction           (x, y, z) unit vector along the last of the way, or None: that of the beam
     mirrored            (n,) bool, whether one of them mirrored it: the surface is not where the beam points
     """

@@ -80,7 +80,7 @@ class Simulator:
         background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
-        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
+        interactions  panes, mirrors and gaps that a beam may meet; at 0 it ends at the first, without an echo
         """
         if not 0 <= interactions <= MOST_INTERACTIONS:
             raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")

@@ -14,14 +14,14 @@ A_M = 12.5e-3
 def share(off_m, radius_m, *, profile="gaussian", turn=0.6):
     aside = (off_m * math.cos(turn), off_m * math.sin(turn))
     both = radius_m if isinstance(radius_m, tuple) else (radius_m, radius_m)
-    return glint.share_on_aperture(
-        profile=profile, aside_m=aside, spot_radius_m=both, aperture_radius_m=A_M
-    )
+    return glint.share_on_aperture(profile=profile, aside_m=aside, spot_radius_m=both, aperture_radius_m=A_M)
 
 
-@pytest.mark.parametrize(("wide", "off_by"), [(0.7, 7e-3), (1.0, 6e-4), (1.5, 3e-5), (3.0, 1e-6), (20.0, 1e-9)])
+@pytest.mark.parametrize(
+    ("wide", "off_by"), [(0.7, 7e-3), (1.0, 6e-4), (1.5, 3e-5), (3.0, 1e-6), (20.0, 1e-9)]
+)
 def test_round_gaussian_spots_against_rice(wide, off_by):
-    """scipy's non-central chi-squared: the distance from a point of a Gaussian. Tolerances: the cubature's, as stated."""
+    """scipy's non-central chi-squared: the distance from a point of a Gaussian. Tolerances: the cubature's own."""
     off = np.linspace(0.0, 3.0 * wide + 1.0, 101) * A_M
     expected = ncx2.cdf((2.0 / wide) ** 2, 2, (2.0 * off / (wide * A_M)) ** 2)
     np.testing.assert_allclose(share(off, wide * A_M), expected, rtol=0, atol=off_by * expected.max())
@@ -47,7 +47,9 @@ def test_elliptical_spots_against_a_grid(off_m):
     assert share(off_m, (w1, w2)) == pytest.approx(on_grid(density), abs=5e-4 * peak)
 
 
-@pytest.mark.parametrize(("wide", "off_m"), [(0.8, 0.0), (0.8, 15e-3), (3.0, 10e-3), (3.0, 35e-3), (3.0, 60e-3)])
+@pytest.mark.parametrize(
+    ("wide", "off_m"), [(0.8, 0.0), (0.8, 15e-3), (3.0, 10e-3), (3.0, 35e-3), (3.0, 60e-3)]
+)
 def test_top_hats_against_a_grid(wide, off_m):
     w = wide * A_M
     x0, y0 = off_m * math.cos(0.6), off_m * math.sin(0.6)

@@ -17,8 +17,8 @@ from ..arrays import Array, Table, xp
 from .backend import mitsuba
 
 _SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
-"""Rays of a pulse are this far apart in their numbers, for the first, second, ... surface on the way: a Kronecker
-sequence, which fills the unit interval evenly, and its powers fill squares and cubes."""
+"""How far apart the numbers of a pulse's rays are at the first, second, ... surface on the way: Kronecker sequences,
+which fill the unit interval evenly, and several of them a square or a cube."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
