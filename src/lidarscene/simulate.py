@@ -339,7 +339,8 @@ class Simulator:
         return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions, survey=survey, seed=seed, ray=0 if ray is None else ray, aim=aimed,
+            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
+            aim=aimed,
         )  # fmt: skip
 
     def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:

@@ -36,7 +36,7 @@ def trace(
     interactions: int = INTERACTIONS,
     survey: bool = False,
     seed: Array = 0,
-    ray: Array = 0,
+    ray_number: Array = 0,
     aim: Aim | None = None,
 ) -> tuple[Hits, ...]:
     """The surface at the end of each ray's ways, on the device.
@@ -54,7 +54,7 @@ def trace(
     survey               stop at the first surface, and tell only which rays have to be traced in full: those that
                          meet a pane, mirror or porous surface, and those whose sunlight comes through one. A kernel
                          that follows all ways costs every ray, and few rays meet glass
-    seed, ray            of the frame, and number of each ray within its pulse: what finds gaps
+    seed, ray_number     of the frame, and of each ray within its pulse: what finds gaps
     aim                  of the beams, so that panes and mirrors straight across one send it back; None: they do not
     """
     mi = mitsuba()
@@ -62,7 +62,7 @@ def trace(
         placements = [mover.rest for mover in world.movers]
     moment = Moment(
         world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent,
-        draws=Draws(seed=seed, pulse=beams.pulse, ray=ray), aim=aim,
+        draws=Draws(seed=seed, pulse=beams.pulse, ray=ray_number), aim=aim,
     )  # fmt: skip
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
@@ -156,10 +156,9 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
     normal = surface.n * facing
     cos_sun = dr.dot(normal, met.to_sun)
-    sunny, side, through = found & (cos_sun > 0.0), normal, 0.0
-    if world.shape_transmittance is not None:
-        through = _transmittance(world, met)
-        behind = (cos_sun < 0.0) & (through > 0.0)
+    sunny, side = found & (cos_sun > 0.0), normal
+    through, behind = _let_through(world, met, cos_sun)
+    if behind is not None:
         sunny, side = sunny | behind, dr.select(behind, -normal, normal)
     start = moment.outside(met, surface.p + side * START_OFFSET_M)
     receding = way.receding_m_s
@@ -168,7 +167,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
         receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
-    if is_drjit(through):
+    if behind is not None:
         towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
@@ -209,13 +208,16 @@ def _along(velocity_m_s: Vector, direction: Vector) -> Array:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
-def _transmittance(world: World, met: Meeting) -> Any:
-    """Diffuse, of what was met; 0 where nothing was."""
+def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
+    """Diffuse transmittance of what was met, and where it shows sunlight that falls on its far side; None: nowhere."""
     import drjit as dr
 
     mi = mitsuba()
+    if world.shape_transmittance is None:
+        return 0.0, None
     number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
-    return dr.gather(mi.Float, world.shape_transmittance, number, met.found)
+    through = dr.gather(mi.Float, world.shape_transmittance, number, met.found)
+    return through, (cos_sun < 0.0) & (through > 0.0)
 
 
 def _scattering(
