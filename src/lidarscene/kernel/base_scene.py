@@ -12,20 +12,20 @@ from typing import Any
 
 from ..errors import InputError
 from .backend import mitsuba
-from .bsdfs import bsdf_dict
+from .bsdfs import bsdf_dict, diffuse_share
 
 Element = ElementTree.Element
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundShape:
-    """A shape of the file: its name, how many faces it has, its material's name, and whether that is of ours."""
+    """A shape of the file: its name, how many faces it has, and its material's name and reflectivity."""
 
     shape: Any
     name: str
     faces: int
     material: str
-    is_ours: bool
+    reflectivity: float | None
 
 
 def load_shapes(path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]) -> list[FoundShape]:
@@ -65,7 +65,7 @@ def _found(
         name=name,
         faces=shape.primitive_count(),
         material=material,
-        is_ours=is_ours,
+        reflectivity=diffuse_share(materials[material]) if is_ours else None,
     )
 
 

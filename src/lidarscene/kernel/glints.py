@@ -47,7 +47,7 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) 
     ops = xp(range_m)
     aperture = ops.sqrt(aim.aperture_m2 * (1.0 / math.pi))
     reach = [off / (aperture + _WIDTHS * width) for off, width in zip(aside, spot, strict=True)]
-    back = active & ~mi.Bool(way.mirrored) & (reach[0] * reach[0] + reach[1] * reach[1] < 1.0)
+    near = reach[0] * reach[0] + reach[1] * reach[1] < 1.0
     share = glint.share_on_aperture(
         profile=aim.profile, aside_m=(aside[0], aside[1]), spot_radius_m=(spot[0], spot[1]),
         aperture_radius_m=aperture,
@@ -55,5 +55,6 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) 
     # There by the way, back by the way once more, and one reflection between them.
     through = ops.sqrt(mi.Float(way.throughput) * further.throughput)
     bright = glint.apparent_backscatter_per_sr(share=share, range_m=range_m, aperture_m2=aim.aperture_m2)
+    back = active & ~mi.Bool(way.mirrored) & near & (bright > 0.0)
     ended = dataclasses.replace(way, throughput=through, glint_per_sr=dr.select(back, bright, 0.0))
     return back, ended

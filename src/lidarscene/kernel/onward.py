@@ -71,14 +71,12 @@ def kind_of(moment: Moment, met: Meeting) -> Any:
     return dr.gather(mi.UInt32, speculars.kind, number, met.found)
 
 
-def goes_on(moment: Moment, way: Way, met: Meeting, kind: Any) -> Any:
-    """Whether ways go on: at panes and mirrors all of them, at porous surfaces those that find a gap."""
-    speculars = moment.speculars
-    if not speculars.gaps:
-        return kind > 0
-    porous = speculars.is_porous(kind)
-    through = moment.draws.uniform(way.interactions) < gap_share(met.surface, porous)
-    return (kind > 0) & (~porous | through)
+def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
+    """Whether ways end at what lets others through: at porous surfaces, where they find no gap."""
+    if not moment.speculars.gaps:
+        return pane.found & False
+    porous = moment.speculars.is_porous(kind_of(moment, pane))
+    return porous & (moment.draws.uniform(way.interactions) >= gap_share(pane.surface, porous))
 
 
 def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: bool) -> Way:
@@ -150,15 +148,14 @@ def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) 
     import drjit as dr
 
     mi = mitsuba()
-    way, share, open_ = Way(ray=ray), mi.Float(0.0), active
+    way, open_ = Way(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
+    glazed = open_
     for _ in range(interactions):
-        met = moment.meet(way.ray, open_)
-        share = dr.select(open_ & ~met.found, way.throughput, share)
-        kind = kind_of(moment, met)
-        open_ = open_ & (kind > 0) & ~moment.speculars.is_mirror(kind)
-        way = gone_on(moment, way, met, open_, reflected=False)
+        pane = moment.pane(way.ray, dr.inf, glazed)
+        glazed = pane.found
+        way = chosen(glazed, gone_on(moment, way, pane, glazed, reflected=False), way)
         if moment.speculars.gaps:
-            porous = open_ & moment.speculars.is_porous(kind)
-            dimmed = way.throughput * gap_share(met.surface, porous)
+            porous = moment.speculars.is_porous(kind_of(moment, pane))
+            dimmed = way.throughput * gap_share(pane.surface, porous)
             way = dataclasses.replace(way, throughput=dr.select(porous, dimmed, way.throughput))
-    return dr.select(open_ & ~moment.blocked(way.ray, open_), way.throughput, share)
+    return dr.select(open_ & ~moment.glazed(way.ray, glazed), way.throughput, 0.0)

@@ -66,6 +66,11 @@ class Speculars:
         """How many of the materials are mirrors."""
         return len(self.bsdfs) - self.panes
 
+    @property
+    def lets_through(self) -> bool:
+        """Whether there are panes or gaps."""
+        return self.panes > 0 or self.gaps
+
     def is_pane(self, kind: Any) -> Any:
         """Whether light goes through all of these surfaces."""
         return (kind > 0) & (kind <= self.panes)
@@ -77,6 +82,11 @@ class Speculars:
     def is_porous(self, kind: Any) -> Any:
         """Whether some of it goes through their gaps."""
         return kind > len(self.bsdfs)
+
+
+def lets_through(bsdf: Any) -> bool:
+    """Whether light goes straight through surfaces of this BSDF, or through their gaps."""
+    return _what(mitsuba(), bsdf) in ("pane", "porous")
 
 
 def _what(mi: Any, bsdf: Any) -> str:

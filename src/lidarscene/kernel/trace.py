@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from .backend import mitsuba
 from .gaps import Draws, gap_share
 from .glints import returned
 from .meeting import Meeting, Moment
-from .onward import START_OFFSET_M, Way, chosen, goes_on, gone_on, kind_of, sunlight_share
+from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
 from .world import World
 
 INTERACTIONS = 3
@@ -67,7 +68,7 @@ def trace(
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
     if world.speculars is None:
-        interactions, survey = 0, False
+        survey = False
     if survey:
         return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
@@ -80,42 +81,41 @@ def trace(
 
 def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     """The first surface, and whether the ray has to be traced in full."""
-    import dataclasses
-
-    import drjit as dr
-
     mi = mitsuba()
     through_glass = mi.Bool(False)
 
     def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
         nonlocal through_glass
-        dark, shape = moment.first_shape(ray, sunny)
-        kind = dr.gather(mi.UInt32, moment.speculars.kind, shape, dark)
-        through_glass = dark & (kind > 0) & ~moment.speculars.is_mirror(kind)
-        return sunny & ~dark, 1.0
+        lit = sunny & ~moment.blocked(ray, sunny)
+        through_glass = moment.glazed(ray, lit)
+        return lit, 1.0
 
     hits = _ended(moment, way, met, sunshine)
-    return dataclasses.replace(hits, goes_on=(kind_of(moment, met) > 0) | through_glass)
+    goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
+    return dataclasses.replace(hits, goes_on=goes_on)
 
 
 def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
     """The way through panes and off mirrors, the one that the first pane mirrors, and what each meets in the end."""
     mi = mitsuba()
-    met = moment.meet(way.ray)
-    speculars = moment.world.speculars
-    if not interactions or speculars is None:
+    met, speculars = moment.meet(way.ray), moment.world.speculars
+    if speculars is None:
         return [(way, met)]
-    second, mirrored = way, mi.Bool(False)
+    if not interactions:
+        return [(way, _at_last_pane(moment, way, met, mi.Bool(True)))]
+    second, mirrored, on = way, mi.Bool(False), mi.Bool(True)
     for number in range(interactions):
-        kind = kind_of(moment, met)
-        if speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
-            here = speculars.is_pane(kind) & (way.interactions == number) & ~mirrored
-            off = gone_on(moment, way, met, here, reflected=True)
-            back, ended = returned(moment, way, met, off, here)
+        pane = _pane_before(moment, way, met, on)
+        if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
+            here = pane.found & ~mirrored
+            if speculars.gaps:
+                here &= speculars.is_pane(kind_of(moment, pane))
+            off = gone_on(moment, way, pane, here, reflected=True)
+            back, ended = returned(moment, way, pane, off, here)
             second = chosen(here, chosen(back, ended, off), second)
             mirrored |= here
-        on = goes_on(moment, way, met, kind) & (way.interactions == number)
-        way, met = _a_step_on(moment, way, met, kind, on)
+        way, met, on = _a_step_on(moment, way, met, pane, on)
+    met = _at_last_pane(moment, way, met, on)
     if not speculars.panes:
         return [(way, met)]
     second, end = _mirrored(moment, second, mirrored, interactions)
@@ -124,26 +124,50 @@ def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meetin
 
 def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
     """The rest of a way from the first pane on, where it met one."""
-    import dataclasses
-
     import drjit as dr
 
     way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
-    met = moment.meet(way.ray, active)
+    back = active & (way.glint_per_sr > 0.0)  # it ends at that pane
+    met, on = moment.meet(way.ray, active), active & ~back
     for _ in range(1, interactions):
-        kind = kind_of(moment, met)
-        on = active & goes_on(moment, way, met, kind) & (way.interactions < interactions)
-        way, met = _a_step_on(moment, way, met, kind, on & (way.glint_per_sr == 0.0))
-    return way, met
+        on = on & (way.interactions < interactions)
+        way, met, on = _a_step_on(moment, way, met, _pane_before(moment, way, met, on), on)
+    return way, _at_last_pane(moment, way, met, on | back)
 
 
-def _a_step_on(moment: Moment, way: Way, met: Meeting, kind: Any, on: Any) -> tuple[Way, Meeting]:
-    """Beyond what was met, of this kind, to the next surface; the same where ``on`` does not hold."""
-    further = gone_on(moment, way, met, on, reflected=False)
+def _pane_before(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting | None:
+    """The nearest pane or porous surface on the way to what was met; None in a world without any."""
+    return moment.pane(way.ray, met.t, on) if moment.speculars.lets_through else None
+
+
+def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
+    """What was met, or a pane before it, which is one too many, of a way that has gone on all the time."""
+    pane = _pane_before(moment, way, met, on)
+    return met if pane is None else chosen(pane.found, pane, met)
+
+
+def _a_step_on(
+    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Any
+) -> tuple[Way, Meeting, Any]:
+    """Through a pane or gap or off a mirror, where ``on`` holds; the way, what it meets, and whether it has gone on."""
+    import drjit as dr
+
+    gone, before = on & False, way
+    if pane is not None:
+        ends = stopped(moment, way, pane)
+        gone = pane.found & ~ends
+        way = chosen(gone, gone_on(moment, way, pane, gone, reflected=False), way)
+        # What stands behind a pane is met where it was seen through it.
+        nearer = met.t - (way.length_m - before.length_m)
+        met = chosen(ends, pane, dataclasses.replace(met, t=dr.select(gone, nearer, met.t)))
     if moment.speculars.mirrors:
-        back, ended = returned(moment, way, met, further, on & moment.speculars.is_mirror(kind))
-        way, on = chosen(back, ended, way), on & ~back
-    return chosen(on, further, way), chosen(on, moment.meet(further.ray, on), met)
+        bounce = on & ~gone & moment.speculars.is_mirror(kind_of(moment, met))
+        off = gone_on(moment, way, met, bounce, reflected=False)
+        back, ended = returned(moment, way, met, off, bounce)
+        way, bounce = chosen(back, ended, chosen(bounce, off, way)), bounce & ~back
+        met = chosen(bounce, moment.meet(way.ray, bounce), met)
+        gone |= bounce
+    return way, met, gone
 
 
 def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
@@ -193,7 +217,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
 def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
     """Whether the sun is seen along these rays, and how much of it."""
     speculars = moment.world.speculars
-    if not interactions or speculars is None or not (speculars.panes or speculars.gaps):
+    if speculars is None or not speculars.lets_through:
         return sunny & ~moment.blocked(ray, sunny), 1.0
     share = sunlight_share(moment, ray, sunny, interactions=interactions)
     return share > 0.0, share
