@@ -14,6 +14,7 @@ import glass_scene
 import low_sun_scene
 import make_range_scene
 import rain_scene
+import retro_scene
 import street_scene
 
 SCENES = {
@@ -26,6 +27,7 @@ SCENES = {
     "foliage": foliage_scene.text,
     "glass": glass_scene.text,
     "rain": rain_scene.text,
+    "retro": retro_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
 }

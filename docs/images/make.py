@@ -14,12 +14,14 @@ from lidarscene.analysis import compare_study
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.deskew import deskewed
 from lidarscene.io.light_files import AmbientImage
-from lidarscene.plots import BACKGROUND, INK, frame_picture
+from lidarscene.plots import BACKGROUND, INK, frame_picture, range_image
 from lidarscene.weather import Weather
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"
 WIDTH, COLOURS = 1200, 256
+FINER = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
+CLIPPING = ["detector.saturation_ua=10000", "detector.recovery_ns=5"]
 BOARD = "#ffc14d"
 WIDE_BEAM = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]
 PULSE = 44_739
@@ -55,14 +57,16 @@ def main() -> None:
     waveforms()
     low_sun()
     foliage()
+    retro()
+    intensity()
+    bloom()
     view()
 
 
 def car() -> None:
     """The car scene, as `make car` renders it."""
     scene = lidarscene.load_scene(SCENES / "car.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
+    cloud = lidarscene.render(scene, overrides=FINER)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "car.png"
@@ -73,16 +77,14 @@ def car() -> None:
 def glass() -> None:
     """The glass scene, by how many panes and mirrors were on the way; below it two pulses, one with the glint."""
     scene = lidarscene.load_scene(SCENES / "glass.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
+    cloud = lidarscene.render(scene, overrides=FINER)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "glass.png"
         frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
         frame = Image.open(path).convert("RGB")
         glint(scene).savefig(path, facecolor=BACKGROUND)
-        below = Image.open(path).convert("RGB")
-    store(stacked(frame, below), "glass.png")
+        below([frame, Image.open(path).convert("RGB")], "glass.png")
 
 
 def glint(scene):
@@ -107,16 +109,45 @@ def glint(scene):
     return figure
 
 
-def stacked(top: Image.Image, bottom: Image.Image) -> Image.Image:
-    """One picture above the other, both as wide as all."""
-    parts = [
-        one.resize((WIDTH, round(WIDTH * one.height / one.width)), Image.Resampling.LANCZOS)
-        for one in (top, bottom)
-    ]
-    whole = Image.new("RGB", (WIDTH, sum(one.height for one in parts)))
-    whole.paste(parts[0], (0, 0))
-    whole.paste(parts[1], (0, parts[0].height))
-    return whole
+def retro() -> None:
+    """The retro scene, coloured by the width of the pulses behind an amplifier that clips."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    cloud = lidarscene.render(scene, overrides=[*FINER, *CLIPPING, "intensity.kind='reflectivity'"])
+    view = dataclasses.asdict(scene.view) if scene.view else {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "retro.png"
+        frame_picture(cloud, path, colour_by="pulse_width", strips=("intensity", "pulse_width"), **view)
+        store(Image.open(path), "retro.png")
+
+
+def intensity() -> None:
+    """The same cloud by raw, range-corrected and calibrated intensity, one below the other."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    kinds = [[], ["intensity.kind='range_corrected'"], ["intensity.kind='reflectivity'"]]
+    with tempfile.TemporaryDirectory() as folder:
+        strips = []
+        for kind in kinds:
+            path = Path(folder) / "strip.png"
+            cloud = lidarscene.render(scene, overrides=[*FINER, *CLIPPING, *kind])
+            range_image(cloud, path, colour_by="intensity", size_px=(1920, 520))
+            strips.append(Image.open(path).convert("RGB"))
+    below(strips, "intensity.png")
+
+
+def bloom() -> None:
+    """The rows at 10 and 20 m of the retro scene by range, with a halo around the beam and without."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    halo = ["optics.halo.share=1e-3", "optics.halo.divergence_mrad=20"]
+    strips = []
+    with tempfile.TemporaryDirectory() as folder:
+        for keys in (halo, []):
+            path = Path(folder) / "strip.png"
+            cloud = lidarscene.render(scene, overrides=[*FINER, "laser.divergence_mrad=2", *keys], rays=32)
+            left, up = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
+            near = cloud.select((np.abs(left - 6.0) < 29.0) & (np.abs(up) < 9.0) & (cloud.range_m < 45.0))
+            range_image(near, path, size_px=(1920, 700))
+            strips.append(Image.open(path).convert("RGB"))
+    below(strips, "bloom.png")
 
 
 def compare() -> None:
@@ -259,8 +290,7 @@ def waveforms() -> None:
 def low_sun() -> None:
     """Ambient counts of the low sun scene, and its range image with the blind spot."""
     scene = lidarscene.load_scene(SCENES / "low_sun.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=finer)
+    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=FINER)
     image = AmbientImage()
     lidarscene.Simulator(scene, sensor, background_rays=19).render(ambient=image)
     with tempfile.TemporaryDirectory() as folder:
@@ -274,8 +304,7 @@ def low_sun() -> None:
 def foliage() -> None:
     """Ambient counts of the foliage scene, and below them its echoes from above."""
     scene = lidarscene.load_scene(SCENES / "foliage.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=[*finer, *WIDE_BEAM, "tdc.stops=3"])
+    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=[*FINER, *WIDE_BEAM, "tdc.stops=3"])
     image = AmbientImage()
     cloud = lidarscene.Simulator(scene, sensor, rays=19).render(ambient=image)
     figure, (axes,) = dark(1, 1, height=5.4)
@@ -300,7 +329,7 @@ def foliage() -> None:
         levels = np.minimum(levels / np.quantile(levels, 0.999), 1.0)
         shown = Image.fromarray(np.rint(255.0 * levels**0.5).astype(np.uint8)).crop((230, 0, 970, 251))
         figure.savefig(path, facecolor=BACKGROUND)
-        store(stacked(shown.convert("RGB"), Image.open(path).convert("RGB")), "foliage.png", colours=96)
+        below([shown.convert("RGB"), Image.open(path).convert("RGB")], "foliage.png", colours=96)
 
 
 def view() -> None:
@@ -318,6 +347,17 @@ def view() -> None:
         browser.value("new Promise(done => setTimeout(done, 500))")
         browser.screenshot(Path(folder) / "view.png")
         store(Image.open(Path(folder) / "view.png"), "view.png")
+
+
+def below(strips: list[Image.Image], name: str, *, colours: int = COLOURS) -> None:
+    """Pictures, one below the other, all as wide."""
+    sizes = [(WIDTH, round(WIDTH * one.height / one.width)) for one in strips]
+    whole = Image.new("RGB", (WIDTH, sum(height for _, height in sizes)))
+    top = 0
+    for one, size in zip(strips, sizes, strict=True):
+        whole.paste(one.resize(size, Image.Resampling.LANCZOS), (0, top))
+        top += size[1]
+    store(whole, name, colours=colours)
 
 
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:

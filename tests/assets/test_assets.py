@@ -47,6 +47,7 @@ SCENE_NAMES = (
     "fog",
     "foliage",
     "rain",
+    "retro",
     "edges",
     "low_sun",
 )
