@@ -8,6 +8,7 @@ import car_scene
 import drive_scene
 import edges_scene
 import fog_scene
+import foliage_scene
 import garage_scene
 import glass_scene
 import low_sun_scene
@@ -23,6 +24,7 @@ SCENES = {
     "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "foliage": foliage_scene.text,
     "glass": glass_scene.text,
     "rain": rain_scene.text,
     "retro": retro_scene.text,

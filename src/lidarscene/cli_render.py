@@ -86,7 +86,7 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--rays", metavar="N", type=whole(1, 1024), default=1,
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
     add("--interactions", metavar="N", type=whole(0, 8), default=3,
-        help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
+        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--background-rays", metavar="K", type=whole(1, 1024),
         help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")

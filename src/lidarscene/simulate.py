@@ -34,7 +34,7 @@ from .detectors import Apd
 from .echoes import Ambient, EchoTrain
 from .errors import InputError
 from .field_of_view import background_power_w, field_of_view
-from .footprint import Footprint, footprint, spread
+from .footprint import Footprint, aim, footprint, spread
 from .frame import COORDINATES, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -82,7 +82,7 @@ class Simulator:
         background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
-        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
+        interactions  panes, mirrors and gaps that a beam may meet; at 0 it ends at the first, without an echo
         """
         if not 0 <= interactions <= MOST_INTERACTIONS:
             raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
@@ -358,10 +358,14 @@ class Simulator:
             self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        aimed = None
+        if self.world.speculars is not None and shape is self._footprint:
+            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions, survey=survey,
+            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
+            aim=aimed,
         )  # fmt: skip
 
     def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:

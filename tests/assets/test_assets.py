@@ -45,6 +45,7 @@ SCENE_NAMES = (
     "drive",
     "glass",
     "fog",
+    "foliage",
     "rain",
     "retro",
     "edges",
