@@ -24,7 +24,7 @@ TIERS = (
     ("echoes",),
     ("ambient", "field_of_view", "intensity", "interference", "air_light", "train"),
     ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo", "waveforms"),
-    ("formats", "cloud", "labels"),
+    ("formats", "cloud", "kinds", "boxes", "labels"),
     ("kernel",),
     ("simulate", "frame", "chunk", "summary", "rig", "deskew"),
     ("catalog", "io", "pixels", "plots", "charts", "charts_fov", "charts_compare"),

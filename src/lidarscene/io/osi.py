@@ -41,14 +41,15 @@ def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
         header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
         lidars.append(message(3, message(1, *header), _detections(part)))
     features = message(26, version(1), *lidars)
-    write_frame(path, version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
-
-
-def write_frame(path: str | os.PathLike[str], *parts: bytes) -> None:
-    """Write a trace file of one message."""
-    content = b"".join(parts)
+    content = trace_file(version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
     with atomic_output(path) as temporary:
-        temporary.write_bytes(struct.pack("<I", len(content)) + content)
+        temporary.write_bytes(content)
+
+
+def trace_file(*parts: bytes) -> bytes:
+    """A trace file of one message."""
+    content = b"".join(parts)
+    return struct.pack("<I", len(content)) + content
 
 
 def version(field: int) -> bytes:
