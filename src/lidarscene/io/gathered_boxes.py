@@ -60,7 +60,7 @@ class GatheredBoxes:
         return self._tally.boxes()
 
     def _begin(self, cloud: PointCloud) -> None:
-        self.first = cloud.select(slice(0, 0))
+        self.first = cloud.without_points()
         self._tally = BoxTally(cloud, self._scene, as_seen=self._as_seen)
         if self._tally.moves:
             place = cloud.xyz_m.dtype

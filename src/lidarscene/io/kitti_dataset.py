@@ -21,7 +21,7 @@ from lidarscene.geometry import Pose
 from lidarscene.scene import Scene
 
 from . import label_files
-from .files import atomic_output
+from .files import atomic_output, named
 from .kitti import Append, kitti_stream
 from .label_files import SENSOR_TO_CAMERA, kitti_calibration
 
@@ -47,10 +47,11 @@ def frame_stream(
 
         def append(cloud: PointCloud) -> None:
             if not first:
-                first.append(cloud.select(slice(0, 0)))
-                appended.append(opened.enter_context(kitti_stream(clouds)))
+                first.append(cloud.without_points())
+                appended.append(named(clouds, opened.enter_context(kitti_stream(clouds))))
                 if cloud.has_truth:
-                    appended.append(opened.enter_context(_labels(dataset, clouds, scene)))
+                    path, labels = _labels(dataset, clouds, scene)
+                    appended.append(named(path, opened.enter_context(labels)))
             for one in appended:
                 one(cloud)
 
@@ -75,10 +76,13 @@ def write_sequence_frame(
         append(cloud)
 
 
-def _labels(dataset: str, clouds: Path, scene: Scene) -> AbstractContextManager[Append]:
+def _labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
+    """The file of a frame's labels, and what writes it."""
     if dataset == "kitti":
-        return label_files.kitti_stream(clouds.parents[1] / "label_2" / f"{clouds.stem}.txt", scene)
-    return label_files.semantic_kitti_stream(clouds.parents[1] / "labels" / f"{clouds.stem}.label", scene)
+        path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
+        return path, label_files.kitti_stream(path, scene)
+    path = clouds.parents[1] / "labels" / f"{clouds.stem}.label"
+    return path, label_files.semantic_kitti_stream(path, scene)
 
 
 def _write_sequence(root: Path, here: Path, frame: int, cloud: PointCloud) -> None:

@@ -105,7 +105,7 @@ class _Writer:
 
     def open(self, cloud: PointCloud) -> None:
         """Write the header that this cloud and those of its frame have."""
-        self.first = cloud.select(slice(0, 0))
+        self.first = cloud.without_points()
         self._text = description(cloud).encode("ascii")
         header = _header(self._laspy, cloud)
         if len(self._text) <= LARGEST_VLR:
@@ -238,7 +238,7 @@ def _whole_pulses(cloud: PointCloud) -> Iterator[PointCloud]:
 def _pulse_changes(cloud: PointCloud, which: slice) -> Array:
     """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
     key = (cloud.time_s[which], cloud.channel[which], cloud.azimuth_rad[which], cloud.elevation_rad[which])
-    return np.any([np.diff(values) != 0 for values in key], axis=0)
+    return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
 
 
 def returns_of_pulses(cloud: PointCloud) -> Array:

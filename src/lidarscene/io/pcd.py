@@ -64,7 +64,7 @@ def pcd_stream(
         def append(cloud: PointCloud) -> None:
             nonlocal points
             if not first:
-                first.append(cloud.select(slice(0, 0)))
+                first.append(cloud.without_points())
                 file.write(_header(cloud, points=0, data=data))
             points += len(cloud)
             for start in range(0, len(cloud), BLOCK_POINTS):
