@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .cloud import PointCloud, sensor_positions_m
+from .cloud import PointCloud, frame_starts_s, sensor_positions_m
 from .errors import InputError
 from .geometry import Pose
 from .kinds import kind_of
@@ -106,7 +106,8 @@ class BoxTally:
         truth_of(cloud)
         self._to_world = frame_to_world(cloud)
         self._origins_m = self._to_world.apply(sensor_positions_m(cloud.metadata))
-        self._start_s = float(cloud.metadata.get("frame_start_s", 0.0))
+        starts_s = frame_starts_s(cloud.metadata)
+        self._starts_s = np.resize(starts_s, len(self._origins_m))  # one for each sensor, or one for all
         # Points are placed as if the sensor had stood still.
         self._ego = scene.ego if cloud.metadata.get("ego_motion") == "in the points" else None
         self._things = [
@@ -116,26 +117,27 @@ class BoxTally:
         ]
         moving = self._ego is not None or any(body.motion is not None for _, body in self._things)
         self.moves = as_seen and moving
-        self._points_on = np.zeros(len(self._things), np.int64)
+        self._points_on = np.zeros((len(self._things), len(self._starts_s)), np.int64)  # by sensor
         self._time_ps = [0] * len(self._things)  # whole numbers: a sum that does not depend on the pieces
         self._boxes: list[Box] = []
 
     def see(self, cloud: PointCloud) -> None:
         """Count the echoes of each body, and when they were."""
         _, body = truth_of(cloud)
-        echo = cloud.status == 0
+        echo, sensors = cloud.status == 0, len(self._starts_s)
         for number, (index, _) in enumerate(self._things):
             own = np.flatnonzero((body == index) & echo)
-            self._points_on[number] += len(own)
+            self._points_on[number] += np.bincount(cloud.sensor_index[own], minlength=sensors)
             if self.moves:
                 self._time_ps[number] += int(np.rint(cloud.time_s[own] / PICOSECOND).astype(np.int64).sum())
 
     def settle(self) -> None:
         """Put the boxes where the points that were seen show them."""
         for number, (index, body) in enumerate(self._things):
-            points = int(self._points_on[number])
-            since_s = self._time_ps[number] * PICOSECOND / points if points else 0.0
-            self._boxes.append(self._at(body, index, since_s))
+            points = max(int(self._points_on[number].sum()), 1)
+            later_s = self._points_on[number] @ (self._starts_s - self._starts_s[0]) / points
+            since_s = self._time_ps[number] * PICOSECOND / points
+            self._boxes.append(self._at(body, index, float(self._starts_s[0] + later_s), since_s))
 
     def count(self, xyz_m: Array, true_range_m: Array, status: Array, sensor_index: Array) -> None:
         """Count points and beams in the boxes; columns of a cloud."""
@@ -154,21 +156,21 @@ class BoxTally:
     def boxes(self) -> list[Box]:
         """The boxes, with everything that was counted."""
         return [
-            replace(box, points_on=int(points_on))
+            replace(box, points_on=int(points_on.sum()))
             for box, points_on in zip(self._boxes, self._points_on, strict=True)
         ]
 
-    def _at(self, body: Body, index: int, since_s: float) -> Box:
-        """The box of a body, so long after the frame's start, where the cloud shows it."""
+    def _at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
+        """The box of a body, so long after a frame's start, where the cloud shows it."""
         box = box_of(body, index)
         if body.motion is not None:
             # The box that the body has by its pose, carried along.
             carried = body.pose.inverse() @ box.pose
-            states = body.motion.at(np.clip([self._start_s + since_s], *body.motion.span_s)) @ carried
+            states = body.motion.at(np.clip([start_s + since_s], *body.motion.span_s)) @ carried
             box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
         if self._ego is not None:
             # What the sensor saw then, from where it was at the start.
-            ego, then = pose_at(self._ego, self._start_s), pose_at(self._ego, self._start_s + since_s)
+            ego, then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
             box = replace(box, pose=ego @ then.inverse() @ box.pose)
         return box
 

@@ -156,7 +156,7 @@ class FrameFiles:
     def _draw(self, picture: Thinned) -> None:
         from .plots import frame_picture
 
-        own = self._view(float(picture.cloud().metadata["frame_start_s"].split()[0]))
+        own = self._view(picture.cloud().frame_start_s)
         # Of several sensors, who sees what: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.arguments.merge else "intensity"
         view = dataclasses.asdict(own) if own else {}

@@ -186,6 +186,11 @@ class PointCloud:
         return Pose(position_m=self.sensor_position_m, rotation=turned)
 
     @property
+    def frame_start_s(self) -> float:
+        """When the frame (of a rig the first sensor's) began, by the clock of motions; 0 if metadata do not tell."""
+        return frame_starts_s(self.metadata)[0]
+
+    @property
     def sensor_to_world(self) -> Pose | None:
         """Where the sensor (of a rig the first) stood in the world; None if metadata do not tell.
 
@@ -418,6 +423,11 @@ def sensor_positions_m(metadata: Mapping[str, str]) -> Array:
             return positions
     expected = "'frame' must be 'sensor', or 'world' or 'vehicle' with 'sensor_position_m' as 'x y z'"
     raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
+
+
+def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
+    """When the frame of each sensor began, by the clock of motions."""
+    return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
 def _checked(attribute: str, values: Any, n: int) -> Array:

@@ -343,7 +343,8 @@ def _full_disk(*_: Any, **__: Any) -> None:
     ("target", "argv", "told", "kept"),
     [
         ("lidarscene.io.files._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
-        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"], "new/m.npz: cannot be written: No space left on device", set()),
+        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"],
+         "new/m.npz: cannot be written: No space left on device", set()),
         ("lidarscene.io.spool.Spool.append", ["--keep-missed", "new/m.npz"],
          "new/m.npz: cannot be written: No space left on device", set()),
     ],

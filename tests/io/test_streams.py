@@ -1,5 +1,6 @@
 """Clouds written piece by piece: the bytes of the whole cloud's file, whole or not at all."""
 
+import importlib
 import itertools
 import os
 from pathlib import Path
@@ -10,7 +11,7 @@ from test_formats import need
 from unit.test_cloud import assert_same, small_cloud
 
 from lidarscene.cloud import PointCloud
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import FORMATS
 from lidarscene.io import las, parquet
 
@@ -98,6 +99,25 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, name: str) -> 
         failing()
     assert path.read_bytes() == b"before"
     assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no limit of a file's size")
+@pytest.mark.parametrize("name", STREAMED)
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    """By the system's own limit of the size of files, which numbers without a pattern reach however they are packed."""
+    need(name)
+    resource = importlib.import_module("resource")
+    cloud = small_cloud(50_000, intensity=np.random.default_rng(1).random(50_000, np.float32))
+    path = tmp_path / "new" / f"a{FORMATS[name].suffix}"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(OutputError) as error:
+            written(path, name, [cloud] * 3)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(error.value) == f"{path}: cannot be written: File too large"
+    assert os.listdir(tmp_path) == []
 
 
 def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

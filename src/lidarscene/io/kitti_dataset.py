@@ -92,7 +92,7 @@ def _write_sequence(root: Path, here: Path, frame: int, cloud: PointCloud) -> No
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
     _write_text(here / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
-    _write_line(here / "times.txt", frame, f"{float(cloud.metadata.get('frame_start_s', 0.0)):.9e}")
+    _write_line(here / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
     for poses in (here / "poses.txt", root / "poses" / f"{here.name}.txt"):
         _write_line(poses, frame, camera_pose(place))
 

@@ -205,7 +205,7 @@ def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
         GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered,
     ):
         yield gathered.append
-        start_s = float(gathered.first.metadata.get("frame_start_s", 0.0))
+        start_s = gathered.first.frame_start_s
         temporary.write_bytes(ground_truth(gathered.boxes(), start_s))
 
 

@@ -34,7 +34,7 @@ UNKNOWN, CLUTTER = 0, 3
 
 def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write one frame."""
-    start_s = float(cloud.metadata.get("frame_start_s", 0.0))
+    start_s = cloud.frame_start_s
     lidars = []
     for sensor in np.unique(cloud.sensor_index).tolist() or [0]:
         part = cloud.select(cloud.sensor_index == sensor)
