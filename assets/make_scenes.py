@@ -13,6 +13,7 @@ import glass_scene
 import low_sun_scene
 import make_range_scene
 import rain_scene
+import retro_scene
 import street_scene
 
 SCENES = {
@@ -24,6 +25,7 @@ SCENES = {
     "fog": fog_scene.text,
     "glass": glass_scene.text,
     "rain": rain_scene.text,
+    "retro": retro_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
 }

@@ -14,12 +14,14 @@ from lidarscene.analysis import compare_study
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.deskew import deskewed
 from lidarscene.io.light_files import AmbientImage
-from lidarscene.plots import BACKGROUND, INK, frame_picture
+from lidarscene.plots import BACKGROUND, INK, frame_picture, range_image
 from lidarscene.weather import Weather
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"
 WIDTH, COLOURS = 1200, 256
+FINER = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
+CLIPPING = ["detector.saturation_ua=10000", "detector.recovery_ns=5"]
 BOARD = "#ffc14d"
 PULSE = 44_739
 """Of the fog scene: meets the car at 30 m."""
@@ -53,14 +55,16 @@ def main() -> None:
     weather()
     waveforms()
     low_sun()
+    retro()
+    intensity()
+    bloom()
     view()
 
 
 def car() -> None:
     """The car scene, as `make car` renders it."""
     scene = lidarscene.load_scene(SCENES / "car.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
+    cloud = lidarscene.render(scene, overrides=FINER)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "car.png"
@@ -71,13 +75,53 @@ def car() -> None:
 def glass() -> None:
     """The glass scene, coloured by how many panes and mirrors were on the way."""
     scene = lidarscene.load_scene(SCENES / "glass.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
+    cloud = lidarscene.render(scene, overrides=FINER)
     view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "glass.png"
         frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
         store(Image.open(path), "glass.png")
+
+
+def retro() -> None:
+    """The retro scene, coloured by the width of the pulses behind an amplifier that clips."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    cloud = lidarscene.render(scene, overrides=[*FINER, *CLIPPING, "intensity.kind='reflectivity'"])
+    view = dataclasses.asdict(scene.view) if scene.view else {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "retro.png"
+        frame_picture(cloud, path, colour_by="pulse_width", strips=("intensity", "pulse_width"), **view)
+        store(Image.open(path), "retro.png")
+
+
+def intensity() -> None:
+    """The same cloud by raw, range-corrected and calibrated intensity, one below the other."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    kinds = [[], ["intensity.kind='range_corrected'"], ["intensity.kind='reflectivity'"]]
+    with tempfile.TemporaryDirectory() as folder:
+        strips = []
+        for kind in kinds:
+            path = Path(folder) / "strip.png"
+            cloud = lidarscene.render(scene, overrides=[*FINER, *CLIPPING, *kind])
+            range_image(cloud, path, colour_by="intensity", size_px=(1920, 520))
+            strips.append(Image.open(path).convert("RGB"))
+    below(strips, "intensity.png")
+
+
+def bloom() -> None:
+    """The rows at 10 and 20 m of the retro scene by range, with a halo around the beam and without."""
+    scene = lidarscene.load_scene(SCENES / "retro.toml")
+    halo = ["optics.halo.share=1e-3", "optics.halo.divergence_mrad=20"]
+    strips = []
+    with tempfile.TemporaryDirectory() as folder:
+        for keys in (halo, []):
+            path = Path(folder) / "strip.png"
+            cloud = lidarscene.render(scene, overrides=[*FINER, "laser.divergence_mrad=2", *keys], rays=32)
+            left, up = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
+            near = cloud.select((np.abs(left - 6.0) < 29.0) & (np.abs(up) < 9.0) & (cloud.range_m < 45.0))
+            range_image(near, path, size_px=(1920, 700))
+            strips.append(Image.open(path).convert("RGB"))
+    below(strips, "bloom.png")
 
 
 def compare() -> None:
@@ -221,8 +265,7 @@ def waveforms() -> None:
 def low_sun() -> None:
     """Ambient counts of the low sun scene, and its range image with the blind spot."""
     scene = lidarscene.load_scene(SCENES / "low_sun.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=finer)
+    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=FINER)
     image = AmbientImage()
     lidarscene.Simulator(scene, sensor, background_rays=19).render(ambient=image)
     with tempfile.TemporaryDirectory() as folder:
@@ -248,6 +291,14 @@ def view() -> None:
         browser.value("new Promise(done => setTimeout(done, 500))")
         browser.screenshot(Path(folder) / "view.png")
         store(Image.open(Path(folder) / "view.png"), "view.png")
+
+
+def below(strips: list[Image.Image], name: str) -> None:
+    """Pictures of one size, one below the other."""
+    whole = Image.new("RGB", (strips[0].width, sum(one.height for one in strips)))
+    for number, one in enumerate(strips):
+        whole.paste(one, (0, number * one.height))
+    store(whole, name)
 
 
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
