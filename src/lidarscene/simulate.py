@@ -213,6 +213,19 @@ class Simulator:
         if empty:
             sink(CloudBuilder().build(**description))
 
+    def empty(
+        self,
+        *,
+        seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
+        pose: Pose | None = None,
+        frame: str = "world",
+    ) -> PointCloud:
+        """The cloud of `render` without its points: names and metadata, known before anything is traced."""
+        _check_call(seed=seed, chunk=1, frame=frame)
+        return CloudBuilder().build(**self._description(self._frame(number, begin_s, pose), seed, frame))
+
     def _hand_out(
         self,
         now: Frame,

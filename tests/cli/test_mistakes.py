@@ -351,8 +351,10 @@ def _full_disk(*_: Any, **__: Any) -> None:
     ("target", "argv", "told", "kept"),
     [
         ("lidarscene.io.files._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
-        ("numpy.savez", ["--keep-missed", "new/m.npz"], "new/m.npz: cannot be written: No space left on device",
-         {"new", "new/o.ply"}),
+        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"],
+         "new/m.npz: cannot be written: No space left on device", set()),
+        ("lidarscene.io.spool.Spool.append", ["--keep-missed", "new/m.npz"],
+         "new/m.npz: cannot be written: No space left on device", set()),
     ],
 )  # fmt: skip
 def test_full_disk(
