@@ -10,9 +10,12 @@ import edges_scene
 import fog_scene
 import garage_scene
 import glass_scene
+import interference_scene
 import low_sun_scene
 import make_range_scene
+import parallax_scene
 import rain_scene
+import snow_scene
 import street_scene
 
 SCENES = {
@@ -26,6 +29,9 @@ SCENES = {
     "rain": rain_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
+    "snow": snow_scene.text,
+    "parallax": parallax_scene.text,
+    "interference": interference_scene.text,
 }
 
 
