@@ -4,8 +4,8 @@ from fog_scene import ground, roadside
 from scenefile import header, objects, place, table
 
 LAMPS_W_M2 = 0.01  # halogen headlights, in the band of 905 nm
-PULSES_HZ, PEAK_W_M2 = 2e4, 1e-4
-"""Of 500 000 pulses a second one in 25 finds its way to us, off some surface: medians far below what a direct hit has."""
+PULSES_HZ, PEAK_W_M2 = 2.5e4, 5e-6
+"""Of 500 000 pulses a second one in 20 finds its way to us, off some surface, and three of four of these are seen."""
 
 
 def text():

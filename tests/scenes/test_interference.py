@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.constants import c, h
+import table_1
+from scipy.constants import c
 from scipy.stats import kstest, norm
 
 from lidarscene import Simulator, load_scene, load_sensor
@@ -16,22 +17,15 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 SCENE = Path(__file__).parents[2] / "scenes" / "interference.toml"
 WINDOW_S, WINDOW_M = 4e-6, 599.58
-RATE_HZ, PEAK_W_M2, SPREAD_DB = 2e4, 1e-4, 6.0
+RATE_HZ, PEAK_W_M2, SPREAD_DB = 2.5e4, 5e-6, 6.0
 SIGMAS = norm.isf(1e-4 / 2.0)  # of a test
-LENS_M2 = math.pi * 0.025**2
 
 
 def tripping_hz():
-    """Rate of the pulses that trip. By numpy's own log-normal peaks; the comparator's power from Table 1:
-    five times the noise of thermal and dark current at 167 MHz, as `tests/table_1.py` has it, without the sun.
-    """
-    gain, excess, bandwidth, electron = 80.0, 80.0**0.3, 167e6, 1.602e-19
-    dark = 2.0 * electron * (0.1e-9 / gain**2 + 0.1e-9 * excess) * bandwidth
-    thermal = 4.0 * 1.381e-23 * 300.0 * bandwidth / 1e4 / gain**2
-    responsivity = 0.7 * electron / (h * c / 905e-9)
-    needed_w = 5.0 * math.sqrt(dark + thermal) / responsivity
+    """Of the pulses that trip: by numpy's own log-normal peaks, and by hand the power at five times (18) in the dark."""
+    needed_w = table_1.TNR * table_1.sigma_18(0.0) / (table_1.K_PD * table_1.M)
     peaks = PEAK_W_M2 * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(1).normal(size=10**6))
-    return RATE_HZ * np.mean(peaks * LENS_M2 * 0.7206 > needed_w)
+    return RATE_HZ * np.mean(peaks * table_1.A * table_1.ETA_R > needed_w)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +116,8 @@ def test_headlights_in_the_ambient_counts(frame):
     soil = cloud.material == cloud.material_names.index("soil")
     pulses = np.concatenate([pulse for pulse, _ in lanes])[soil]
     field = math.atan(0.1 / 30.0)
-    power_w = 0.01 * 0.2424 / math.pi * LENS_M2 * math.pi * field**2 * 0.7986
-    expected = power_w * 0.7 / (h * c / 905e-9) * WINDOW_S
+    power_w = 0.01 * 0.2424 / math.pi * table_1.A * math.pi * field**2 * table_1.ETA_RS
+    expected = power_w * table_1.QE / table_1.HNU * WINDOW_S
     gained = counts[pulses].astype(float).mean() - dark[pulses].astype(float).mean()
     error = math.sqrt((counts[pulses].mean() + dark[pulses].mean()) / len(pulses))
     assert abs(gained - expected) < SIGMAS * error + 0.01 * expected
