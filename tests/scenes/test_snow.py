@@ -94,7 +94,12 @@ def test_things_behind_are_dimmer_by_the_extinction():
     strong = {
         (round(a, 4), round(e, 4)): (amplitude, r)
         for a, e, amplitude, r, snr in zip(
-            clear.azimuth_rad, clear.elevation_rad, clear.intensity, clear.true_range_m, clear.snr, strict=True
+            clear.azimuth_rad,
+            clear.elevation_rad,
+            clear.intensity,
+            clear.true_range_m,
+            clear.snr,
+            strict=True,
         )
         if snr > 100.0
     }
