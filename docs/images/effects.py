@@ -45,12 +45,12 @@ def parallax() -> None:
         level = np.abs(cloud.elevation_rad) < np.radians(1.0)
         shown = one.scatter(
             np.degrees(cloud.azimuth_rad[level]), cloud.range_m[level], s=3.0, c=cloud.snr[level],
-            cmap="inferno", norm=LogNorm(3.0, 1e4), linewidths=0,
+            cmap="plasma", norm=LogNorm(3.0, 1e4), linewidths=0,
         )  # fmt: skip
         for limit_m, name in ((BLIND_M, "blind below 3.0 m"), (WHOLE_M, "all seen from 13.3 m on")):
             if offset_mm:
                 one.axhline(limit_m, color=INK, linewidth=0.7, linestyle=(0, (4, 4)))
-                one.text(-59.0, 0.97 * limit_m, name, color=INK, fontsize=9, ha="right", va="top")
+                one.text(58.0, 0.96 * limit_m, name, color=INK, fontsize=9, va="top")
         one.set(xlim=(60, -60), ylim=(0.2, 40.0), yscale="log", yticks=(0.3, 1, 3, 10, 30))
         one.set_yticklabels(("0.3", "1", "3", "10", "30"))
         one.set_xlabel("azimuth [°]  (left is positive)", color=INK)
@@ -64,12 +64,12 @@ def weather() -> None:
     """Fog, rain and snow by the class of what sent the light back."""
     last = ["tdc.stops=1", "tdc.keep='last'"]
     for name, overrides in (("fog", last), ("rain", []), ("snow", [])):
-        frame(name, overrides=overrides, colour_by="class", strips=("range",), colours=96, width=900)
+        frame(name, overrides=overrides, colour_by="class", strips=("range",), colours=64, width=900)
 
 
 def interference() -> None:
     """Points by their status: ours, noise, another lidar's."""
-    frame("interference", colour_by="status", strips=("range", "status"), colours=96, width=900)
+    frame("interference", colour_by="status", strips=("range", "status"), colours=64, width=900)
 
 
 def waveforms() -> None:

@@ -15,8 +15,8 @@ from lidarscene.analysis import compare_study
 from lidarscene.deskew import deskewed
 
 sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
-from chromium import Chromium, executable  # noqa: E402
-from served import served  # noqa: E402
+from chromium import Chromium, executable
+from served import served
 
 # The point of the car's paint that is nearest to this place in the picture.
 CLICK = """(() => {
