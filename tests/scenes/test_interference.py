@@ -34,15 +34,17 @@ def frame():
 
 
 def rendered(scene, *, seed):
-    """Cloud, outcome of each pulse that has no echo, and ambient counts of all."""
-    outcomes, counts = [], []
+    """Cloud, and outcome and ambient counts of every pulse."""
     simulator = Simulator(scene, load_sensor(scene.sensor_name))
-    cloud = simulator.render(
-        seed=seed,
-        missed=lambda pulse, outcome: outcomes.append(outcome),
-        ambient=lambda pulse, counted: counts.append(counted),
-    )
-    return cloud, np.concatenate(outcomes), np.concatenate(counts)
+    outcomes, counts = np.zeros((2, simulator.sensor.scanner.pulses), int)
+
+    def missed(pulse, outcome):
+        outcomes[pulse] = outcome
+
+    def ambient(pulse, counted):
+        counts[pulse] = counted
+
+    return simulator.render(seed=seed, missed=missed, ambient=ambient), outcomes, counts
 
 
 def of_the_sky(cloud):
