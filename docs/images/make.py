@@ -41,7 +41,7 @@ def main() -> None:
 
 def car() -> None:
     """The car scene, as `make car` renders it."""
-    frame("car", overrides=FINER, colours=64, width=900)
+    frame("car", overrides=FINER, width=900)
 
 
 def glass() -> None:
