@@ -15,6 +15,7 @@ import low_sun_scene
 import make_range_scene
 import parallax_scene
 import rain_scene
+import retro_scene
 import snow_scene
 import street_scene
 
@@ -27,6 +28,7 @@ SCENES = {
     "fog": fog_scene.text,
     "glass": glass_scene.text,
     "rain": rain_scene.text,
+    "retro": retro_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
     "snow": snow_scene.text,

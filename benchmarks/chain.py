@@ -77,13 +77,13 @@ def _glass_rows(
 
 SECONDS = """`table1-apd` and `table1-sipm` are the whole chain, from pulse numbers to a `PointCloud` of numpy
 columns, with beams that end at the first surface, as those of the others do. `Mitsuba, bare` is ray_intersect, the BSDF
-back and towards the sun, and ray_test, in firing order, evaluated on the device and left there. The three of Open3D are cast_rays, and
-test_occlusions for the hits that face the sun, with numpy() of all answers: no BSDF, no physics. All tasks take turns
-in one process; what they return is freed off the clock."""
+back and towards the sun, and ray_test, in firing order, evaluated on the device and left there. The three of Open3D are
+cast_rays, and test_occlusions for the hits that face the sun, with numpy() of all answers: no BSDF, no physics. All
+tasks take turns in one process; what they return is freed off the clock."""
 
-GLASS = """`table1-apd, through glass` is what `render` does by default: on through panes and off mirrors, of which street.toml
-has many. Ratios are to it; the others stop at the first surface. Two compiled worlds are in the process here, which
-costs all but Open3D some time."""
+GLASS = """`table1-apd, through glass` is what `render` does by default: on through panes and off mirrors, of which
+street.toml has many. Ratios are to it; the others stop at the first surface. Two compiled worlds are in the process
+here, which costs all but Open3D some time."""
 
 RATIOS = """How many times as long the first took as the second, in the same round: above 1 the second is faster."""
 

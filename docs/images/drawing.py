@@ -57,6 +57,14 @@ def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH
         store(Image.open(path), f"{name}.png", colours=colours, width=width)
 
 
+def below(strips: list[Image.Image], name: str) -> None:
+    """Pictures of one size, one below the other."""
+    whole = Image.new("RGB", (strips[0].width, sum(one.height for one in strips)))
+    for number, one in enumerate(strips):
+        whole.paste(one, (0, number * one.height))
+    store(whole, name)
+
+
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
     """Beside this file, with fewer pixels and colours."""
     size = (width, round(width * picture.height / picture.width))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import effects
 import numpy as np
+import retro
 from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, frame, store
 from PIL import Image
 
@@ -142,6 +143,9 @@ PICTURES = {
     "interference": effects.interference,
     "waveforms": effects.waveforms,
     "low_sun": effects.low_sun,
+    "retro": retro.retro,
+    "intensity": retro.intensity,
+    "bloom": retro.bloom,
     "view": view,
 }
 

@@ -52,7 +52,7 @@ class Chunk:
             needed += needed_of(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            own = (stop.width_s, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
 

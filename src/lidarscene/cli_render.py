@@ -181,7 +181,8 @@ def _note_thin_beams(arguments: argparse.Namespace, sensors: Sequence[Mounted]) 
     """No mistake, but not what who asks for rays expects."""
     if arguments.rays == 1:
         return
-    for name in dict.fromkeys(one.sensor.name for one in sensors if not one.sensor.laser.has_width):
+    thin = [one.sensor for one in sensors if not (one.sensor.laser.has_width or one.sensor.optics.halo)]
+    for name in dict.fromkeys(sensor.name for sensor in thin):
         sys.stderr.write(
             f"lidarscene: note: --rays {arguments.rays} changes nothing: laser.divergence_mrad of '{name}' is 0; "
             "a width is given by --set laser.divergence_mrad=3\n"

@@ -47,6 +47,9 @@ COLUMNS = (
     Column("z", "xyz_m", "float32", "m", "position, up"),
     Column("range", "range_m", "float32", "m", "range that the sensor reports"),
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
+    Column(
+        "pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"
+    ),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
     Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
@@ -107,6 +110,7 @@ class PointCloud:
     xyz_m: Array
     range_m: Array
     intensity: Array
+    pulse_width_s: Array
     snr: Array
     detection_probability: Array
     ambient: Array

@@ -160,7 +160,7 @@ class _Converter(Shots):
 
     def alarms(self, sources: tuple[Interference, ...], number: Array, range_m: Array) -> list[State]:
         """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
-        ops, place = self.ops, self.wave.origin_m
+        ops, place, measured = self.ops, self.wave.origin_m, self.sensor.measures_width
         zero, kind = ops.full(place, 0.0), ops.full(number, 0)
         found = comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
@@ -168,10 +168,15 @@ class _Converter(Shots):
         return [
             (
                 ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, zero, zero, zero, number, range_m, kind + alarm_status(theirs),
+                time_s, amplitude, self.alarm_width_s(amplitude, theirs) if measured else zero,
+                zero, zero, number, range_m, kind + alarm_status(theirs),
             )
             for time_s, amplitude, theirs in found
         ]  # fmt: skip
+
+    def alarm_width_s(self, amplitude: Array, theirs: Array) -> Array:
+        """Time over the threshold of false alarms."""
+        return comparator.alarm_width_s(self.sensor, self.point, self.threshold, amplitude, theirs=theirs)
 
     def detection(self, train: EchoTrain, found: _Found, stops: list[State], strongest: Array) -> Detection:
         """All that is known of the pulses."""
@@ -184,6 +189,7 @@ class _Converter(Shots):
             status = ops.where(of_air, int(Status.WEATHER), status)
             kept = kept | (used & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
+            known = width_s if self.sensor.measures_width else None
             returns.append(
                 Returns(
                     reported=used,
@@ -191,9 +197,15 @@ class _Converter(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=intensity.reported(
-                        train, self.sensor, self.point, amplitude=amplitude, range_m=range_m
+                        train,
+                        self.sensor,
+                        self.point,
+                        self.threshold,
+                        amplitude=amplitude,
+                        width_s=known,
+                        range_m=range_m,
                     ),
-                    width_s=width_s,
+                    width_s=known,
                     snr=snr,
                     detection_probability=probability,
                     source=source,

@@ -131,6 +131,8 @@ class _Shades:
         else:
             if unit == "rad":
                 values, unit = np.degrees(values), "°"
+            elif name == "pulse_width":
+                values, unit = 1e9 * values, "ns"
             self.map = _colour_map(name)
             self.norm = _norm(values, name)
         self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")

@@ -107,7 +107,7 @@ class Simulator:
         self._device_sensor = device.opaque(sensor)
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
-        self._footprint = device.opaque(footprint(sensor.laser, rays))
+        self._footprint = device.opaque(footprint(sensor.laser, rays, sensor.optics.halo))
         self._field = None
         if background_rays is not None:
             self._field = device.opaque(field_of_view(sensor, background_rays))
@@ -381,7 +381,7 @@ class Simulator:
         )
         return train.together(
             lit.light, lit.rays, self._device_sensor, self._device_ambient,
-            rays=self.rays, air=self._air, seed=seed, pulse=lit.pulse,
+            rays=self.rays, skirt=self._footprint.skirt, air=self._air, seed=seed, pulse=lit.pulse,
         )  # fmt: skip
 
     def waveforms(

@@ -39,7 +39,7 @@ EXPECTED = {
 }
 SCENE_NAMES = (
     "car", "range", "street", "garage", "drive", "glass", "fog", "rain", "edges", "low_sun", "snow", "parallax",
-    "interference",
+    "interference", "retro",
 )  # fmt: skip
 
 

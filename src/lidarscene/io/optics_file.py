@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from ..overlap import Overlap
-from ..sensor import Laser, Optics
+from ..sensor import Halo, Laser, Optics
 from .filter_file import FilterFile
 from .toml_file import FileModel
 
@@ -46,6 +46,19 @@ class OverlapFile(FileModel):
         )
 
 
+class HaloFile(FileModel):
+    """[optics.halo]: light that window and lens scatter around the beam, out and back together."""
+
+    share: Annotated[float, Field(gt=0, lt=1)] = Field(
+        description="of a wide surface's echo that comes from the halo"
+    )
+    divergence_mrad: Annotated[float, Field(gt=0, le=500)] = Field(description="full angle at 1/e^2")
+
+    def build(self) -> Halo:
+        """In SI units."""
+        return Halo(share=self.share, divergence_rad=self.divergence_mrad * 1e-3)
+
+
 class OpticsFile(FileModel):
     """[optics]: the receiver."""
 
@@ -60,6 +73,9 @@ class OpticsFile(FileModel):
     overlap: OverlapFile | None = Field(
         default=None,
         description="of spot and field of view; the spot is wholly in it, and sharp, if left out",
+    )
+    halo: HaloFile | None = Field(
+        default=None, description="around the beam, with four rays a pulse or more; none if left out"
     )
 
     @model_validator(mode="after")
@@ -87,4 +103,5 @@ class OpticsFile(FileModel):
             efficiency_laser=self.efficiency_laser,
             efficiency_sun=self.efficiency_sun,
             sun_irradiance_w_m2=sun,
+            halo=None if self.halo is None else self.halo.build(),
         )
