@@ -232,7 +232,7 @@ class Simulator:
         done = 0
         for first, columns, outcome in self._chunks(
             now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, ambient=ambient,
-            observer=observer,
+            observer=observer, ordered=missed is not None,
         ):  # fmt: skip
             since = time.perf_counter()
             done += len(outcome)
@@ -256,8 +256,10 @@ class Simulator:
         summary: Summary,
         ambient: Callable[[Matrix, Matrix], None] | None,
         observer: Observer | None,
+        ordered: bool,
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
-        """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
+        """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order; outcomes
+        by pulse if they have to be ``ordered``.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
@@ -288,7 +290,7 @@ class Simulator:
             parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, parts, placing)
-            outcome = of_every_pulse(parts, first, "outcome")
+            outcome = of_every_pulse(parts, first, "outcome", ordered=ordered)
             if ambient is not None:
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
                 ambient(every, of_every_pulse(parts, first, "ambient").astype(np.uint64))
