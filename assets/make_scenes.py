@@ -11,10 +11,13 @@ import fog_scene
 import foliage_scene
 import garage_scene
 import glass_scene
+import interference_scene
 import low_sun_scene
 import make_range_scene
+import parallax_scene
 import rain_scene
 import retro_scene
+import snow_scene
 import street_scene
 
 SCENES = {
@@ -30,6 +33,9 @@ SCENES = {
     "retro": retro_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
+    "snow": snow_scene.text,
+    "parallax": parallax_scene.text,
+    "interference": interference_scene.text,
 }
 
 
