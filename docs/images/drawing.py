@@ -57,7 +57,7 @@ def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH
         store(Image.open(path), f"{name}.png", colours=colours, width=width)
 
 
-def below(strips: list[Image.Image], name: str, *, colours: int = COLOURS) -> None:
+def below(strips: list[Image.Image], name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
     """Pictures, one below the other, all as wide."""
     sizes = [(WIDTH, round(WIDTH * one.height / one.width)) for one in strips]
     whole = Image.new("RGB", (WIDTH, sum(height for _, height in sizes)))
@@ -65,7 +65,7 @@ def below(strips: list[Image.Image], name: str, *, colours: int = COLOURS) -> No
     for one, size in zip(strips, sizes, strict=True):
         whole.paste(one.resize(size, Image.Resampling.LANCZOS), (0, top))
         top += size[1]
-    store(whole, name, colours=colours)
+    store(whole, name, colours=colours, width=width)
 
 
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:

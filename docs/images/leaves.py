@@ -27,7 +27,7 @@ def glass() -> None:
         frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
         frame = Image.open(path).convert("RGB")
         glint(scene).savefig(path, facecolor=BACKGROUND)
-        below([frame, Image.open(path).convert("RGB")], "glass.png")
+        below([frame, Image.open(path).convert("RGB")], "glass.png", width=900, colours=96)
 
 
 def glint(scene):
