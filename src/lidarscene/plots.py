@@ -285,9 +285,9 @@ def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
 
 def _title(figure: Any, whole: Thinned) -> None:
     """Scene and sensor, and how many points."""
-    alarms, weather = (int(whole.statuses[kinds].sum()) for kinds in ([1, 2], [3]))
+    kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
     named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    told = {"points": whole.points, "false alarms": alarms, "of the weather": weather}
+    told = {"points": whole.points} | {name: int(count) for name, count in kinds}
     counts = [
         f"{count:,} {name}".replace(",", "\u202f")
         for name, count in told.items()
