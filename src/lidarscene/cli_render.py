@@ -78,7 +78,7 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--rays", metavar="N", type=whole(1, 1024), default=1,
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
     add("--interactions", metavar="N", type=whole(0, 8), default=3,
-        help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
+        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--background-rays", metavar="K", type=whole(1, 1024),
         help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
@@ -125,6 +125,7 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
     _check_outputs(wanted)
     scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
+    _note_thin_beams(arguments, sensors)
     _keep_inputs(arguments, wanted)
     if arguments.waveforms is not None:
         for mounted in sensors:
@@ -162,6 +163,18 @@ def _sensors(arguments: argparse.Namespace, scene: Scene) -> Sequence[Mounted]:
 
     sensor = api.load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
     return [Mounted(label="", sensor=sensor, pose=arguments.pose or scene.sensor_pose)]
+
+
+def _note_thin_beams(arguments: argparse.Namespace, sensors: Sequence[Mounted]) -> None:
+    """No mistake, but not what who asks for rays expects."""
+    if arguments.rays == 1:
+        return
+    thin = [one.sensor for one in sensors if not (one.sensor.laser.has_width or one.sensor.optics.halo)]
+    for name in dict.fromkeys(sensor.name for sensor in thin):
+        sys.stderr.write(
+            f"lidarscene: note: --rays {arguments.rays} changes nothing: laser.divergence_mrad of '{name}' is 0; "
+            "a width is given by --set laser.divergence_mrad=3\n"
+        )
 
 
 def _simulators(
