@@ -1,11 +1,12 @@
 """What every test shares: markers from folders, the back end or a reason, a Python to run."""
 
 import contextlib
+import gc
 import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -43,6 +44,18 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         _mitsuba()
         if not backend.is_cuda():
             pytest.skip(f"no GPU: {backend.probe().cuda}")
+
+
+@pytest.fixture(autouse=True)
+def _no_garbage(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What is compiled depends on all BSDFs and shapes alive: other tests' must not go away within such a test."""
+    if "compile" not in request.node.name:
+        yield
+        return
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

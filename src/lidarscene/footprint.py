@@ -74,6 +74,35 @@ class Footprint:
         return 1.0 / self.rays
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aim:
+    """Where beams point and how they widen, and the receiver that sent them: what tells how much of one that is
+    mirrored straight back is received.
+
+    across         two unit vectors of each ray's beam, along its axes
+    exit_radius_m, slope  as of a `Footprint`
+    profile        "gaussian" or "top_hat"
+    aperture_m2    of the receiver, whose axis is the beam's
+    """
+
+    across: tuple[Vector, Vector]
+    exit_radius_m: Array
+    slope: tuple[Array, Array]
+    profile: str
+    aperture_m2: Array
+
+
+def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Array, ...]) -> Aim:
+    """Of the beams whose axes these are."""
+    return Aim(
+        across=_axes(axes.direction, shape.turn_rad, rotation),
+        exit_radius_m=shape.exit_radius_m,
+        slope=shape.slope,
+        profile=profile,
+        aperture_m2=axes.aperture_m2,
+    )
+
+
 def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
     """A beam as so many rays; a single one is its axis. Of four and more half go to the halo, if there is one."""
     second = (

@@ -34,6 +34,15 @@ class Outcome(enum.IntEnum):
     HIDDEN = 4  # false alarms had used up the converter's stops
 
 
+OUTCOME_TEXT = {
+    Outcome.NO_SURFACE: "no surface",
+    Outcome.BELOW_THRESHOLD: "below threshold",
+    Outcome.OUT_OF_WINDOW: "out of window",
+    Outcome.HIDDEN: "hidden",
+}
+"""Why there is no echo point, in words."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Returns:
     """What one stop of the converter reports for each pulse; numpy or Dr.Jit.

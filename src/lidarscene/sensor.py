@@ -48,6 +48,16 @@ class Laser:
         """On the axis on which the beam stays narrower."""
         return min(self.divergence_rad, self.divergence_elevation_rad or self.divergence_rad)
 
+    @property
+    def has_width(self) -> bool:
+        """Whether rays over its footprint are more than its axis."""
+        return bool(self.mean_divergence_rad or self.exit_diameter_m)
+
+    @property
+    def mean_divergence_rad(self) -> float:
+        """Of a round beam that stands for an elliptical one."""
+        return 0.5 * (self.divergence_rad + (self.divergence_elevation_rad or self.divergence_rad))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Halo:

@@ -38,18 +38,9 @@ EXPECTED = {
     "bollard": ("bollard band", (300, 1_000), (0.15, 0.15, 0.895), 0.005),
 }
 SCENE_NAMES = (
-    "car",
-    "range",
-    "street",
-    "garage",
-    "drive",
-    "glass",
-    "fog",
-    "rain",
-    "retro",
-    "edges",
-    "low_sun",
-)
+    "car", "range", "street", "garage", "drive", "glass", "fog", "foliage", "rain", "edges", "low_sun", "snow",
+    "parallax", "interference", "retro",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

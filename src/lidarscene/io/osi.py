@@ -35,21 +35,22 @@ UNKNOWN, CLUTTER = 0, 3
 
 def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write one frame."""
-    start_s = float(cloud.metadata.get("frame_start_s", 0.0))
+    start_s = cloud.frame_start_s
     lidars = []
     for sensor in np.unique(cloud.sensor_index).tolist() or [0]:
         part = cloud.select(cloud.sensor_index == sensor)
         header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
         lidars.append(message(3, message(1, *header), _detections(part)))
     features = message(26, version(1), *lidars)
-    write_frame(path, version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
-
-
-def write_frame(path: str | os.PathLike[str], *parts: bytes) -> None:
-    """Write a trace file of one message."""
-    content = b"".join(parts)
+    content = trace_file(version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
     with atomic_output(path) as temporary:
-        temporary.write_bytes(struct.pack("<I", len(content)) + content)
+        temporary.write_bytes(content)
+
+
+def trace_file(*parts: bytes) -> bytes:
+    """A trace file of one message."""
+    content = b"".join(parts)
+    return struct.pack("<I", len(content)) + content
 
 
 def version(field: int) -> bytes:
