@@ -95,7 +95,7 @@ def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
         ("rig", RIGS, {"sensors": []}),
         ("rig", RIGS, {"sensors": [{"label": "a"}]}),
         ("job", JOBS, {"format": "docx"}),
-        ("job", JOBS, {"sweep": {"scene": {"sun": {"azimuth_deg": []}}}}),
+        ("job", JOBS, {"sweep": {"scene": {"sun.azimuth_deg": 5}}}),
     ],
 )
 def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[Path], wrong: Any) -> None:
