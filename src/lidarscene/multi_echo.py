@@ -92,15 +92,26 @@ class _Converter(Shots):
         crossing_s = self.time_s(place)
         ready = (place - last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
-        new = self._stop(rise, trip, taken, place, crossing_s)
+        stops = _grouped(values)
+        new = self._stop(rise, trip, taken & self._may_keep(crossing_s, stops), place, crossing_s)
         return (
             ops.where(rise.found, trip.tripped, high),
             tripped | edge,
             in_window | taken,
             ops.where(taken, place, last),
             ops.maximum(highest, peak_w),
-            *(value for stop in _inserted(_grouped(values), new) for value in stop),
+            *(value for stop in self._with(stops, new) for value in stop),
         )
+
+    def _may_keep(self, crossing_s: Array, stops: list[State]) -> Array:
+        """Whether a crossing at this time can be among the best: what is measured of others is not asked for."""
+        if self.sensor.tdc.keep == "strongest":
+            return True
+        return self.key(crossing_s, 0.0) > stops[-1][0]
+
+    def _with(self, stops: list[State], new: State) -> list[State]:
+        """The best crossings so far and one behind them in time."""
+        return _appended(stops, new) if self.sensor.tdc.keep == "first" else _inserted(stops, new)
 
     def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Array, in_valley: Array) -> Array:
         """Place at which a rise trips the comparator: in the valley if it is above the level there.
@@ -229,6 +240,17 @@ def _inserted(stops: list[State], new: State) -> list[State]:
         better = new[0] > old[0]
         kept.append(tuple(ops.where(better, a, b) for a, b in zip(new, old, strict=True)))
         new = tuple(ops.where(better, b, a) for a, b in zip(new, old, strict=True))
+    return kept
+
+
+def _appended(stops: list[State], new: State) -> list[State]:
+    """The same if none of them has a lower key."""
+    ops = xp(new[0])
+    here, kept = new[0] > _EMPTY, []
+    for old in stops:
+        used = old[0] > _EMPTY
+        kept.append(tuple(ops.where(here & ~used, a, b) for a, b in zip(new, old, strict=True)))
+        here = here & used
     return kept
 
 
