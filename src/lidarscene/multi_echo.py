@@ -39,10 +39,8 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
         seed=seed, pulse=pulse,
     )  # fmt: skip
     found = converter.search()
-    stops = found.stops
     strongest = converter.strongest(train.surfaces)
-    for alarm in converter.alarms(train.interference, *strongest):
-        stops = _inserted(stops, alarm)
+    stops = converter.with_alarms(found.stops, train.interference, *strongest)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
     return converter.detection(train, found, stops, strongest[0])
@@ -169,20 +167,40 @@ class _Converter(Shots):
             highest = ops.maximum(height, highest)
         return number, wave.range_m(place)
 
-    def alarms(self, sources: tuple[Interference, ...], number: Array, range_m: Array) -> list[State]:
-        """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
-        ops, place = self.ops, self.wave.origin_m
-        zero, kind = ops.full(place, 0.0), ops.full(number, 0)
-        found = comparator.false_alarms(
+    def with_alarms(
+        self, stops: list[State], sources: tuple[Interference, ...], number: Array, range_m: Array
+    ) -> list[State]:
+        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo.
+
+        Most pulses have none, and go through none of the loops.
+        """
+        ops, tdc = self.ops, self.sensor.tdc
+        zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
+        for alarms in comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
-        )
-        return [
-            (
-                ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, zero, zero, zero, number, range_m, kind + alarm_status(theirs),
-            )
-            for time_s, amplitude, theirs in found
-        ]  # fmt: skip
+        ):
+
+            def following(draw: Array, come: Array, alarms: comparator.Alarms = alarms) -> State:
+                come, (time_s, amplitude, theirs) = alarms(ops.uint32(draw), come)
+                return draw + 1, come, time_s, amplitude, kind + alarm_status(theirs)
+
+            def going(draw: Array, come: Array, time_s: Array, *rest: Array) -> Array:
+                return (time_s < tdc.window_s) & (draw <= tdc.stops)
+
+            def step(
+                draw: Array, come: Array, time_s: Array, amplitude: Array, status: Array, *values: Array
+            ) -> State:
+                alarm = (
+                    self.key(time_s, amplitude), time_s, time_s, amplitude,
+                    zero, zero, zero, number, range_m, status,
+                )  # fmt: skip
+                kept = _inserted(_grouped(values, len(alarm)), alarm)
+                return *following(draw, come), *(value for stop in kept for value in stop)
+
+            start = following(kind, ops.float32(zero))
+            done = ops.loop((*start, *(value for stop in stops for value in stop)), going, step)
+            stops = _grouped(done[len(start) :], len(stops[0]))
+        return stops
 
     def detection(self, train: EchoTrain, found: _Found, stops: list[State], strongest: Array) -> Detection:
         """All that is known of the pulses."""
@@ -227,9 +245,9 @@ class _Converter(Shots):
         )
 
 
-def _grouped(values: Sequence[Array]) -> list[State]:
+def _grouped(values: Sequence[Array], fields: int = _FIELDS) -> list[State]:
     """The stops of a loop's state."""
-    return [tuple(values[first : first + _FIELDS]) for first in range(0, len(values), _FIELDS)]
+    return [tuple(values[first : first + fields]) for first in range(0, len(values), fields)]
 
 
 def _inserted(stops: list[State], new: State) -> list[State]:

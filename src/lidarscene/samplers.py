@@ -180,9 +180,7 @@ class _Level:
         return xp(self.down).where(self.reached, point.power_w(self.down), 1.0)
 
 
-def _falling(
-    shots: Shots, level_w: Array, rise: Rise, since: Array, wanted: Array
-) -> tuple[Array, Array]:
+def _falling(shots: Shots, level_w: Array, rise: Rise, since: Array, wanted: Array) -> tuple[Array, Array]:
     """Place behind a peak at which the waveform has fallen to a level; over further peaks that follow above it.
 
     since  where it is still above the level: the peak, or a place behind that

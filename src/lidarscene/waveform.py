@@ -98,7 +98,9 @@ class Comb:
     def power_w(self, place: Array, parts: Sequence[Array]) -> Array:
         """At a place, from the parts there."""
         wave, value = self.wave, even_sum(at=place, middle=self.middle, parts=parts)
-        return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
+        return (
+            value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
+        )
 
     def following(self, parts: Sequence[Array]) -> tuple[Array, ...]:
         """Parts at the next place."""

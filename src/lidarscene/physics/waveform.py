@@ -110,7 +110,13 @@ def lowest_between(
 
 
 def crossing(
-    evaluate: Callable[[Array], Shape], level: Array, *, far: Array, peak: Array, top: Shape, wanted: Array,
+    evaluate: Callable[[Array], Shape],
+    level: Array,
+    *,
+    far: Array,
+    peak: Array,
+    top: Shape,
+    wanted: Array,
     near: Array | None = None,
 ) -> Array:
     """Where the waveform crosses a level between a peak and a place on either side that lies lower.
