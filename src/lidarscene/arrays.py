@@ -182,8 +182,12 @@ class DrjitOps:
         return room[self.uint32(index)]
 
     def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
-        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel."""
-        done: State = self._dr.while_loop(state, going, step, mode="symbolic")
+        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel.
+
+        No derivatives go through it: loops look for places.
+        """
+        with self._dr.suspend_grad():
+            done: State = self._dr.while_loop(state, going, step, mode="symbolic")
         return done
 
 

@@ -48,10 +48,14 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """What the search knows in the end: what the pulse had at all, and the crossings that the converter keeps."""
+    """What the search knows in the end: what the pulse had at all, and the crossings that the converter keeps.
+
+    highest    place of the highest peak, and its power
+    """
 
     tripped: Array
     in_window: Array
+    highest: Array
     highest_w: Array
     stops: list[State]
 
@@ -69,16 +73,23 @@ class _Converter(Shots):
         ops, like = self.ops, self.wave.origin_m
         nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = (ops.full(like, _EMPTY), *([nothing] * 6), number, nothing)
-        start = (never, never, never, ops.full(like, _EMPTY), nothing, *(empty * self.sensor.tdc.stops))
-        _, tripped, in_window, _, highest, *values = visit_all(self.wave, self._visit, start)
+        start = (
+            never,
+            never,
+            never,
+            ops.full(like, _EMPTY),
+            *([nothing] * 2),
+            *(empty * self.sensor.tdc.stops),
+        )
+        _, tripped, in_window, _, highest, highest_w, *values = visit_all(self.wave, self._visit, start)
         status = ops.full(like, int(Status.ECHO))
         stops = [(*stop, status) for stop in _grouped(values)]
-        return _Found(tripped=tripped, in_window=in_window, highest_w=highest, stops=stops)
+        return _Found(tripped=tripped, in_window=in_window, highest=highest, highest_w=highest_w, stops=stops)
 
     def _visit(self, rise: Rise, state: State) -> State:
         """One rise: does it trip, is the comparator ready for it, is it worth a stop?"""
         ops, tdc = self.ops, self.sensor.tdc
-        high, tripped, in_window, last, highest, *values = state
+        high, tripped, in_window, last, highest, highest_w, *values = state
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
         trip = comparator.trip(
             self.point, self.threshold, peak_w, seed=self.seed, pulse=self.pulse, draw=rise.number
@@ -97,7 +108,8 @@ class _Converter(Shots):
             tripped | edge,
             in_window | taken,
             ops.where(taken, place, last),
-            ops.maximum(highest, peak_w),
+            ops.where(peak_w > highest_w, rise.peak, highest),
+            ops.maximum(highest_w, peak_w),
             *(value for stop in self._with(stops, new) for value in stop),
         )
 
@@ -233,7 +245,10 @@ class _Converter(Shots):
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
         outcome = ops.where(train.found, outcome, int(Outcome.NO_SURFACE))
-        signal, lit = self.point.signal(found.highest_w), found.highest_w > 0.0
+        # The power is asked for once more: no derivatives come out of the search, and none of the place is needed,
+        # since the slope of the waveform is zero there.
+        lit = found.highest_w > 0.0
+        signal = self.point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
         probability = comparator.probability(self.point, self.threshold, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),
