@@ -28,12 +28,13 @@ Numbers = Callable[[], Matrix]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Some pulses after all stages, on the device."""
+    """Some pulses after all stages, on the device; by pulse unless ``order`` says otherwise."""
 
     pulse: Any
     paths: Sequence[Hits]
     detection: Detection
     goes_on: Any = None
+    order: Order | None = None
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
@@ -56,6 +57,36 @@ class Chunk:
         return needed
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """In which order the pulses of a chunk are on the lanes.
+
+    pulse          (n,) uint32, of each lane, from the chunk's first one
+    lane           (n,) uint32, of each pulse
+    device_pulse, device_lane  the same, on the device
+    """
+
+    pulse: Matrix
+    lane: Matrix
+    device_pulse: Any
+    device_lane: Any
+
+    @classmethod
+    def of(cls, pulse: Matrix) -> Order:
+        """From the pulses of the lanes."""
+        lane = np.zeros_like(pulse)
+        lane[pulse] = np.arange(len(pulse), dtype=pulse.dtype)
+        return cls(pulse, lane, device.unsigned_numbers(pulse), device.unsigned_numbers(lane))
+
+    def pulse_from(self, first: int) -> Matrix:
+        """(n,) uint32 pulse numbers of the lanes of a chunk whose first one is given."""
+        return self.pulse + np.uint32(first)
+
+    def on_device(self, first: int) -> Any:
+        """The same, on the device."""
+        return self.device_pulse + device.opaque_uint32(first)
+
+
 def numbered(first: int, count: int) -> Numbers:
     """``count`` numbers from ``first`` on."""
     return functools.partial(np.arange, first, first + count, dtype=np.uint32)
@@ -70,29 +101,11 @@ def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: A
     return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
 
 
-def in_order(
-    parts: Sequence[tuple[Matrix, dict[str, Any] | None]],
-) -> tuple[Matrix, dict[str, Any] | None]:
-    """Pulse numbers and columns of several collections as one, by pulse; each is in order itself."""
-    filled = [(pulse, columns) for pulse, columns in parts if columns is not None]
-    if len(filled) < 2:
-        return filled[0] if filled else parts[0]
-    pulse = np.concatenate([one for one, _ in filled])
-    order = np.argsort(pulse, kind="stable")
-    together = {}
-    for name in filled[0][1] or {}:
-        arrays = [(columns or {})[name] for _, columns in filled]
-        values = {array.ravel()[0] for array in arrays} if all(a.strides == (0,) for a in arrays) else ()
-        if len(values) == 1:  # constant columns stay so
-            together[name] = np.broadcast_to(arrays[0][0], len(pulse))
-        else:
-            together[name] = np.concatenate(arrays)[order]
-    return pulse[order], together
-
-
 def of_every_pulse(parts: Sequence[Chunk], first: int, name: str) -> Matrix:
     """What detections say of each pulse from ``first`` on; later parts go before the first."""
-    values = np.array(getattr(parts[0].detection, name).numpy())
+    values, order = np.array(getattr(parts[0].detection, name).numpy()), parts[0].order
+    if order is not None:
+        values = values[order.lane]
     for one in parts[1:]:
         values[one.pulse.numpy() - first] = getattr(one.detection, name).numpy()
     return values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,9 +18,9 @@ from .chunk import (
     Chunk,
     Lit,
     Numbers,
+    Order,
     Placing,
     all_of,
-    in_order,
     is_plain,
     left_out,
     needed_of,
@@ -41,6 +42,7 @@ from .kernel import collect, device
 from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
 from .kernel.world import World, build_world
 from .physics import sunlight
+from .scan.tiles import PACKET, Tiling
 from .scene import Scene
 from .sensor import Sensor
 from .summary import Summary as Summary
@@ -95,7 +97,13 @@ class Simulator:
             scene,
             wavelength_m=sensor.laser.wavelength_m,
             centre_m=pose_at(self.motion).position_m,
+            see_through=interactions > 0,
         )
+        # The rays of one pulse are neighbours already.
+        self._tiling = Tiling.of(sensor.scanner) if rays < PACKET else None
+        self._orders: dict[int, Order] = {}
+        if interactions and not self.world.see_through:
+            raise ValueError("world: one that beams go on in was expected, one for interactions=0 came")
         self._device_sensor = device.opaque(sensor)
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
@@ -255,17 +263,23 @@ class Simulator:
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         chunk = max(1, chunk // max(self.rays, self.background_rays or 1))
+        if self._tiling is not None and chunk > self._tiling.band:
+            chunk -= chunk % self._tiling.band
         seed_word = device.opaque_uint32(seed)
         placing = Placing.of(goal)
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
-            pulse = device.counter(first, count)
-            part = self._chain(now, pulse, numbered(first, count), seed_word, survey=self.interactions > 0)
+            order = self._order(count)
+            if order is None:
+                pulse, numbers = device.counter(first, count), numbered(first, count)
+            else:
+                pulse, numbers = order.on_device(first), functools.partial(order.pulse_from, first)
+            part = self._chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
             device.start(part.arrays())
             summary.spent("record", since)
-            return part
+            return replace(part, order=order)
 
         part, first = started(begin), begin
         for following in [*range(begin + chunk, end, chunk), None]:
@@ -273,8 +287,7 @@ class Simulator:
             device.wait()
             parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
-            collected = [self._columns(now, one, placing) for one in parts]
-            pulse, columns = in_order(collected)
+            pulse, columns = self._columns(now, parts, placing)
             outcome = of_every_pulse(parts, first, "outcome")
             if ambient is not None:
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
@@ -286,6 +299,16 @@ class Simulator:
             if following is not None:
                 part, first = started(following), following
             yield done, columns, outcome
+
+    def _order(self, count: int) -> Order | None:
+        """Of a chunk of so many pulses; frames have chunks of two sizes, and the last two are kept."""
+        if self._tiling is None:
+            return None
+        known = self._orders.get(count)
+        if known is None:
+            known = Order.of(self._tiling.order(count))
+            self._orders = dict([*self._orders.items()][-1:]) | {count: known}
+        return known
 
     def _gone_on(self, now: Frame, part: Chunk, seed: Any) -> list[Chunk]:
         """The pulses of a chunk that meet panes or mirrors, once more and in full."""
@@ -391,24 +414,16 @@ class Simulator:
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
-    def _columns(self, now: Frame, part: Chunk, placing: Placing) -> tuple[Matrix, dict[str, Any] | None]:
+    def _columns(
+        self, now: Frame, parts: Sequence[Chunk], placing: Placing
+    ) -> tuple[Matrix, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
-        lanes = collect.kept_lanes(part.detection)
-        if lanes is None:
+        found = [self._on_device(part, placing) for part in parts]
+        kept = [one for one in found if one is not None]
+        if not kept:
             return np.zeros(0, np.uint32), None
-        on_device = collect.columns(
-            world=self.world,
-            sensor=self._device_sensor,
-            pulse=part.pulse,
-            paths=part.paths,
-            rays=self.rays,
-            detection=part.detection,
-            air_classes=self._air_classes,
-            lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
-        )
-        columns = device.columns(on_device)
+        ordered = found[0] is not None and len(kept) == 1
+        columns = device.columns(collect.one_by_one(kept[0]) if ordered else collect.by_pulse(kept))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
@@ -418,6 +433,17 @@ class Simulator:
         for name, nothing in collect.ABSENT.items():
             columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
+
+    def _on_device(self, part: Chunk, placing: Placing) -> dict[str, Any] | None:
+        """`collect.columns` of some pulses; None without any points."""
+        lanes = collect.kept_lanes(part.detection, None if part.order is None else part.order.device_lane)
+        if lanes is None:
+            return None
+        return collect.columns(
+            world=self.world, sensor=self._device_sensor, pulse=part.pulse, paths=part.paths, rays=self.rays,
+            detection=part.detection, air_classes=self._air_classes, lanes=lanes,
+            turn=placing.turn, shift=placing.shift,
+        )  # fmt: skip
 
     def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
         """`collect.surfaces` of a chunk; empty without any."""

@@ -445,6 +445,25 @@ def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
     assert set(whole.interactions) >= {0, 1}
 
 
+def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_be():
+    """Rationale: with no interactions it makes no difference whether panes are traced apart. Reference: each other."""
+    described = chain.scene(
+        pane(10.0, 20.0), pane(14.0, 20.0, material="mirror", name="m"), chain.facing(range_m=30.0, size_m=60.0),
+        materials=MATERIALS, sky=0.2,
+    )  # fmt: skip
+    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
+    apart = Simulator(described, sensor).world
+    assert apart.panes is not None
+    one = Simulator(described, sensor, interactions=0)
+    assert one.world.panes is None
+    assert one.world.speculars is None
+    other = Simulator(described, sensor, interactions=0, world=apart)
+    first, second = one.render(seed=1), other.render(seed=1)
+    for name in ("xyz_m", "ambient", "intensity", "body", "in_shadow"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert 0 < len(first) < sensor.scanner.pulses
+
+
 def test_the_number_of_interactions_is_checked():
     from lidarscene.errors import InputError
 

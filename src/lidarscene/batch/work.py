@@ -112,8 +112,8 @@ def _simulator(task: FrameTask) -> Simulator:
     own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
     centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
     world = _worlds.get(
-        (choice.world, _wavelength(own.sensor), centre_m.tobytes()),
-        lambda: Simulator(scene, first.sensor, pose=first.pose).world,
+        (choice.world, _wavelength(own.sensor), centre_m.tobytes(), task.interactions > 0),
+        lambda: Simulator(scene, first.sensor, pose=first.pose, interactions=task.interactions).world,
     )
     return Simulator(
         scene, own.sensor, pose=own.pose, world=world, rays=task.rays, interactions=task.interactions

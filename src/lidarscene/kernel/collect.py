@@ -17,8 +17,11 @@ from ..beams import reported
 from ..hits import Hits
 from ..returns import Detection, Outcome, Status
 from ..sensor import Sensor
+from . import device
 from .backend import mitsuba
 from .world import World
+
+Matrix = np.ndarray[Any, Any]
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -54,18 +57,23 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
     return found
 
 
-def kept_lanes(detection: Detection) -> tuple[Any, Any] | None:
-    """(k,) lane and stop number of every reported return, by pulse and then by stop, or None if k is 0."""
+def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | None:
+    """(k,) lane and stop number of every reported return, by pulse and then by stop, or None if k is 0.
+
+    lane_of  (n,) lane of each pulse where lanes are not by pulse
+    """
     import drjit as dr
 
     mi = mitsuba()
     stops = len(detection.stops)
-    index = dr.compress(_interleaved([stop.reported for stop in detection.stops]))
+    reported = [stop.reported for stop in detection.stops]
+    if lane_of is not None:
+        reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
+    index = dr.compress(_interleaved(reported))
     if dr.width(index) == 0:
         return None
-    if stops == 1:
-        return index, mi.UInt32(0)
-    return index // stops, index % stops
+    place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
+    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +137,7 @@ def columns(
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
-    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed; none of
+    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed, xyz_m a Point3f; none of
     `ABSENT` where nothing moves, or where nothing lets through or mirrors.
 
     sensor       with its numbers on the device
@@ -180,9 +188,7 @@ def columns(
         given["interactions"] = mi.UInt8(given["interactions"])
         given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
     return given | {
-        "xyz_m": dr.ravel(
-            mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
-        ),
+        "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,
         "intensity": of_stop("intensity"),
         "snr": own("snr"),
@@ -203,6 +209,47 @@ def columns(
         "class_id": class_id,
         "material": _where_known(world.face_material, face),
     }
+
+
+def one_by_one(columns: dict[str, Any]) -> dict[str, Any]:
+    """`columns` with x, y, z of each point after each other."""
+    import drjit as dr
+
+    return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
+
+
+def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Several `columns` as one, by pulse, `one_by_one`; returns of one pulse are all of one part, and in order."""
+    import drjit as dr
+
+    mi = mitsuba()
+    pulses = [columns["time_s"] for columns in parts]
+    dr.eval(*pulses)
+    places = [device.unsigned_numbers(place) for place in _merged([one.numpy() for one in pulses])]
+    count = sum(dr.width(place) for place in places)
+    known = {name: values for columns in reversed(parts) for name, values in columns.items()}
+    joined = {
+        name: dr.empty(mi.Float, 3 * count) if name == "xyz_m" else dr.empty(type(values), count)
+        for name, values in known.items()
+    }
+    # Part by part: what is written into one array twice is written by two kernels.
+    for columns, place in zip(parts, places, strict=True):
+        for name, room in joined.items():
+            if name == "xyz_m":
+                for axis, values in enumerate(columns[name]):
+                    dr.scatter(room, values, 3 * place + axis)
+            else:
+                values = columns[name] if name in columns else type(room)(ABSENT[name].item())
+                dr.scatter(room, values, place)
+    return joined
+
+
+def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
+    """Where each element of several lists goes in all of them together, sorted; what is equal keeps its order."""
+    order = np.argsort(np.concatenate(pulses), kind="stable")
+    place = np.zeros(len(order), dtype=np.uint32)
+    place[order] = np.arange(len(order), dtype=np.uint32)
+    return np.split(place, np.cumsum([len(one) for one in pulses])[:-1])
 
 
 def surfaces(

@@ -70,14 +70,24 @@ def repeated(values: Any, times: int) -> tuple[Any, Any]:
 
 
 def from_numpy(values: Any) -> Any:
-    """(n,) numbers in single precision, always at the same alignment: Dr.Jit takes numpy's memory as it is, and what
-    that is aligned to would become part of the kernel (MITSUBA.md 5.2).
+    """(n,) numbers in single precision."""
+    return mitsuba().Float(_aligned(values, np.float32))
+
+
+def unsigned_numbers(values: Any) -> Any:
+    """(n,) 32-bit unsigned numbers."""
+    return mitsuba().UInt32(_aligned(values, np.uint32))
+
+
+def _aligned(values: Any, dtype: Any) -> Any:
+    """Always at the same alignment: Dr.Jit takes numpy's memory as it is, and what that is aligned to would become part
+    of the kernel (MITSUBA.md 5.2).
     """
     room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
-    aligned = room[start : start + 4 * len(values)].view(np.float32)
+    aligned = room[start : start + 4 * len(values)].view(dtype)
     aligned[:] = values
-    return mitsuba().Float(aligned)
+    return aligned
 
 
 def whole_numbers(values: Any) -> Any:

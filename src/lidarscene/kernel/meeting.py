@@ -1,5 +1,8 @@
 """Meeting: rays in, the surface that each meets out, in a world some of which moves.
 
+Panes are asked apart from what ends or mirrors a ray: they are few, so that asking costs little, and what stands
+behind them is found at once.
+
 Rays are carried into the frame of each moving body as it stands when they leave; the nearest hit is kept, and the
 surface is looked at in the frame of its own body (MITSUBA.md 5.5: hit by hit what a rebuilt scene gives).
 """
@@ -61,19 +64,44 @@ class Moment:
         return self.world.speculars
 
     def meet(self, ray: Any, active: Any = True) -> Meeting:
-        """The nearest surface of each active ray of the traced frame."""
+        """The nearest surface of each active ray of the traced frame that is no pane."""
+        return self._nearest(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
+
+    def pane(self, ray: Any, before: Any, active: Any) -> Meeting:
+        """The nearest pane that these rays of the traced frame meet ``before`` a length."""
+        panes = [mover.panes for mover, _ in self.moving]
+        return self._nearest(_shorter(ray, before), active, self.world.panes, panes)
+
+    def blocked(self, ray: Any, active: Any) -> Any:
+        """Whether these rays of the traced frame meet anything that is no pane."""
+        return self._any(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
+
+    def glazed(self, ray: Any, active: Any, before: Any = None) -> Any:
+        """Whether these rays of the traced frame meet a pane, before a length if one is given."""
+        panes = [mover.panes for mover, _ in self.moving]
+        return self._any(_shorter(ray, before), active, self.world.panes, panes)
+
+    def _nearest(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Meeting:
+        """Of the surfaces in these Mitsuba scenes, of what stands still and of each mover; None: nothing there."""
         import drjit as dr
 
         mi = mitsuba()
         self._apart(ray, active)
-        first = self.world.scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
+        if still is None:
+            first = dr.zeros(mi.PreliminaryIntersection3f)
+            first.t = dr.inf
+        else:
+            first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         seen, to_sun, shift = ray, mi.Vector3f(*self.sun), mi.UInt32(0)
         here: list[Any] = []
-        for mover, place in self.moving:
+        for (mover, place), scene in zip(self.moving, moving, strict=True):
+            if scene is None:
+                here.append(mi.Bool(False))
+                continue
             carried = _carried(mi, ray, place)
             device.apart(first)
             near = _near(dr, carried, mover)
-            hit = mover.scene.ray_intersect_preliminary(
+            hit = scene.ray_intersect_preliminary(
                 carried, coherent=self.coherent, active=near if active is True else near & active
             )
             nearer = hit.is_valid() & (hit.t < first.t)
@@ -81,41 +109,31 @@ class Moment:
             to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(self.sun))), to_sun)
             shift = dr.select(nearer, mover.face_shift, shift)
             here = [one & ~nearer for one in here] + [nearer]
+        self._apart(first)
         found = first.is_valid() if active is True else first.is_valid() & active
         surface = first.compute_surface_interaction(seen, mi.RayFlags.All, found)
         return Meeting(
             found=found, t=first.t, surface=surface, seen=seen, to_sun=to_sun, shift=shift, here=tuple(here)
         )
 
-    def blocked(self, ray: Any, active: Any) -> Any:
-        """Whether these rays of the traced frame meet anything."""
+    def _any(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Any:
+        """Whether there is a surface in these Mitsuba scenes, of what stands still and of each mover."""
         import drjit as dr
 
         mi = mitsuba()
         self._apart(ray, active)
-        dark = self.world.scene.ray_test(ray, coherent=self.coherent, active=active)
-        for mover, place in self.moving:
+        met = mi.Bool(False)
+        if still is not None:
+            met = still.ray_test(ray, coherent=self.coherent, active=active)
+        for (mover, place), scene in zip(self.moving, moving, strict=True):
+            if scene is None:
+                continue
             carried = _carried(mi, ray, place)
-            device.apart(dark)
-            still_lit = active & ~dark & _near(dr, carried, mover)
-            dark |= mover.scene.ray_test(carried, coherent=self.coherent, active=still_lit)
-        return dark
-
-    def first_shape(self, ray: Any, active: Any) -> tuple[Any, Any]:
-        """Whether these rays meet anything, and registry number of the shape that they meet first."""
-        import drjit as dr
-
-        mi = mitsuba()
-        self._apart(ray, active)
-        first = self.world.scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
-        for mover, place in self.moving:
-            carried = _carried(mi, ray, place)
-            device.apart(first)
-            hit = mover.scene.ray_intersect_preliminary(
-                carried, coherent=self.coherent, active=active & _near(dr, carried, mover)
-            )
-            first = dr.select(hit.is_valid() & (hit.t < first.t), hit, first)
-        return first.is_valid() & active, dr.reinterpret_array(mi.UInt32, first.shape)
+            device.apart(met)
+            left = active & ~met & _near(dr, carried, mover)
+            met |= scene.ray_test(carried, coherent=self.coherent, active=left)
+        self._apart(met)
+        return met
 
     def outside(self, met: Meeting, point: Any) -> Any:
         """A point of the frame of what was met, in the traced one."""
@@ -127,15 +145,26 @@ class Moment:
         return point
 
     def _apart(self, *arrays: Any) -> None:
-        """Nothing that was asked of another scene is left in the kernel that asks the still one."""
-        if self.moving:
+        """Nothing that one scene was asked is left to the kernel that asks the next one."""
+        if self.moving or self.world.has_panes:
             device.apart(*arrays)
 
 
 def _carried(mi: Any, ray: Any, place: Placement) -> Any:
     """A ray of the traced frame, in that of a body."""
     origin, direction = place.point_within(tuple(ray.o)), place.vector_within(tuple(ray.d))
-    return mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
+    carried = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
+    carried.maxt = ray.maxt
+    return carried
+
+
+def _shorter(ray: Any, before: Any) -> Any:
+    """The ray up to a length, or as long as it is."""
+    if before is None:
+        return ray
+    ray = mitsuba().Ray3f(ray)
+    ray.maxt = before
+    return ray
 
 
 def _near(dr: Any, ray: Any, mover: Mover) -> Any:

@@ -139,10 +139,10 @@ def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) 
     import drjit as dr
 
     mi = mitsuba()
-    way, share, open_ = Way(ray=ray), mi.Float(0.0), active
+    way, open_ = Way(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
+    glazed = open_
     for _ in range(interactions):
-        met = moment.meet(way.ray, open_)
-        share = dr.select(open_ & ~met.found, way.throughput, share)
-        open_ = open_ & is_pane(moment, kind_of(moment, met))
-        way = gone_on(moment, way, met, open_, reflected=False)
-    return dr.select(open_ & ~moment.blocked(way.ray, open_), way.throughput, share)
+        pane = moment.pane(way.ray, dr.inf, glazed)
+        glazed = pane.found
+        way = chosen(glazed, gone_on(moment, way, pane, glazed, reflected=False), way)
+    return dr.select(open_ & ~moment.glazed(way.ray, glazed), way.throughput, 0.0)

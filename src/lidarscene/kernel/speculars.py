@@ -58,6 +58,11 @@ class Speculars:
         return len(self.bsdfs) - self.panes
 
 
+def is_pane(bsdf: Any) -> bool:
+    """Whether light goes straight through surfaces of this BSDF."""
+    return _what(mitsuba(), bsdf) == "pane"
+
+
 def _what(mi: Any, bsdf: Any) -> str:
     """Pane, mirror or nothing: a BSDF that has other lobes too ends the beam, and so does a solid of glass."""
     flags, kinds = bsdf.flags(), mi.BSDFFlags

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from ..motion import Placement
 from ..scan.vectors import Vector
 from .backend import mitsuba
 from .meeting import Meeting, Moment
-from .onward import START_OFFSET_M, Way, chosen, gone_on, is_pane, kind_of, sunlight_share
+from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, sunlight_share
 from .world import World
 
 INTERACTIONS = 3
@@ -56,7 +57,7 @@ def trace(
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
     if world.speculars is None:
-        interactions, survey = 0, False
+        survey = False
     if survey:
         return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
@@ -69,39 +70,37 @@ def trace(
 
 def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     """The first surface, and whether the ray has to be traced in full."""
-    import dataclasses
-
-    import drjit as dr
-
     mi = mitsuba()
     through_glass = mi.Bool(False)
 
     def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
         nonlocal through_glass
-        dark, shape = moment.first_shape(ray, sunny)
-        kind = dr.gather(mi.UInt32, moment.speculars.kind, shape, dark)
-        through_glass = dark & is_pane(moment, kind)
-        return sunny & ~dark, 1.0
+        lit = sunny & ~moment.blocked(ray, sunny)
+        through_glass = moment.glazed(ray, lit)
+        return lit, 1.0
 
     hits = _ended(moment, way, met, sunshine)
-    return dataclasses.replace(hits, goes_on=(kind_of(moment, met) > 0) | through_glass)
+    goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
+    return dataclasses.replace(hits, goes_on=goes_on)
 
 
 def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
     """The way through panes and off mirrors, the one that the first pane mirrors, and what each meets in the end."""
     mi = mitsuba()
-    met = moment.meet(way.ray)
-    speculars = moment.world.speculars
-    if not interactions or speculars is None:
+    met, speculars = moment.meet(way.ray), moment.world.speculars
+    if speculars is None:
         return [(way, met)]
-    second, mirrored = way, mi.Bool(False)
+    if not interactions:
+        return [(way, _at_last_pane(moment, way, met, mi.Bool(True)))]
+    second, mirrored, on = way, mi.Bool(False), mi.Bool(True)
     for number in range(interactions):
-        kind = kind_of(moment, met)
-        if speculars.panes and (number == 0 or speculars.mirrors):
-            here = is_pane(moment, kind) & (way.interactions == number) & ~mirrored
-            second = chosen(here, gone_on(moment, way, met, here, reflected=True), second)
+        pane = _pane_before(moment, way, met, on)
+        if pane is not None and (number == 0 or speculars.mirrors):
+            here = pane.found & ~mirrored
+            second = chosen(here, gone_on(moment, way, pane, here, reflected=True), second)
             mirrored |= here
-        way, met = _a_step_on(moment, way, met, (kind > 0) & (way.interactions == number))
+        way, met, on = _a_step_on(moment, way, met, pane, on)
+    met = _at_last_pane(moment, way, met, on)
     if not speculars.panes:
         return [(way, met)]
     second, end = _mirrored(moment, second, mirrored, interactions)
@@ -110,22 +109,46 @@ def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meetin
 
 def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
     """The rest of a way from the first pane on, where it met one."""
-    import dataclasses
-
     import drjit as dr
 
     way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
-    met = moment.meet(way.ray, active)
+    met, on = moment.meet(way.ray, active), active
     for _ in range(1, interactions):
-        on = active & (kind_of(moment, met) > 0) & (way.interactions < interactions)
-        way, met = _a_step_on(moment, way, met, on)
-    return way, met
+        on = on & (way.interactions < interactions)
+        way, met, on = _a_step_on(moment, way, met, _pane_before(moment, way, met, on), on)
+    return way, _at_last_pane(moment, way, met, on)
 
 
-def _a_step_on(moment: Moment, way: Way, met: Meeting, on: Any) -> tuple[Way, Meeting]:
-    """Beyond the panes and mirrors that were met, to the next surface; the same where ``on`` does not hold."""
-    further = gone_on(moment, way, met, on, reflected=False)
-    return chosen(on, further, way), chosen(on, moment.meet(further.ray, on), met)
+def _pane_before(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting | None:
+    """The nearest pane on the way to what was met; None in a world without any."""
+    return moment.pane(way.ray, met.t, on) if moment.speculars.panes else None
+
+
+def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
+    """What was met, or a pane before it, which is one too many, of a way that has gone on all the time."""
+    pane = _pane_before(moment, way, met, on)
+    return met if pane is None else chosen(pane.found, pane, met)
+
+
+def _a_step_on(
+    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Any
+) -> tuple[Way, Meeting, Any]:
+    """Through a pane or off a mirror, where ``on`` holds; the way, what it meets next, and whether it has gone on."""
+    import drjit as dr
+
+    gone, before = on & False, way
+    if pane is not None:
+        gone = pane.found
+        way = chosen(gone, gone_on(moment, way, pane, gone, reflected=False), way)
+        # What stands behind a pane is met where it was seen through it.
+        nearer = met.t - (way.length_m - before.length_m)
+        met = dataclasses.replace(met, t=dr.select(gone, nearer, met.t))
+    if moment.speculars.mirrors:
+        bounce = on & ~gone & (kind_of(moment, met) > 0)
+        way = chosen(bounce, gone_on(moment, way, met, bounce, reflected=False), way)
+        met = chosen(bounce, moment.meet(way.ray, bounce), met)
+        gone |= bounce
+    return way, met, gone
 
 
 def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
@@ -169,7 +192,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
 def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
     """Whether the sun is seen along these rays, and how much of it."""
     speculars = moment.world.speculars
-    if not interactions or speculars is None or not speculars.panes:
+    if speculars is None or not speculars.panes:
         return sunny & ~moment.blocked(ray, sunny), 1.0
     share = sunlight_share(moment, ray, sunny, interactions=interactions)
     return share > 0.0, share

@@ -19,7 +19,7 @@ from ..trajectory import Motion
 from . import base_scene, device
 from .backend import mitsuba
 from .bsdfs import absorption, bsdf_dict, diffuse_share
-from .speculars import Speculars
+from .speculars import Speculars, is_pane
 
 Matrix = np.ndarray[Any, Any]
 
@@ -28,7 +28,8 @@ Matrix = np.ndarray[Any, Any]
 class Mover:
     """A body that moves. Bodies of one shape share one Mitsuba scene.
 
-    scene       Mitsuba scene, in the body's frame
+    scene       Mitsuba scene of what is no pane, in the body's frame; None where there is nothing of it
+    panes       the same of its panes
     sphere      (x, y, z, radius) around all of it, in the body's frame; opaque
     face_shift  from the numbers of the shared scene's faces to this body's, UInt32; opaque
     motion      where it is
@@ -36,6 +37,7 @@ class Mover:
     """
 
     scene: Any
+    panes: Any
     sphere: tuple[Any, ...]
     face_shift: Any
     motion: Motion
@@ -46,7 +48,8 @@ class Mover:
 class World:
     """What the kernel traces, and the tables that say what a triangle is.
 
-    scene           Mitsuba scene of what stands still; vertices are relative to ``centre_m``
+    scene           Mitsuba scene of what stands still and is no pane; vertices are relative to ``centre_m``
+    panes           the same of panes; None where there is none
     movers          what moves
     centre_m        (3,) float64: what was taken off every coordinate before it became single precision
     first_face, shape_reflectivity
@@ -56,9 +59,11 @@ class World:
     body_class      (b,) Int32 on the device, index into ``class_names``
     has_foreign     whether some BSDF comes from a Mitsuba file as it is
     speculars       where a beam goes on, or None: nowhere
+    see_through     whether it was built for beams that go on at all
     """
 
     scene: Any
+    panes: Any
     movers: tuple[Mover, ...]
     centre_m: Matrix
     first_face: Any
@@ -71,6 +76,12 @@ class World:
     material_names: tuple[str, ...]
     has_foreign: bool
     speculars: Speculars | None
+    see_through: bool
+
+    @property
+    def has_panes(self) -> bool:
+        """Whether anything lets light through."""
+        return self.speculars is not None and self.speculars.panes > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,11 +103,14 @@ class _Moving:
     shapes: list[_Shape]
 
 
-def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = None) -> World:
+def build_world(
+    scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = None, see_through: bool = True
+) -> World:
     """Compile a scene.
 
     centre_m  (3,) point that becomes the origin of the traced coordinates: put it where the rays start, so
               that single precision is spent where it counts. A scene from a Mitsuba file keeps its origin.
+    see_through  whether beams go on through panes and off mirrors; else they end there, and that is traced faster
     Raises InputError where a material has no data at the wavelength.
     """
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
@@ -119,23 +133,26 @@ def build_world(scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = 
     faces.add(shapes)
     movers: list[Mover] = []
     for group in moving:
-        traced = _mitsuba_scene(group.shapes)
+        traced, panes = _mitsuba_scenes(group.shapes, see_through)
         # The first body's faces are those that hits have; each other body's are the same ones further on.
         starts = [faces.add(group.shapes, body=index) for index in group.bodies]
         movers += [
-            _mover(traced, scene.bodies[index], centre, start - starts[0])
+            _mover(traced, panes, scene.bodies[index], centre, start - starts[0])
             for index, start in zip(group.bodies, starts, strict=True)
         ]
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
+    standing, panes = _mitsuba_scenes(shapes, see_through)
     return World(
-        scene=_mitsuba_scene(shapes),
+        scene=standing,
+        panes=panes,
+        see_through=see_through,
         movers=tuple(movers),
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
         class_names=class_names,
-        **faces.on_device(),
+        **faces.on_device(see_through),
     )
 
 
@@ -205,7 +222,16 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
     )
 
 
+def _mitsuba_scenes(shapes: Sequence[_Shape], see_through: bool) -> tuple[Any, Any]:
+    """Of what is no pane, or all where beams go through none, and of panes; None where there is nothing of it."""
+    panes = [shape for shape in shapes if see_through and is_pane(shape.shape.bsdf())]
+    others = [shape for shape in shapes if shape not in panes]
+    return _mitsuba_scene(others), _mitsuba_scene(panes)
+
+
 def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
+    if not shapes:
+        return None
     # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
     # cost 8 % of the tracing and build three times as fast (measured on street.toml); a shape group, the other
     # way to a fast build (MITSUBA.md 5.5), would lose the setting.
@@ -239,7 +265,7 @@ class _FaceTables:
             self._faces += count
         return start
 
-    def on_device(self) -> dict[str, Any]:
+    def on_device(self, see_through: bool) -> dict[str, Any]:
         """The fields of World that are looked up by a shape's registry number, or by a face."""
         mi = mitsuba()
         numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
@@ -255,7 +281,9 @@ class _FaceTables:
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()]),
+            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()])
+            if see_through
+            else None,
         }
 
 
@@ -282,13 +310,14 @@ def _registry_number(shape: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _mover(scene: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
+def _mover(scene: Any, panes: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
     low, high = _extent(body)
     middle = (low + high) / 2.0
     radius = float(np.linalg.norm(high - low)) / 2.0
     assert body.motion is not None
     return Mover(
         scene=scene,
+        panes=panes,
         sphere=device.opaque((*(float(x) for x in middle), radius)),
         face_shift=device.opaque_uint32(face_shift),
         motion=body.motion,

@@ -33,7 +33,7 @@ def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Arr
     left, count = uniform - term, 0.0 * few
     for number in range(1, _TERMS):
         count = count + ops.where(left > 0.0, 1.0, 0.0)
-        term = term * few / number
+        term = term * (few * (1.0 / number))
         left = left - term
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0

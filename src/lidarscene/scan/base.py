@@ -31,6 +31,10 @@ class Scanner(Protocol):
         """From the first pulse of a frame to the first of the next."""
 
     @property
+    def line_pulses(self) -> int | None:
+        """Pulses of a scan line (of a bank of lasers, a firing of all) if lines follow each other side by side."""
+
+    @property
     def jitter_rad(self) -> Array | None:
         """Standard deviation of the pointing across the beam, on each of two axes, or None: exact."""
 
@@ -68,6 +72,11 @@ class Mechanism:
 
     jitter_rad: Array | None = None
     encoder_rad: Array | None = None
+
+    @property
+    def line_pulses(self) -> int | None:
+        """There are no scan lines."""
+        return None
 
     def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
         """Mechanical angles [rad] that an encoder could read."""

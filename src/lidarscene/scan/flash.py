@@ -61,6 +61,11 @@ class Flash(Mechanism):
         """From flash to flash."""
         return 1.0 / self.frame_rate_hz
 
+    @property
+    def line_pulses(self) -> int:
+        """Pixels of a row."""
+        return self.columns
+
     def _row_and_column(self, pulse: Array) -> tuple[Array, Array]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns

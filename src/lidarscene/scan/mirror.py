@@ -48,6 +48,11 @@ class MirrorRaster(Mechanism):
         return self.columns * self.rows
 
     @property
+    def line_pulses(self) -> int:
+        """Pulses of a line."""
+        return self.columns
+
+    @property
     def line_s(self) -> float:
         """From line to line."""
         return float(self.columns / (self.rate_hz * self.line_duty))

@@ -93,6 +93,11 @@ class Polygon(Mechanism):
         """One turn of the polygon."""
         return 1.0 / abs(self.rotation_hz)
 
+    @property
+    def line_pulses(self) -> int:
+        """Pulses of a facet."""
+        return self.columns
+
     def _facet_and_column(self, pulse: Array) -> tuple[Array, Array]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns

@@ -57,6 +57,11 @@ class Raster(GivenAngles):
         """Length of a frame: there is no fly-back."""
         return self.pulses / self.rate_hz
 
+    @property
+    def line_pulses(self) -> int:
+        """Pulses of a row."""
+        return self.columns
+
     def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
         ops = xp(pulse)
         line = ops.int32(pulse) // self.columns

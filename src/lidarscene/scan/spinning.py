@@ -103,6 +103,11 @@ class Spinning(Mechanism):
         """Length of a frame."""
         return self.cycles * self.cycle_s
 
+    @property
+    def line_pulses(self) -> int:
+        """Pulses of a cycle."""
+        return self.lasers
+
     def _place(self, pulse: Array) -> tuple[Array, Array]:
         """Cycle of each pulse, and its laser's place in the firing order."""
         number = xp(pulse).int32(pulse)
