@@ -10,10 +10,12 @@ import numpy as np
 from table import Row, Section
 
 from lidarscene import api, beams, echoes, multi_echo, train
+from lidarscene.chunk import Order
 from lidarscene.footprint import footprint, spread
 from lidarscene.kernel import device
 from lidarscene.kernel.profile import kernel_history
 from lidarscene.kernel.trace import trace
+from lidarscene.scan.tiles import PACKET, Tiling
 from lidarscene.simulate import Simulator, ambient_of
 
 LEAST_RATE = 1.0
@@ -113,11 +115,13 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
     sun = device.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
     origin = device.opaque(chain.origin(simulator))
     rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
-    seed, count = device.opaque_uint32(0), simulator.rays
+    seed, count, pulses = device.opaque_uint32(0), simulator.rays, simulator.sensor.scanner.pulses
+    tiling = Tiling.of(simulator.sensor.scanner) if count < PACKET else None
+    order = None if tiling is None else Order.of(tiling.order(pulses))
 
     def task() -> tuple[float, float]:
         with kernel_history() as history:
-            pulse = device.counter(0, simulator.sensor.scanner.pulses)
+            pulse = device.counter(0, pulses) if order is None else order.on_device(0)
             of_ray, ray = (pulse, None) if count == 1 else device.repeated(pulse, count)
             axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
             rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=rotation)

@@ -182,37 +182,40 @@ class _Converter(Shots):
     def with_alarms(
         self, stops: list[State], sources: tuple[Interference, ...], number: Array, range_m: Array
     ) -> list[State]:
-        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo.
-
-        Most pulses have none, and go through none of the loops.
-        """
-        ops, tdc = self.ops, self.sensor.tdc
-        zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
+        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo."""
         for alarms in comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
         ):
-
-            def following(draw: Array, come: Array, alarms: comparator.Alarms = alarms) -> State:
-                come, (time_s, amplitude, theirs) = alarms(ops.uint32(draw), come)
-                return draw + 1, come, time_s, amplitude, kind + alarm_status(theirs)
-
-            def going(draw: Array, come: Array, time_s: Array, *rest: Array) -> Array:
-                return (time_s < tdc.window_s) & (draw <= tdc.stops)
-
-            def step(
-                draw: Array, come: Array, time_s: Array, amplitude: Array, status: Array, *values: Array
-            ) -> State:
-                alarm = (
-                    self.key(time_s, amplitude), time_s, time_s, amplitude,
-                    zero, zero, zero, number, range_m, status,
-                )  # fmt: skip
-                kept = _inserted(_grouped(values, len(alarm)), alarm)
-                return *following(draw, come), *(value for stop in kept for value in stop)
-
-            start = following(kind, ops.float32(zero))
-            done = ops.loop((*start, *(value for stop in stops for value in stop)), going, step)
-            stops = _grouped(done[len(start) :], len(stops[0]))
+            stops = self._merged(stops, alarms, number, range_m)
         return stops
+
+    def _merged(
+        self, stops: list[State], alarms: comparator.Alarms, number: Array, range_m: Array
+    ) -> list[State]:
+        """Alarms of a kind among the stops. Most pulses have none in the window, and the loop none of these pulses."""
+        ops, tdc = self.ops, self.sensor.tdc
+        zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
+
+        def following(draw: Array, come: Array) -> State:
+            come, (time_s, amplitude, theirs) = alarms(ops.uint32(draw), come)
+            return draw + 1, come, time_s, amplitude, kind + alarm_status(theirs)
+
+        def going(draw: Array, come: Array, time_s: Array, *rest: Array) -> Array:
+            return (time_s < tdc.window_s) & (draw <= tdc.stops)
+
+        def step(
+            draw: Array, come: Array, time_s: Array, amplitude: Array, status: Array, *values: Array
+        ) -> State:
+            alarm = (
+                self.key(time_s, amplitude), time_s, time_s, amplitude,
+                zero, zero, zero, number, range_m, status,
+            )  # fmt: skip
+            kept = _inserted(_grouped(values, len(alarm)), alarm)
+            return *following(draw, come), *(value for stop in kept for value in stop)
+
+        start = following(kind, ops.float32(zero))
+        done: State = ops.loop((*start, *(value for stop in stops for value in stop)), going, step)
+        return _grouped(done[len(start) :], len(stops[0]))
 
     def detection(self, train: EchoTrain, found: _Found, stops: list[State], strongest: Array) -> Detection:
         """All that is known of the pulses."""
