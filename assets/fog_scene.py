@@ -16,7 +16,7 @@ def text():
         sky={"diffuse_share": 0.5},
         air={"transmittance": 1.0},
         weather={"fog": "moderate_advection", "fog_visibility_km": 0.12},
-        sensor={"name": "table1-apd", "position_m": [0.0, -1.7, 1.9]},
+        sensor={"name": "biaxial-905", "position_m": [0.0, -1.7, 1.9]},
         picture={"eye_m": [-9.0, -1.7, 5.0], "target_m": [30.0, 0.0, 0.5], "fov_deg": 60.0},
     )
     return "\n".join([head, *ground(), *roadside(STEPS_M)])

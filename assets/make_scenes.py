@@ -8,11 +8,16 @@ import car_scene
 import drive_scene
 import edges_scene
 import fog_scene
+import foliage_scene
 import garage_scene
 import glass_scene
+import interference_scene
 import low_sun_scene
 import make_range_scene
+import parallax_scene
 import rain_scene
+import retro_scene
+import snow_scene
 import street_scene
 
 SCENES = {
@@ -22,10 +27,15 @@ SCENES = {
     "drive": drive_scene.text,
     "garage": garage_scene.text,
     "fog": fog_scene.text,
+    "foliage": foliage_scene.text,
     "glass": glass_scene.text,
     "rain": rain_scene.text,
+    "retro": retro_scene.text,
     "edges": edges_scene.text,
     "low_sun": low_sun_scene.text,
+    "snow": snow_scene.text,
+    "parallax": parallax_scene.text,
+    "interference": interference_scene.text,
 }
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene import Scene, Sensor, beams, echoes, load_sensor, returns
+from lidarscene.footprint import aim, footprint
 from lidarscene.geometry import Pose
 from lidarscene.io.meshes import box_mesh, plane_mesh
 from lidarscene.kernel import device
@@ -83,19 +84,26 @@ class Lanes:
     light_of_ways: Any
 
 
-def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, **tracing) -> Lanes:
-    """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`."""
+def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glints=False, **tracing) -> Lanes:
+    """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
+
+    glints  whether panes and mirrors may throw beams back, as in `Simulator`
+    """
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
     on_device = device.opaque(equipped)
     pulse = device.counter(0, equipped.scanner.pulses)
+    rotation = device.opaque(tuple(float(x) for x in place.rotation.ravel()))
     rays = beams.fire(
         on_device,
         pulse=pulse,
         origin_m=device.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
-        rotation=device.opaque(tuple(float(x) for x in place.rotation.ravel())),
+        rotation=rotation,
     )
+    if glints:
+        shape = device.opaque(footprint(equipped.laser, 1))
+        tracing["aim"] = aim(rays, shape, profile=equipped.laser.profile, rotation=rotation)
     sun = device.opaque(tuple(float(x) for x in described.sun.direction))
     ways = trace(world, rays, sun=sun, **tracing)
     ambient = device.opaque(ambient_of(described, equipped))

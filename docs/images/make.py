@@ -1,32 +1,24 @@
-"""Make the pictures of the documentation again: `python docs/images/make.py`, from the repository's root."""
+"""Make the pictures of the documentation again: `python docs/images/make.py [NAME ...]`, from the repository's root."""
 
-import dataclasses
 import sys
 import tempfile
 from pathlib import Path
 
+import effects
+import leaves
 import numpy as np
+import retro
+from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, frame, store
 from PIL import Image
 
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.analysis import compare_study
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.deskew import deskewed
-from lidarscene.io.light_files import AmbientImage
-from lidarscene.plots import BACKGROUND, INK, frame_picture
-from lidarscene.weather import Weather
-
-HERE = Path(__file__).parent
-SCENES = HERE.parents[1] / "scenes"
-WIDTH, COLOURS = 1200, 256
-BOARD = "#ffc14d"
-PULSE = 44_739
-"""Of the fog scene: meets the car at 30 m."""
 
 sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
-from chromium import Chromium, executable  # noqa: E402
-from served import served  # noqa: E402
+from chromium import Chromium, executable
+from served import served
 
 # The point of the car's paint that is nearest to this place in the picture.
 CLICK = """(() => {
@@ -44,40 +36,14 @@ CLICK = """(() => {
 
 
 def main() -> None:
-    """Every picture, small enough for a repository."""
-    car()
-    glass()
-    compare()
-    drive()
-    edges()
-    weather()
-    waveforms()
-    low_sun()
-    view()
+    """Every picture, or those that are named, small enough for a repository."""
+    for name in sys.argv[1:] or PICTURES:
+        PICTURES[name]()
 
 
 def car() -> None:
     """The car scene, as `make car` renders it."""
-    scene = lidarscene.load_scene(SCENES / "car.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
-    view = dataclasses.asdict(scene.view) if scene.view else {}
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "car.png"
-        frame_picture(cloud, path, **view)
-        store(Image.open(path), "car.png")
-
-
-def glass() -> None:
-    """The glass scene, coloured by how many panes and mirrors were on the way."""
-    scene = lidarscene.load_scene(SCENES / "glass.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    cloud = lidarscene.render(scene, overrides=finer)
-    view = dataclasses.asdict(scene.view) if scene.view else {}
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "glass.png"
-        frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
-        store(Image.open(path), "glass.png")
+    frame("car", overrides=FINER, width=900)
 
 
 def compare() -> None:
@@ -145,94 +111,6 @@ def above(axes, cloud: PointCloud, name: str):
     return shown
 
 
-def dark(rows: int, columns: int, *, height: float):
-    """A figure as wide as all, and its axes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.0, height), dpi=100, facecolor=BACKGROUND, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for one in axes:
-        one.set_facecolor(BACKGROUND)
-        one.tick_params(colors=INK)
-        one.spines[:].set_color(INK)
-    return figure, axes
-
-
-def saved(figure, name: str) -> None:
-    """A figure, beside this file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        figure.savefig(path, facecolor=BACKGROUND)
-        store(Image.open(path), name, colours=64)
-
-
-def edges() -> None:
-    """Boards before a wall from above, with one ray and with nineteen."""
-    figure, axes = dark(2, 1, height=6.4)
-    wide = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]
-    for one, rays in zip(axes, (1, 19), strict=True):
-        cloud = lidarscene.render(SCENES / "edges.toml", rays=rays, overrides=wide)
-        x, y, z = np.asarray(cloud.xyz_m, dtype=np.float64).T
-        kept = (z > 0.6) & (z < 1.9) & (x > 17.0) & (x < 20.6)
-        one.scatter(-y[kept], x[kept], s=1.6, c=[BOARD], linewidths=0)
-        one.set(xlim=(-6.5, 6.5), ylim=(17.6, 20.4), aspect="equal")
-        one.set_ylabel("x [m]", color=INK)
-        one.set_title("one ray" if rays == 1 else f"{rays} rays", color=INK, loc="left", fontsize=11)
-    axes[-1].set_xlabel("-y [m]", color=INK)
-    saved(figure, "edges.png")
-
-
-def weather() -> None:
-    """The fog scene and the rain scene, by the class of what sent the light back."""
-    apart = ["tdc.stops=3", "optics.overlap.transmitter_offset_mm=[0,60]"]
-    for name, overrides in (("fog", apart), ("rain", [])):
-        scene = lidarscene.load_scene(SCENES / f"{name}.toml")
-        cloud = lidarscene.render(scene, overrides=overrides)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "frame.png"
-            own = dataclasses.asdict(scene.view) if scene.view else {}
-            frame_picture(cloud, path, colour_by="class", strips=("range",), **own)
-            store(Image.open(path), f"{name}.png", colours=48, width=900)
-
-
-def waveforms() -> None:
-    """The signal of one pulse in clear air, rain and fog."""
-    figure, (axes,) = dark(1, 1, height=4.2)
-    scene = lidarscene.load_scene(SCENES / "fog.toml")
-    sensor = lidarscene.load_sensor(scene.sensor_name)
-    times = np.linspace(0.0, 45.0, 3000) * 2.0 / SPEED_OF_LIGHT_M_S
-    kinds = {"clear air": Weather(), "rain": Weather(rain_mm_h=50.0), "fog": scene.air.weather}
-    for (name, kind), colour in zip(kinds.items(), ("#e8e8e8", "#5ab4ff", "#ff9d2e"), strict=True):
-        here = dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=kind))
-        found = lidarscene.Simulator(here, sensor).waveforms([PULSE], times)
-        axes.semilogy(found.range_m, 1e6 * found.signal[0], color=colour, linewidth=1.2, label=name)
-    axes.axhline(
-        1e6 * found.threshold[0], color="#ff2fd0", linewidth=0.8, linestyle=(0, (4, 4)), label="threshold"
-    )
-    axes.set(xlim=(0, 45), ylim=(0.1, 1e3))
-    axes.set_xlabel("c t / 2 [m]", color=INK)
-    axes.set_ylabel("signal [uA]", color=INK)
-    axes.legend(labelcolor=INK, facecolor=BACKGROUND, edgecolor=BACKGROUND)
-    saved(figure, "waveforms.png")
-
-
-def low_sun() -> None:
-    """Ambient counts of the low sun scene, and its range image with the blind spot."""
-    scene = lidarscene.load_scene(SCENES / "low_sun.toml")
-    finer = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
-    sensor = lidarscene.load_sensor(scene.sensor_name, overrides=finer)
-    image = AmbientImage()
-    lidarscene.Simulator(scene, sensor, background_rays=19).render(ambient=image)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "ambient.png"
-        image.save(path, sensor)
-        levels = np.asarray(Image.open(path)).astype(np.float64) / 65535.0
-    shown = Image.fromarray(np.rint(255.0 * levels**0.5).astype(np.uint8)).crop((300, 20, 900, 251))
-    store(shown, "low_sun.png")
-
-
 def view() -> None:
     """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
     if not executable():
@@ -250,13 +128,23 @@ def view() -> None:
         store(Image.open(Path(folder) / "view.png"), "view.png")
 
 
-def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
-    """Beside this file, with fewer pixels and colours."""
-    size = (width, round(width * picture.height / picture.width))
-    small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-    reduced = small.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    reduced.save(HERE / name, optimize=True)
-
+PICTURES = {
+    "car": car,
+    "glass": leaves.glass,
+    "compare": compare,
+    "drive": drive,
+    "edges": effects.edges,
+    "parallax": effects.parallax,
+    "weather": effects.weather,
+    "interference": effects.interference,
+    "waveforms": effects.waveforms,
+    "low_sun": effects.low_sun,
+    "foliage": leaves.foliage,
+    "retro": retro.retro,
+    "intensity": retro.intensity,
+    "bloom": retro.bloom,
+    "view": view,
+}
 
 if __name__ == "__main__":
     main()

@@ -150,7 +150,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
         return sensor.optics.overlap
     return Overlap.of(
         profile=sensor.laser.profile,
-        half_divergence_rad=0.5 * sensor.laser.divergence_rad,
+        half_divergence_rad=0.5 * sensor.laser.mean_divergence_rad,
         exit_radius_m=0.5 * (sensor.laser.exit_diameter_m or 0.0),
         aperture_radius_m=float(sensor.optics.aperture_radius_m),
         field_rad=float(sensor.detector.radius_m / sensor.optics.focal_length_m),

@@ -131,7 +131,7 @@ def render(
     frame      "world", "vehicle" or "sensor": frame of the points
     chunk      rays traced at a time; bounds the memory, changes nothing else
     rays       of each pulse, over the footprint of its beam; a single one is its axis
-    interactions  panes and mirrors that a beam may meet
+    interactions  panes, mirrors and gaps that a beam may meet
     background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
     overrides  changes to the sensor file's values, ``detector.gain=60``
     Raises InputError for a mistake in a file, BackendError without a usable Mitsuba back end.

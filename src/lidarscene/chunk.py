@@ -52,7 +52,7 @@ class Chunk:
             needed += needed_of(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            own = (stop.width_s, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
 
@@ -101,14 +101,16 @@ def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: A
     return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
 
 
-def of_every_pulse(parts: Sequence[Chunk], first: int, name: str) -> Matrix:
-    """What detections say of each pulse from ``first`` on; later parts go before the first."""
+def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Matrix:
+    """What detections say of each pulse from ``first`` on; later parts go before the first.
+
+    ordered  by pulse, or as they are on the lanes, which is enough to count them
+    """
     values, order = np.array(getattr(parts[0].detection, name).numpy()), parts[0].order
-    if order is not None:
-        values = values[order.lane]
     for one in parts[1:]:
-        values[one.pulse.numpy() - first] = getattr(one.detection, name).numpy()
-    return values
+        pulse = one.pulse.numpy() - first
+        values[pulse if order is None else order.lane[pulse]] = getattr(one.detection, name).numpy()
+    return values[order.lane] if ordered and order is not None else values
 
 
 def all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:

@@ -23,6 +23,8 @@ SINGLE = ("keep_missed", "range_image", "ambient", "waveforms")
 
 FEW_PULSES = 9
 
+Append = Callable[["PointCloud"], None]
+
 
 def add_output_options(add: Callable[..., Any]) -> None:
     """Add the options that choose formats."""
@@ -108,18 +110,35 @@ def cloud_files(arguments: argparse.Namespace, label: str, number: int) -> dict[
     return files
 
 
-def streams(arguments: argparse.Namespace) -> bool:
-    """Whether the cloud can go to its file while it is made, because nothing needs the whole of it."""
-    whole = ("deskew", "merge", "labels", "dataset", "range_image", "picture")
-    return bool(chosen_format(arguments).appender) and not any(getattr(arguments, one) for one in whole)
+@contextmanager
+def cloud_stream(arguments: argparse.Namespace, path: Path, points: int) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as one; together, of so many points at most, where the format
+    needs them so.
+    """
+    from .cloud import CloudBuilder
+
+    chosen, options = chosen_format(arguments), {"ascii": True} if arguments.ascii else {}
+    if chosen.appender:
+        with chosen.stream()(path, **options) as append:
+            yield _kept(arguments, append)
+        return
+    builder = CloudBuilder(capacity=points)
+    yield _kept(arguments, builder.add)
+    builder.build().save(path, format=arguments.format, **options)
 
 
 @contextmanager
-def streamed(arguments: argparse.Namespace, path: Path) -> Iterator[Callable[[PointCloud], None]]:
-    """Write the clouds that are appended in the block as `save` writes them together, without labels."""
-    options = {"ascii": True} if arguments.ascii else {}
-    with chosen_format(arguments).stream()(path, **options) as append:
-        yield lambda cloud: append(cloud.without_truth() if arguments.no_truth else cloud)
+def dataset_stream(arguments: argparse.Namespace, label: str, number: int, scene: Scene) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as a frame of a data set."""
+    from .io.kitti_dataset import frame_stream
+
+    with frame_stream(arguments.dataset, arguments.output / label, number, scene) as append:
+        yield _kept(arguments, append)
+
+
+def _kept(arguments: argparse.Namespace, append: Append) -> Append:
+    """Append what is asked for."""
+    return (lambda cloud: append(cloud.without_truth())) if arguments.no_truth else append
 
 
 def pulses_of_waveforms(arguments: argparse.Namespace, sensor: Sensor) -> Sequence[int]:
@@ -130,23 +149,3 @@ def pulses_of_waveforms(arguments: argparse.Namespace, sensor: Sensor) -> Sequen
     few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]
     chosen = check_pulses(arguments.pulses or few, sensor)
     return [int(pulse) for pulse in chosen]
-
-
-def save(arguments: argparse.Namespace, path: Path, cloud: PointCloud, scene: Scene) -> None:
-    """Write a cloud, and its labels beside it."""
-    if arguments.labels is not None:
-        from .io.label_files import write_labels
-
-        write_labels(cloud, scene, path, format=arguments.labels)
-    kept = cloud.without_truth() if arguments.no_truth else cloud
-    kept.save(path, format=arguments.format, ascii=arguments.ascii)
-
-
-def save_dataset_frame(
-    arguments: argparse.Namespace, label: str, number: int, cloud: PointCloud, scene: Scene
-) -> None:
-    """Write a frame of a data set."""
-    from .io.kitti_dataset import write_frame
-
-    kept = cloud.without_truth() if arguments.no_truth else cloud
-    write_frame(arguments.dataset, arguments.output / label, number, kept, scene)

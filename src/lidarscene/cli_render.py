@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from .cli_frame import FrameFiles
 from .cli_output import (
     SINGLE,
     add_output_options,
@@ -23,10 +20,6 @@ from .cli_output import (
     cloud_files,
     is_folder,
     pulses_of_waveforms,
-    save,
-    save_dataset_frame,
-    streamed,
-    streams,
 )
 from .cli_types import number as seconds
 from .cli_types import pose, whole
@@ -34,11 +27,10 @@ from .errors import InputError
 from .formats import SUFFIXES as CLOUD_SUFFIXES
 
 if TYPE_CHECKING:
-    from .cloud import PointCloud
     from .kernel.profile import KernelHistory
     from .rig import Mounted
     from .scene import Scene
-    from .simulate import Simulator, Summary
+    from .simulate import Simulator
 
 RENDER_HELP = """\
 examples:
@@ -86,7 +78,7 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--rays", metavar="N", type=whole(1, 1024), default=1,
         help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
     add("--interactions", metavar="N", type=whole(0, 8), default=3,
-        help="panes and mirrors that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
+        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--background-rays", metavar="K", type=whole(1, 1024),
         help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
     add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="rays at a time: bounds the memory, no more")
@@ -108,14 +100,6 @@ def add_render(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--profile", action="store_true",
         help="print the time by stage, kernels launched and compiled, and the peak of memory")  # fmt: skip
     render.set_defaults(run=told(render_text))
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """One cloud's files by what they are, and what happened in its frame."""
-
-    files: dict[str, Path]
-    summary: Summary
 
 
 def render_text(arguments: argparse.Namespace) -> str:
@@ -141,6 +125,7 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
     _check_outputs(wanted)
     scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
+    _note_thin_beams(arguments, sensors)
     _keep_inputs(arguments, wanted)
     if arguments.waveforms is not None:
         for mounted in sensors:
@@ -152,11 +137,15 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
     for simulator in simulators.values():
         simulator.check_frames(arguments.frames or 1, begin_s=arguments.begin)
     before.spent("build", since)
-    written: list[_Written] = []
+    written: list[FrameFiles] = []
     for number in _numbers(arguments):
         for group in groups:
-            one = _Written(wanted[len(written)], Summary(seconds={} if written else before.seconds))
-            _render(arguments, scene, {label: simulators[label] for label in group}, number, one)
+            one = FrameFiles(
+                arguments=arguments, scene=scene, simulators={label: simulators[label] for label in group},
+                number=number, files=wanted[len(written)],
+                summary=Summary(seconds={} if written else before.seconds),
+            )  # fmt: skip
+            one.write(_progress)
             written.append(one)
             if history is not None:
                 history.take()
@@ -176,6 +165,18 @@ def _sensors(arguments: argparse.Namespace, scene: Scene) -> Sequence[Mounted]:
     return [Mounted(label="", sensor=sensor, pose=arguments.pose or scene.sensor_pose)]
 
 
+def _note_thin_beams(arguments: argparse.Namespace, sensors: Sequence[Mounted]) -> None:
+    """No mistake, but not what who asks for rays expects."""
+    if arguments.rays == 1:
+        return
+    thin = [one.sensor for one in sensors if not (one.sensor.laser.has_width or one.sensor.optics.halo)]
+    for name in dict.fromkeys(sensor.name for sensor in thin):
+        sys.stderr.write(
+            f"lidarscene: note: --rays {arguments.rays} changes nothing: laser.divergence_mrad of '{name}' is 0; "
+            "a width is given by --set laser.divergence_mrad=3\n"
+        )
+
+
 def _simulators(
     arguments: argparse.Namespace, scene: Scene, sensors: Sequence[Mounted]
 ) -> Iterator[tuple[str, Simulator]]:
@@ -186,83 +187,6 @@ def _simulators(
         scene, sensors, pose=vehicle, rays=arguments.rays, interactions=arguments.interactions,
         background_rays=arguments.background_rays,
     )  # fmt: skip
-
-
-def _render(
-    arguments: argparse.Namespace, scene: Scene, simulators: dict[str, Simulator], number: int, one: _Written
-) -> None:
-    """One frame of one sensor, or of those whose clouds are merged, into files."""
-    from . import report
-    from .deskew import deskewed
-    from .io.light_files import AmbientImage, write_waveforms
-    from .rig import merged
-    from .simulate import DEFAULT_CHUNK
-
-    clouds, without_motion = [], []
-    missed = report.MissedPulses() if "keep_missed" in one.files else None
-    ambient = AmbientImage() if "ambient" in one.files else None
-    for simulator in simulators.values():
-        with _progress(simulator.sensor.scanner.pulses) as progress:
-            options: dict[str, Any] = {
-                "seed": arguments.seed, "number": number, "begin_s": arguments.begin,
-                "chunk": arguments.chunk or DEFAULT_CHUNK, "frame": arguments.frame,
-                "progress": progress, "missed": missed, "ambient": ambient, "summary": one.summary,
-            }  # fmt: skip
-            if streams(arguments):
-                with streamed(arguments, one.files["output"]) as append:
-                    simulator.stream(append, **options)
-                continue
-            cloud = simulator.render(**options)
-        since = time.perf_counter()
-        clouds.append(cloud)
-        if arguments.deskew:
-            without_motion.append(deskewed(cloud, simulator.motion))
-        one.summary.spent("write", since)
-    since = time.perf_counter()
-    if arguments.dataset is not None:
-        save_dataset_frame(arguments, next(iter(simulators)), number, (without_motion or clouds)[0], scene)
-    for key, kind in (("output", clouds), ("deskewed", without_motion)):
-        if kind and key in one.files and arguments.dataset is None:
-            together = merged(kind, list(simulators)) if arguments.merge else kind[0]
-            save(arguments, one.files[key], together, scene)
-    if missed is not None:
-        missed.save(one.files["keep_missed"], simulator.sensor)
-    if ambient is not None:
-        ambient.save(one.files["ambient"], simulator.sensor)
-    if "waveforms" in one.files:
-        chosen = pulses_of_waveforms(arguments, simulator.sensor)
-        write_waveforms(
-            one.files["waveforms"],
-            simulator.waveforms(chosen, seed=arguments.seed, number=number, begin_s=arguments.begin),
-        )
-    if "range_image" in one.files:
-        from .io.range_image import write_range_image
-
-        write_range_image(one.files["range_image"], clouds[0])
-    since = one.summary.spent("write", since)
-    if "picture" in one.files:
-        together = merged(clouds, list(simulators)) if arguments.merge else clouds[0]
-        _picture(arguments, scene, together, one.files["picture"])
-        one.summary.spent("picture", since)
-
-
-def _picture(arguments: argparse.Namespace, scene: Scene, cloud: PointCloud, path: Path) -> None:
-    from .plots import frame_picture
-    from .scene import View
-    from .trajectory import Course, pose_at
-
-    # The scene's view is that of its vehicle, which stands at the world's origin where none moves. It belongs to the
-    # scene's own sensor where it stands, or to whatever rides on the vehicle that moves.
-    own = scene.view
-    if arguments.frame == "sensor" or (scene.ego is None and (arguments.pose or arguments.rig)):
-        own = None
-    if own is not None and arguments.frame == "world":
-        vehicle = pose_at(scene.ego or Course(), float(cloud.metadata["frame_start_s"].split()[0]))
-        eye_m, target_m = vehicle.apply(np.array([own.eye_m, own.target_m])).tolist()
-        own = View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=own.fov_deg)
-    # Of several sensors, who sees what: their intensities may be amperes and cells.
-    colour_by = "sensor_index" if arguments.merge else "intensity"
-    frame_picture(cloud, path, colour_by=colour_by, **(dataclasses.asdict(own) if own else {}))
 
 
 def _files(arguments: argparse.Namespace, label: str, number: int) -> dict[str, Path]:
@@ -331,7 +255,7 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
                 raise InputError(f"{_option(key)} {path}: is an input of this run, another name was expected")
 
 
-def _told(arguments: argparse.Namespace, written: Sequence[_Written], history: KernelHistory | None) -> str:
+def _told(arguments: argparse.Namespace, written: Sequence[FrameFiles], history: KernelHistory | None) -> str:
     """The summary, of all frames together; as JSON with each of them if there are several."""
     from . import report
     from .simulate import Summary

@@ -47,6 +47,9 @@ COLUMNS = (
     Column("z", "xyz_m", "float32", "m", "position, up"),
     Column("range", "range_m", "float32", "m", "range that the sensor reports"),
     Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
+    Column(
+        "pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"
+    ),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
     Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
@@ -62,7 +65,14 @@ COLUMNS = (
     Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
     Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
     Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
-    Column("interactions", "interactions", "uint8", "1", "panes and mirrors on the way to the surface", True),
+    Column(
+        "interactions",
+        "interactions",
+        "uint8",
+        "1",
+        "panes, mirrors and gaps on the way to the surface",
+        True,
+    ),
     Column("ghost", "ghost", "uint8", "1", "1 where one mirrored it: no surface is there", True),
     Column("radial_velocity", "radial_velocity_m_s", "float32", "m/s", "of surface and sensor apart", True),
     Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
@@ -107,6 +117,7 @@ class PointCloud:
     xyz_m: Array
     range_m: Array
     intensity: Array
+    pulse_width_s: Array
     snr: Array
     detection_probability: Array
     ambient: Array
@@ -186,6 +197,11 @@ class PointCloud:
         return Pose(position_m=self.sensor_position_m, rotation=turned)
 
     @property
+    def frame_start_s(self) -> float:
+        """When the frame (of a rig the first sensor's) began, by the clock of motions; 0 if metadata do not tell."""
+        return frame_starts_s(self.metadata)[0]
+
+    @property
     def sensor_to_world(self) -> Pose | None:
         """Where the sensor (of a rig the first) stood in the world; None if metadata do not tell.
 
@@ -220,6 +236,10 @@ class PointCloud:
     def select(self, mask_or_index: Any) -> PointCloud:
         """The points where a (n,) mask holds, or of an index array or slice, in that order."""
         return replace(self, **{a: v[mask_or_index] for a, v in self._arrays().items()})
+
+    def without_points(self) -> PointCloud:
+        """Names, metadata and types alone: it keeps nothing of this cloud in memory, as an empty slice would."""
+        return self.select(np.zeros(0, np.intp))
 
     def without_truth(self) -> PointCloud:
         """The same points as a real sensor would give them."""
@@ -339,6 +359,7 @@ class CloudBuilder:
 
     def __init__(self, *, capacity: int = 0) -> None:
         self._columns: dict[str, Array] = {}
+        self._description: dict[str, Any] = {}
         self._capacity, self._points, self._chunks = capacity, 0, 0
 
     def append(self, columns: Mapping[str, Any]) -> None:
@@ -358,12 +379,22 @@ class CloudBuilder:
             return
         end = self._points + n
         for a, values in checked.items():
-            if _is_constant(kept := self._columns[a]) and _is_constant(values) and kept[0] == values[0]:
-                self._columns[a] = np.broadcast_to(kept[0], end)
+            if (
+                _is_constant(kept := self._columns[a])
+                and _is_constant(values)
+                and (kept[0] == values[0]).all()
+            ):
+                self._columns[a] = np.broadcast_to(kept[0], (end, *kept.shape[1:]))
                 continue
             self._columns[a] = self._with_room(kept, end)
             self._columns[a][self._points : end] = values
         self._points = end
+
+    def add(self, cloud: PointCloud) -> None:
+        """Add the points of a cloud; the first's names and metadata are those of what is built."""
+        if not self._description:
+            self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
+        self.append(cloud._arrays())
 
     def _with_room(self, column: Array, end: int) -> Array:
         """The column, or its points in a longer one if it is the first chunk's or too short."""
@@ -375,15 +406,16 @@ class CloudBuilder:
         return longer
 
     def build(self, **description: Any) -> PointCloud:
-        """The cloud of everything appended, with body_names, class_names, material_names and metadata.
+        """The cloud of everything appended, with body_names, class_names, material_names and metadata if given.
 
         The builder is empty afterwards. Nothing appended: a cloud of no points, with truth.
         """
         columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
         if not columns:
             columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
-        self._columns, self._points, self._chunks = {}, 0, 0
-        return PointCloud(**columns, **description)
+        described = self._description | description
+        self._columns, self._description, self._points, self._chunks = {}, {}, 0, 0
+        return PointCloud(**columns, **described)
 
 
 def _is_constant(column: Array) -> bool:
@@ -402,6 +434,11 @@ def sensor_positions_m(metadata: Mapping[str, str]) -> Array:
             return positions
     expected = "'frame' must be 'sensor', or 'world' or 'vehicle' with 'sensor_position_m' as 'x y z'"
     raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
+
+
+def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
+    """When the frame of each sensor began, by the clock of motions."""
+    return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
 def _checked(attribute: str, values: Any, n: int) -> Array:

@@ -11,7 +11,7 @@ from .arrays import Array, xp
 from .detectors import WorkingPoint
 from .echoes import Interference
 from .physics import pulse as pulse_shape
-from .physics import tdc
+from .physics import saturation, tdc
 from .physics.special import normal_tail
 from .sensor import Sensor
 
@@ -74,6 +74,71 @@ def amplitude(tripped: Trip, sensor: Sensor, point: WorkingPoint, threshold: Arr
     return point.measured(ops.maximum(tripped.signal + peak_noise * tripped.sigma, threshold))
 
 
+def trailing_level(
+    tripped: Trip,
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    *,
+    lag_s: Array,
+    seed: Array,
+    pulse: Array,
+    draw: Array = 0,
+) -> Array:
+    """Signal at which the falling edge, ``lag_s`` after the rising one, leaves a level: a deviate of its own, but for
+    what is left of the first.
+    """
+    ops = xp(tripped.signal)
+    words = noise.words(seed=seed, stage=noise.STAGE_TRAILING_EDGE, pulse=pulse, draw=draw)
+    kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    deviate = (
+        kept * tripped.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * noise.normal_pair(words)[0]
+    )
+    return tdc.crossing_level(
+        threshold=threshold, deviate=deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+    )
+
+
+def width_s(
+    tripped: Trip,
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    *,
+    peak_power_w: Array,
+    early_s: Array,
+    seed: Array,
+    pulse: Array,
+) -> Array:
+    """Time over the threshold of a lone Gaussian pulse whose rising edge crossed at ``early_s`` before its peak."""
+    ops, fwhm = xp(tripped.signal), sensor.laser.pulse_fwhm_s
+    level = trailing_level(tripped, sensor, point, threshold, lag_s=2.0 * early_s, seed=seed, pulse=pulse)
+    below = tripped.tripped & (level < tripped.signal)
+    share = ops.where(below, point.power_w(level) / peak_power_w, 1.0)
+    fall = -pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
+    if point.recovery_s is not None:
+        signal = ops.where(below, tripped.signal, point.saturation)
+        released = -pulse_shape.leading_edge_time_s(level=point.saturation / signal, fwhm_s=fwhm)
+        fall = saturation.held_until(
+            fall_s=fall, released_s=released, level=level, signal=signal, saturation=point.saturation,
+            recovery_s=point.recovery_s,
+        )  # fmt: skip
+    return fall - early_s
+
+
+def alarm_width_s(
+    sensor: Sensor, point: WorkingPoint, threshold: Array, amplitude: Array, *, theirs: Array
+) -> Array:
+    """Time over the threshold of a false alarm: of a noise peak, or of another lidar's pulse, taken as long as ours."""
+    ops = xp(threshold, amplitude)
+    own = tdc.excursion_width_s(height=amplitude, threshold=threshold, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    if theirs is False:
+        return own
+    share = point.power_w(threshold) / point.power_w(amplitude)
+    pulse = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.laser.pulse_fwhm_s)
+    return ops.where(theirs, pulse, own)
+
+
 def reported_s(
     sensor: Sensor,
     point: WorkingPoint,
@@ -81,24 +146,33 @@ def reported_s(
     crossing_s: Array,
     *,
     measured: Array,
+    width_s: Array | None,
     true_power_w: Array,
     seed: Array,
     pulse: Array,
     draw: Array = 0,
 ) -> Array:
     """Time that the converter gives a crossing: less the walk, with its own jitter and step."""
-    walk = walk_s(sensor, point, threshold, measured=measured, true_power_w=true_power_w)
+    walk = walk_s(sensor, point, threshold, measured=measured, width_s=width_s, true_power_w=true_power_w)
     return converted(sensor, crossing_s - walk, seed=seed, pulse=pulse, draw=draw)
 
 
 def walk_s(
-    sensor: Sensor, point: WorkingPoint, threshold: Array, *, measured: Array, true_power_w: Array
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    *,
+    measured: Array,
+    width_s: Array | None,
+    true_power_w: Array,
 ) -> Array:
     """How much earlier than its peak an echo is thought to have crossed (negative), to be taken off."""
     if sensor.tdc.walk == "raw":
         return 0.0
     fwhm = sensor.laser.pulse_fwhm_s
-    power = true_power_w if sensor.tdc.walk == "none" else point.power_w(measured)
+    power = true_power_w
+    if sensor.tdc.walk == "corrected":
+        power = point.told_power_w(measured, width_s=width_s, threshold=threshold, pulse_fwhm_s=fwhm)
     return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
 
 

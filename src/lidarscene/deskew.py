@@ -13,12 +13,13 @@ from .motion import Paths
 from .trajectory import Motion, pose_at
 
 BLOCK_POINTS = 2**18
+SHORTEST_S = 1e-9
 
 REMOVED = "removed"
 """What the metadata's `ego_motion` says afterwards."""
 
 
-def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
+def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
     """The points where they are in the world, in the same frame as before: that of the frame's start.
 
     Each point is moved by how far the sensor has come since the frame began when its pulse left. What moves itself
@@ -26,6 +27,7 @@ def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
 
     cloud   of one frame, of one sensor, as `Simulator.render` gives it
     motion  of the sensor in the world, such as `Simulator.motion`
+    length_s  of the frame, if the cloud is a piece of one: all are moved alike; None: until the cloud's last point
     Raises InputError for a cloud of several sensors, one that is deskewed, or one whose metadata do not tell when it
     began.
     """
@@ -38,7 +40,7 @@ def deskewed(cloud: PointCloud, motion: Motion) -> PointCloud:
         goal = _goal(cloud)
     except (KeyError, ValueError):
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
-    length_s = max(float(cloud.time_s.max(initial=0.0)), 1e-9)
+    length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
     at_start = pose_at(motion, start_s)
     paths = Paths.of([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
     # From the traced frame, whose origin is where the sensor was at the start, to that of the points.

@@ -27,6 +27,9 @@ class WorkingPoint:
     power_w           signal to the optical power that makes it
     cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
     saturation        signal at which the amplifier clips; None: nowhere
+    recovery_s        with which a clipped pulse drains; None: at once
+    knee              amplitude from which a pulse's width tells its power better than its height; None: none
+    largest           amplitude above which the height tells no power at all; None: none
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     """
 
@@ -39,6 +42,9 @@ class WorkingPoint:
     cells: Array | None = None
     busy: Array | None = None
     saturation: Array | None = None
+    recovery_s: Array | None = None
+    knee: Array | None = None
+    largest: Array | None = None
     noise_tail: Callable[[Array], Array] | None = None
 
     @property
@@ -51,6 +57,33 @@ class WorkingPoint:
         if self.saturation is None:
             return signal
         return saturation.clipped(signal=signal, saturation=self.saturation)
+
+    def told_power_w(
+        self, measured: Array, *, width_s: Array | None, threshold: Array, pulse_fwhm_s: Array
+    ) -> Array:
+        """Optical peak power that a sensor infers from an amplitude and, if it times both edges, the pulse's width.
+
+        As a maker calibrates it, on flat targets of any reflectivity up to retro-reflectors.
+        """
+        if self.largest is not None:
+            measured = xp(measured, self.largest).minimum(measured, self.largest)
+        power = self.power_w(measured)
+        if self.knee is None or width_s is None:
+            return power
+        by_width = self.power_of_width_w(width_s, threshold=threshold, pulse_fwhm_s=pulse_fwhm_s)
+        return xp(measured, power).where(measured < self.knee, power, by_width)
+
+    def power_of_width_w(self, width_s: Array, *, threshold: Array, pulse_fwhm_s: Array) -> Array:
+        """Optical peak power of a lone pulse that stays above a threshold for so long."""
+        if self.recovery_s is None:
+            overdrive = saturation.overdrive_of_symmetric_width(width_s=width_s, fwhm_s=pulse_fwhm_s)
+        else:
+            overdrive = saturation.overdrive_of_width(
+                width_s=width_s, level=threshold, saturation=self.saturation, fwhm_s=pulse_fwhm_s,
+                recovery_s=self.recovery_s,
+            )  # fmt: skip
+        ops = xp(overdrive)
+        return self.power_w(threshold) * ops.exp(ops.minimum(overdrive, saturation.LARGEST_OVERDRIVE))
 
     def reachable(self, threshold: Array, probability: Array) -> Array:
         """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
@@ -90,6 +123,7 @@ class Apd:
     tail          of false alarms: "gaussian" (9), or "mcintyre" (`physics.mcintyre`), whose variance is the same
                   and whose upper tail is higher; detection is Gaussian with either
     saturation_a  current at which the amplifier clips (`physics.saturation`), at its input; None: nowhere
+    recovery_s    time constant with which it drains after that; None: at once
     """
 
     gain: Array
@@ -104,6 +138,12 @@ class Apd:
     circuit_noise_a: Array
     tail: str = "gaussian"
     saturation_a: Array | None = None
+    recovery_s: Array | None = None
+
+    @property
+    def saturates(self) -> bool:
+        """Whether strong echoes lose their height."""
+        return self.saturation_a is not None
 
     @property
     def excess_noise(self) -> Array:
@@ -160,6 +200,8 @@ class Apd:
             signal=lambda power_w: ampere_per_watt * power_w,
             power_w=lambda signal: signal / ampere_per_watt,
             saturation=self.saturation_a,
+            recovery_s=self.recovery_s,
+            knee=self.saturation_a,
             noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
         )
 
@@ -185,6 +227,11 @@ class Sipm:
     cell_floor: Array = 1.0
     statistics: str = "steady_state"
     counting: str = "gaussian"
+
+    @property
+    def saturates(self) -> bool:
+        """Always: there are only so many cells."""
+        return True
 
     def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
         """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
@@ -224,6 +271,8 @@ class Sipm:
             noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2,
             least_threshold=self.cell_floor, signal=signal, power_w=power_w,
             cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
+            knee=sipm.MOST_TELLING_SHARE * free_cells,
+            largest=free_cells - 0.5,
         )  # fmt: skip
 
     def _in_time(

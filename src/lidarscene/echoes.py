@@ -167,7 +167,8 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_scatter_per_sr=hits.sun_scatter_per_sr,
         sky_irradiance_w_m2=diffuse,
-        reflectivity=hits.reflectivity,
+        # The sky is the same on both sides.
+        reflectivity=hits.reflectivity + hits.transmittance,
     )
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
     background = radiometry.background_power_w(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
 from collections.abc import Callable, Mapping
@@ -19,7 +20,7 @@ class Format:
     suffix   what names of such files end in
     reader   "" where a file cannot hold enough to become a cloud again
     appender "" where a file cannot be written piece by piece, bit for bit as it is from the whole cloud
-    options  of the writer
+    options  of the writer and of the appender
     extra    group of optional packages that it needs (`lidarscene.io.optional`)
     text     whether the writer knows ``ascii``
     """
@@ -42,8 +43,8 @@ class Format:
         return self._function(self.reader)
 
     def stream(self) -> Callable[..., AbstractContextManager[Callable[[Any], None]]]:
-        """The appender: path and options to a block in which clouds are appended to the file."""
-        return self._function(self.appender)
+        """The appender: path and ``ascii`` to a block in which clouds are appended to the file."""
+        return functools.partial(self._function(self.appender), **self.options)
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -60,19 +61,27 @@ def _ros(suffix: str, **options: str) -> Format:
 
 
 _PCD: dict[str, Any] = {"suffix": ".pcd", "module": "pcd", "writer": "write_pcd", "reader": "read_pcd"}
-_LAS: dict[str, Any] = {"module": "las", "writer": "write_las", "reader": "read_las", "extra": "las"}
+_LAS: dict[str, Any] = {
+    "module": "las",
+    "writer": "write_las",
+    "reader": "read_las",
+    "appender": "las_stream",
+    "extra": "las",
+}
 
 FORMATS = {
     "ply": Format(
         suffix=".ply", module="ply", writer="write_ply", reader="read_ply", appender="ply_stream", text=True
     ),
-    "pcd": Format(**_PCD, text=True),
+    "pcd": Format(**_PCD, appender="pcd_stream", text=True),
     "pcd-compressed": Format(**_PCD, options={"compressed": True}, extra="pcd"),
-    "las": Format(suffix=".las", **_LAS, appender="las_stream"),
+    "las": Format(suffix=".las", **_LAS),
     "laz": Format(suffix=".laz", **_LAS, options={"compressed": True}),
     "e57": Format(suffix=".e57", module="e57", writer="write_e57", extra="e57"),
-    "kitti": Format(suffix=".bin", module="kitti", writer="write_kitti"),
-    "nuscenes": Format(suffix=".pcd.bin", module="nuscenes", writer="write_nuscenes"),
+    "kitti": Format(suffix=".bin", module="kitti", writer="write_kitti", appender="kitti_stream"),
+    "nuscenes": Format(
+        suffix=".pcd.bin", module="nuscenes", writer="write_nuscenes", appender="nuscenes_stream"
+    ),
     "npz": Format(suffix=".npz", module="npz", writer="write_npz", reader="read_npz"),
     "parquet": Format(
         suffix=".parquet",

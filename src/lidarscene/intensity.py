@@ -13,17 +13,26 @@ _LEAST_OVERLAP = 1e-3
 
 
 def reported(
-    echoes: Echoes | EchoTrain, sensor: Sensor, point: WorkingPoint, *, amplitude: Array, range_m: Array
+    echoes: Echoes | EchoTrain,
+    sensor: Sensor,
+    point: WorkingPoint,
+    threshold: Array,
+    *,
+    amplitude: Array,
+    width_s: Array | None,
+    range_m: Array,
 ) -> Array:
     """(n,) the amplitude itself (raw), watts (range_corrected) or 0 to 255 (reflectivity).
 
-    The sensor knows its own optics and what background it stands in, so that the amplitude gives the power; not the
-    air, nor the angle of the surface.
+    The sensor knows its own optics and what background it stands in, so that the amplitude gives the power (of a
+    saturated pulse its width, if that is known); not the air, nor the angle of the surface.
     """
     scale = sensor.intensity
     if scale is None:
         return amplitude
-    power = point.power_w(amplitude)
+    power = point.told_power_w(
+        amplitude, width_s=width_s, threshold=threshold, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
+    )
     if scale.kind == "range_corrected":
         return formulas.range_corrected_power_w(power_w=power, range_m=range_m, reference_m=scale.reference_m)
     overlap: Array = 1.0

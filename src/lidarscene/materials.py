@@ -45,7 +45,8 @@ class Material:
     bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
     reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors, mirrors and glass
     parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
-                  roughness, index_n, index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg
+                  roughness, index_n, index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg;
+                  transmittance, diffuse hemispherical, of a thin surface; cover, the share that is not gaps
     """
 
     name: str

@@ -14,7 +14,7 @@ from .arrays import Array, State, xp
 from .echoes import EchoTrain, Interference
 from .physics import radiometry
 from .physics.waveform import crossing
-from .returns import Detection, Outcome, Returns, Status, alarm_status
+from .returns import Detection, Outcome, Returns, Status, alarm_status, interferes
 from .rises import Rise, visit_all
 from .samplers import Shots, read
 from .sensor import Sensor
@@ -182,17 +182,20 @@ class _Converter(Shots):
     def with_alarms(
         self, stops: list[State], sources: tuple[Interference, ...], number: Array, range_m: Array
     ) -> list[State]:
-        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo."""
+        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo.
+
+        Most pulses have none in the window, and go through no loop.
+        """
         for alarms in comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
         ):
-            stops = self._merged(stops, alarms, number, range_m)
+            stops = self._merged(stops, alarms, number, range_m, others=bool(sources))
         return stops
 
     def _merged(
-        self, stops: list[State], alarms: comparator.Alarms, number: Array, range_m: Array
+        self, stops: list[State], alarms: comparator.Alarms, number: Array, range_m: Array, *, others: bool
     ) -> list[State]:
-        """Alarms of a kind among the stops. Most pulses have none in the window, and the loop none of these pulses."""
+        """Alarms of a kind among the stops; ``others``: whether some may be of other lidars."""
         ops, tdc = self.ops, self.sensor.tdc
         zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
 
@@ -206,9 +209,11 @@ class _Converter(Shots):
         def step(
             draw: Array, come: Array, time_s: Array, amplitude: Array, status: Array, *values: Array
         ) -> State:
+            theirs = interferes(status) if others else False
+            width_s = self.alarm_width_s(amplitude, theirs) if self.sensor.measures_width else zero
             alarm = (
                 self.key(time_s, amplitude), time_s, time_s, amplitude,
-                zero, zero, zero, number, range_m, status,
+                width_s, zero, zero, number, range_m, status,
             )  # fmt: skip
             kept = _inserted(_grouped(values, len(alarm)), alarm)
             return *following(draw, come), *(value for stop in kept for value in stop)
@@ -216,6 +221,10 @@ class _Converter(Shots):
         start = following(kind, ops.float32(zero))
         done: State = ops.loop((*start, *(value for stop in stops for value in stop)), going, step)
         return _grouped(done[len(start) :], len(stops[0]))
+
+    def alarm_width_s(self, amplitude: Array, theirs: Array) -> Array:
+        """Time over the threshold of false alarms."""
+        return comparator.alarm_width_s(self.sensor, self.point, self.threshold, amplitude, theirs=theirs)
 
     def detection(self, train: EchoTrain, found: _Found, stops: list[State], strongest: Array) -> Detection:
         """All that is known of the pulses."""
@@ -228,6 +237,7 @@ class _Converter(Shots):
             status = ops.where(of_air, int(Status.WEATHER), status)
             kept = kept | (used & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
+            known = width_s if self.sensor.measures_width else None
             returns.append(
                 Returns(
                     reported=used,
@@ -235,9 +245,15 @@ class _Converter(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=intensity.reported(
-                        train, self.sensor, self.point, amplitude=amplitude, range_m=range_m
+                        train,
+                        self.sensor,
+                        self.point,
+                        self.threshold,
+                        amplitude=amplitude,
+                        width_s=known,
+                        range_m=range_m,
                     ),
-                    width_s=width_s,
+                    width_s=known,
                     snr=snr,
                     detection_probability=probability,
                     source=source,

@@ -15,6 +15,7 @@ from lidarscene.cloud import COLUMNS, STATUS_NAMES, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.io.files import atomic_output
 from lidarscene.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
+from lidarscene.thinning import Thinned
 
 Array = np.ndarray[Any, Any]
 Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure
@@ -45,10 +46,11 @@ def perspective_picture(
 
     Without them: from above and behind the sensor, towards what is near. ``fov_deg`` is across.
     """
-    figure = _figure(size_px)
+    figure, whole = _figure(size_px), Thinned.of(cloud)
+    cloud = whole.cloud()
     camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
     shades = _Shades(cloud, colour_by)
-    _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), cloud, shades, camera, alarms=highlight_false_alarms)
+    _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), whole, shades, camera, alarms=highlight_false_alarms)
     _save(figure, path)
 
 
@@ -60,15 +62,16 @@ def range_image(
     size_px: tuple[int, int] = (1920, 640),
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell a beam; dark grey where no point came."""
-    figure = _figure(size_px)
+    figure, whole = _figure(size_px), Thinned.of(cloud)
+    cloud = whole.cloud()
     box = (0.06, 0.17, 0.84, 0.68)
     _draw_range_image(figure, box, cells_of(cloud), _Shades(cloud, colour_by), labels=True)
-    _title(figure, cloud)
+    _title(figure, whole)
     _save(figure, path)
 
 
 def frame_picture(
-    cloud: PointCloud,
+    cloud: PointCloud | Thinned,
     path: str | os.PathLike[str],
     *,
     colour_by: str = "intensity",
@@ -80,8 +83,11 @@ def frame_picture(
 ) -> None:
     """Draw both: the perspective on top, below it a range image for each column named in ``strips``.
 
-    Of a cloud of several sensors each has a range image of its own instead, as far as there is room.
+    Of a cloud of several sensors each has a range image of its own instead, as far as there is room. Of very many
+    points every k-th is drawn (`thinning.Thinned`), and the title says so.
     """
+    whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
+    cloud = whole.cloud()
     parts = _sensors_apart(cloud)
     images = [(cloud, name, "") for name in strips] if len(parts) < 2 else [
         (part, "range", label) for label, part in parts[:MOST_STRIPS]
@@ -91,7 +97,7 @@ def frame_picture(
     rest = foot + strip * len(images)
     shades = _Shades(cloud, colour_by)
     camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
-    _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), cloud, shades, camera, alarms=True)
+    _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), whole, shades, camera, alarms=True)
     own_axes = len(parts) > 1  # sensors look in different directions
     for i, (part, name, label) in enumerate(reversed(images)):
         box = (0.06, foot + i * strip, 0.84, (0.72 if own_axes else 0.86) * strip)
@@ -131,6 +137,8 @@ class _Shades:
         else:
             if unit == "rad":
                 values, unit = np.degrees(values), "°"
+            elif name == "pulse_width":
+                values, unit = 1e9 * values, "ns"
             self.map = _colour_map(name)
             self.norm = _norm(values, name)
         self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
@@ -197,10 +205,11 @@ def _norm(values: Array, name: str) -> Any:
 
 
 def _draw_perspective(
-    figure: Any, box: Box, cloud: PointCloud, shades: _Shades, camera: Camera, *, alarms: bool
+    figure: Any, box: Box, whole: Thinned, shades: _Shades, camera: Camera, *, alarms: bool
 ) -> None:
     """The perspective in this part of the figure, with title and scale."""
     left, bottom, width, height = box
+    cloud = whole.cloud()
     pixels = [SUPERSAMPLING * n for n in _pixels(figure, box)]
     rgb, large = shades.rgb, np.zeros(len(cloud), bool)
     if alarms and shades.name != "status":
@@ -208,7 +217,7 @@ def _draw_perspective(
         rgb = np.where(large[:, None], _rgb(ALARM), rgb)
     front, depth_m = splat(camera, cloud.xyz_m, size=(pixels[0], pixels[1]), large=large)
     _show(figure, box, lit(coloured(front, rgb, nothing=_rgb(BACKGROUND)), depth_m, reduction=SUPERSAMPLING))
-    _title(figure, cloud)
+    _title(figure, whole)
     if large.any():
         figure.text(0.975, 0.975, "●  false alarm", color=ALARM, fontsize=7.5, ha="right", va="top")
     if shades.kinds:
@@ -274,16 +283,18 @@ def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
     return axes
 
 
-def _title(figure: Any, cloud: PointCloud) -> None:
+def _title(figure: Any, whole: Thinned) -> None:
     """Scene and sensor, and how many points."""
-    alarms, weather = (int(np.isin(cloud.status, kinds).sum()) for kinds in ((1, 2), (3,)))
-    named = [Path(cloud.metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    told = {"points": len(cloud), "false alarms": alarms, "of the weather": weather}
+    kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
+    named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
+    told = {"points": whole.points} | {name: int(count) for name, count in kinds}
     counts = [
         f"{count:,} {name}".replace(",", "\u202f")
         for name, count in told.items()
         if count or name == "points"
     ]
+    if whole.step > 1:
+        counts.append(f"1 in {whole.step} drawn")
     box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
     options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
     title = "  ·  ".join(filter(None, named)) or "lidarscene"

@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from . import catalog
-from .beams import firing_time_s
-from .io.files import atomic_output
 from .kernel.profile import KernelHistory, peak_memory_bytes
+from .returns import OUTCOME_TEXT as OUTCOME_TEXT
 from .returns import Outcome
-from .sensor import Sensor
 from .simulate import Summary
-
-OUTCOME_TEXT = {
-    Outcome.NO_SURFACE: "no surface",
-    Outcome.BELOW_THRESHOLD: "below threshold",
-    Outcome.OUT_OF_WINDOW: "out of window",
-    Outcome.HIDDEN: "hidden",
-}
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.
 _FRAME_STAGES = ("record", "trace", "collect", "assemble")
@@ -93,39 +81,6 @@ def as_text(summary: Summary, written: Sequence[str]) -> str:
     lines.append(f"beams/second  {beams_per_second(summary):>12,.0f}   from beams to points")
     lines.append(f"wrote         {', '.join(written)}")
     return "\n".join(lines)
-
-
-class MissedPulses:
-    """Pulses without an echo point, gathered chunk by chunk."""
-
-    def __init__(self) -> None:
-        self._pulses: list[np.ndarray[Any, Any]] = []
-        self._reasons: list[np.ndarray[Any, Any]] = []
-
-    def __call__(self, pulse: np.ndarray[Any, Any], reason: np.ndarray[Any, Any]) -> None:
-        """Add the missed pulses of a chunk and their `Outcome`."""
-        self._pulses.append(pulse)
-        self._reasons.append(reason)
-
-    def save(self, path: Path, sensor: Sensor) -> None:
-        """Write pulse, reason, time_s, channel, azimuth_rad, elevation_rad, and reason_names by value, as .npz.
-
-        Times are since the start of the frame.
-        """
-        pulse = np.concatenate([np.zeros(0, np.uint32), *self._pulses])
-        first = pulse[:1] // sensor.scanner.pulses * sensor.scanner.pulses
-        azimuth, elevation = sensor.scanner.angles(pulse)
-        with atomic_output(path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                pulse=pulse,
-                reason=np.concatenate([np.zeros(0, np.uint8), *self._reasons]),
-                time_s=firing_time_s(sensor, pulse) - firing_time_s(sensor, first),
-                channel=sensor.scanner.channel(pulse),
-                azimuth_rad=azimuth,
-                elevation_rad=elevation,
-                reason_names=np.array(["kept", *OUTCOME_TEXT.values()]),
-            )
 
 
 def catalog_text(kind: str) -> str:

@@ -34,6 +34,15 @@ class Outcome(enum.IntEnum):
     HIDDEN = 4  # false alarms had used up the converter's stops
 
 
+OUTCOME_TEXT = {
+    Outcome.NO_SURFACE: "no surface",
+    Outcome.BELOW_THRESHOLD: "below threshold",
+    Outcome.OUT_OF_WINDOW: "out of window",
+    Outcome.HIDDEN: "hidden",
+}
+"""Why there is no echo point, in words."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Returns:
     """What one stop of the converter reports for each pulse; numpy or Dr.Jit.
@@ -43,6 +52,7 @@ class Returns:
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
     intensity  (n,) on the maker's scale, `intensity.reported`
+    width_s    (n,) time over the threshold, or None: the sensor does not measure it
 
     Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
 
@@ -50,7 +60,6 @@ class Returns:
     source                      (n,) number of the sub-echo that gives most of it, -1: the air; the pulse's strongest
                                 for a false alarm
     true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak
-    width_s                     (n,) time over the threshold; 0 where the sampler does not know
     """
 
     reported: Array
@@ -58,11 +67,11 @@ class Returns:
     range_m: Array
     amplitude: Array
     intensity: Array
+    width_s: Array | None = None
     snr: Array | None = None
     detection_probability: Array | None = None
     source: Array | None = None
     true_range_m: Array | None = None
-    width_s: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +103,7 @@ class _Edge:
     crossing_s: Array
     reported_s: Array
     amplitude: Array
+    width_s: Array | None
     probability: Array
 
 
@@ -127,13 +137,22 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
         reported_s = ops.where(echo_now, edge.reported_s, alarm_s)
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
         amplitude = ops.where(echo_now, edge.amplitude, alarm_amplitude)
+        width_s = None
+        if edge.width_s is not None:
+            width_s = comparator.alarm_width_s(
+                sensor, point, threshold, alarm_amplitude, theirs=interferes(status)
+            )
+            width_s = ops.where(echo_now, edge.width_s, width_s)
         stops.append(
             Returns(
                 reported=echo_now | alarm,
                 status=ops.where(echo_now, int(Status.ECHO), status),
                 range_m=range_m,
                 amplitude=amplitude,
-                intensity=intensity.reported(echoes, sensor, point, amplitude=amplitude, range_m=range_m),
+                intensity=intensity.reported(
+                    echoes, sensor, point, threshold, amplitude=amplitude, width_s=width_s, range_m=range_m
+                ),
+                width_s=width_s,
             )
         )
     outcome = ops.where(echo_left, int(Outcome.HIDDEN), int(Outcome.KEPT))
@@ -166,13 +185,27 @@ def _edge(
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
     measured = comparator.amplitude(own, sensor, point, threshold, lag_s=early)
+    width_s = None
+    if sensor.tdc.both_edges:
+        width_s = comparator.width_s(
+            own, sensor, point, threshold, peak_power_w=power, early_s=early, seed=seed, pulse=pulse
+        )
     return _Edge(
         found=found,
         crossing_s=crossing,
         reported_s=comparator.reported_s(
-            sensor, point, threshold, crossing, measured=measured, true_power_w=power, seed=seed, pulse=pulse
+            sensor,
+            point,
+            threshold,
+            crossing,
+            measured=measured,
+            width_s=width_s,
+            true_power_w=power,
+            seed=seed,
+            pulse=pulse,
         ),
         amplitude=measured,
+        width_s=width_s,
         probability=own.probability,
     )
 
@@ -182,6 +215,11 @@ def alarm_status(theirs: Array) -> Array:
     if theirs is False:
         return int(Status.FALSE_ALARM)
     return xp(theirs).where(theirs, int(Status.INTERFERENCE), int(Status.FALSE_ALARM))
+
+
+def interferes(status: Array) -> Array:
+    """Whether a false alarm is another lidar's pulse; False where there is no other lidar."""
+    return False if isinstance(status, int) else status == int(Status.INTERFERENCE)
 
 
 def _nth(ops: Any, alarms: list[tuple[Array, Array, Array]], index: Array) -> tuple[Array, Array, Array]:

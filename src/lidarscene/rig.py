@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
             f"merged: clouds in one frame, world or vehicle, were expected, {sorted(frames)} came"
         )
     numbered = [
-        replace(cloud, sensor_names=tuple(labels), sensor_index=np.full(len(cloud), number, dtype=np.uint8))
+        replace(cloud, sensor_names=tuple(labels), sensor_index=_constant(number, len(cloud)))
         for number, cloud in enumerate(clouds)
     ]
     together = PointCloud.concatenate(numbered)
@@ -116,3 +117,27 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     if len(units) > 1:
         joined["intensity_unit"] = " or ".join(units)
     return replace(together, metadata={**clouds[0].metadata, **joined})
+
+
+class Merging:
+    """`merged` for clouds that come in pieces, those of the first sensor first."""
+
+    def __init__(self, clouds: Sequence[PointCloud], labels: Sequence[str]) -> None:
+        """``clouds`` have the names and metadata of each sensor's, and no points."""
+        self._whole = merged(clouds, labels)
+        self._dtype: Any = None
+
+    def piece(self, number: int, cloud: PointCloud) -> PointCloud:
+        """Some points of sensor ``number`` as points of the merged cloud."""
+        self._dtype = self._dtype or cloud.xyz_m.dtype  # the first one's, as of arrays that are joined
+        return replace(
+            cloud,
+            xyz_m=cloud.xyz_m.astype(self._dtype, copy=False),
+            sensor_names=self._whole.sensor_names,
+            sensor_index=_constant(number, len(cloud)),
+            metadata=self._whole.metadata,
+        )
+
+
+def _constant(number: int, points: int) -> np.ndarray[Any, Any]:
+    return np.broadcast_to(np.uint8(number), points)

@@ -14,7 +14,8 @@ from . import comparator, noise
 from .arrays import Array, State, xp
 from .comparator import Trip
 from .detectors import WorkingPoint
-from .physics import radiometry, sampling, tdc
+from .physics import pulse as pulse_shape
+from .physics import radiometry, sampling, saturation, tdc
 from .physics.waveform import SIGMAS_PER_FWHM, crossing
 from .rises import STEP, Rise
 from .sensor import Adc, MultiLevel, Sensor
@@ -62,7 +63,7 @@ class Reading:
     """What is measured of a pulse.
 
     reported_s  time, amplitude in signal units
-    width_s     time over the threshold; 0 from the TDC alone, which does not know
+    width_s     time over the threshold; 0 from a TDC that times rising edges only
     """
 
     reported_s: Array
@@ -80,12 +81,19 @@ def read(shots: Shots, rise: Rise, trip: Trip, place: Array, *, wanted: Array) -
     amplitude = comparator.amplitude(
         trip, shots.sensor, shots.point, shots.threshold, lag_s=(place - rise.peak) * shots.sigma_s
     )
+    width = None
+    if shots.sensor.tdc.both_edges:
+        leaving = _trailing(shots, rise, trip, place, shots.threshold)
+        end, _ = _end(shots, rise, trip, leaving, rise.peak, wanted)
+        width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
     reported_s = comparator.reported_s(
         shots.sensor, shots.point, shots.threshold, shots.time_s(place),
-        measured=amplitude, true_power_w=shots.ops.where(wanted, rise.top[0], 1.0),
+        measured=amplitude, width_s=width, true_power_w=shots.ops.where(wanted, rise.top[0], 1.0),
         seed=shots.seed, pulse=shots.pulse, draw=rise.number,
     )  # fmt: skip
-    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=shots.ops.full(place, 0.0))
+    if width is None:
+        width = shots.ops.full(place, 0.0)
+    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width)
 
 
 def _by_levels(
@@ -96,16 +104,9 @@ def _by_levels(
     One deviate for the whole leading edge, as for its foot, and one for the trailing edge, with what is left of the
     first after the time between them.
     """
-    ops, point = shots.ops, shots.point
-    words = noise.words(seed=shots.seed, stage=noise.STAGE_TRAILING_EDGE, pulse=shots.pulse, draw=rise.number)
-    kept = tdc.noise_correlation(
-        lag_s=2.0 * (rise.peak - place) * shots.sigma_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz
-    )
-    trailing = (
-        kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * noise.normal_pair(words)[0]
-    )
+    ops, point, fwhm = shots.ops, shots.point, shots.sensor.laser.pulse_fwhm_s
     lowest, *higher = (
-        _Level.of(shots, trip, factor * shots.threshold, trailing, wanted) for factor in sampler.levels
+        _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted) for factor in sampler.levels
     )
     highest, above = lowest, ops.full(wanted, False)
     for one in higher:
@@ -115,11 +116,13 @@ def _by_levels(
         far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
     )  # fmt: skip
     # The waveform is not below a lower level before it is below a higher one.
-    end, near = _falling(shots, highest.down_w(point), rise, rise.peak, above)
-    over, _ = _falling(shots, lowest.down_w(point), rise, ops.where(above, near, rise.peak), lowest.reached)
-    width = ops.where(lowest.reached, over - place, 0.0)
-    power = point.power_w(highest.level) * sampling.peak_over_level(
-        width=ops.where(above, end - start, width)
+    end, near = _end(shots, rise, trip, highest.down, rise.peak, above)
+    since = ops.where(above, near, rise.peak)
+    width = ops.where(
+        lowest.reached, _end(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0
+    )
+    power = point.power_of_width_w(
+        ops.where(above, end - start, width) * shots.sigma_s, threshold=highest.level, pulse_fwhm_s=fwhm
     )
     amplitude = ops.where(
         highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
@@ -127,10 +130,21 @@ def _by_levels(
     walk = -0.5 * width
     if shots.sensor.tdc.walk != "corrected":
         true_power = ops.where(wanted, rise.top[0], 1.0)
-        walk_s = comparator.walk_s(
-            shots.sensor, point, shots.threshold, measured=amplitude, true_power_w=true_power
+        walk = (
+            comparator.walk_s(
+                shots.sensor,
+                point,
+                shots.threshold,
+                measured=amplitude,
+                width_s=None,
+                true_power_w=true_power,
+            )
+            / shots.sigma_s
         )
-        walk = walk_s / shots.sigma_s
+    elif point.recovery_s is not None:  # not even: the table of widths says how early it was
+        power = point.power_of_width_w(width * shots.sigma_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
+        share = point.power_w(shots.threshold) / power
+        walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
     return Reading(
         reported_s=comparator.converted(
             shots.sensor, shots.time_s(place - walk), seed=shots.seed, pulse=shots.pulse, draw=rise.number
@@ -150,16 +164,14 @@ class _Level:
     reached: Array
 
     @classmethod
-    def of(cls, shots: Shots, trip: Trip, level: Array, trailing: Array, wanted: Array) -> _Level:
-        """``trailing``: deviate of that edge; the leading one has the trip's."""
+    def of(cls, shots: Shots, rise: Rise, trip: Trip, place: Array, level: Array, wanted: Array) -> _Level:
+        """For a pulse that crossed the lowest one at ``place``."""
         point = shots.point
-        up, down = (
-            tdc.crossing_level(
-                threshold=level, deviate=deviate,
-                noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-            )
-            for deviate in (trip.deviate, trailing)
+        up = tdc.crossing_level(
+            threshold=level, deviate=trip.deviate,
+            noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
         )  # fmt: skip
+        down = _trailing(shots, rise, trip, place, level)
         reached = wanted & (up < trip.signal) & (down < trip.signal)
         if point.saturation is not None:
             reached = reached & (level < point.saturation)
@@ -175,9 +187,34 @@ class _Level:
             reached=self.reached | other.reached,
         )
 
-    def down_w(self, point: WorkingPoint) -> Array:
-        """Power at which the trailing edge passes it."""
-        return xp(self.down).where(self.reached, point.power_w(self.down), 1.0)
+
+def _trailing(shots: Shots, rise: Rise, trip: Trip, place: Array, threshold: Array) -> Array:
+    """Signal at which a pulse that crossed at ``place`` leaves a level behind its peak."""
+    return comparator.trailing_level(
+        trip, shots.sensor, shots.point, threshold, lag_s=2.0 * (rise.peak - place) * shots.sigma_s,
+        seed=shots.seed, pulse=shots.pulse, draw=rise.number,
+    )  # fmt: skip
+
+
+def _end(
+    shots: Shots, rise: Rise, trip: Trip, level: Array, since: Array, wanted: Array
+) -> tuple[Array, Array]:
+    """Place at which what the amplifier makes of a pulse has fallen to a signal level; the peak if it is below that.
+
+    Returns a second place as `_falling` does, before the amplifier.
+    """
+    ops, point = shots.ops, shots.point
+    below = wanted & (level < trip.signal)
+    end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
+    if point.recovery_s is not None:
+        clipped = below & (trip.signal > point.saturation)
+        clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
+        released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
+        end = saturation.held_until(
+            fall_s=end, released_s=released, level=level, signal=trip.signal, saturation=point.saturation,
+            recovery_s=point.recovery_s / shots.sigma_s,
+        )  # fmt: skip
+    return ops.where(below, end, rise.peak), near
 
 
 def _falling(shots: Shots, level_w: Array, rise: Rise, since: Array, wanted: Array) -> tuple[Array, Array]:

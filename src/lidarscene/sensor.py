@@ -48,6 +48,28 @@ class Laser:
         """On the axis on which the beam stays narrower."""
         return min(self.divergence_rad, self.divergence_elevation_rad or self.divergence_rad)
 
+    @property
+    def has_width(self) -> bool:
+        """Whether rays over its footprint are more than its axis."""
+        return bool(self.mean_divergence_rad or self.exit_diameter_m)
+
+    @property
+    def mean_divergence_rad(self) -> float:
+        """Of a round beam that stands for an elliptical one."""
+        return 0.5 * (self.divergence_rad + (self.divergence_elevation_rad or self.divergence_rad))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Halo:
+    """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together.
+
+    share           of the echo of a wide surface that it brings
+    divergence_rad  full angle at 1/e^2
+    """
+
+    share: Array
+    divergence_rad: Array
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
@@ -55,6 +77,7 @@ class Optics:
 
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
     overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    halo                 around the spot, or None
     """
 
     aperture_radius_m: Array
@@ -63,6 +86,7 @@ class Optics:
     efficiency_sun: Array
     sun_irradiance_w_m2: Array
     overlap: Overlap | None = None
+    halo: Halo | None = None
 
     @property
     def aperture_m2(self) -> Array:
@@ -83,8 +107,10 @@ class Tdc:
     keep                      which ones: "first", "last" or "strongest"
     blanking_s                after the pulse leaves, in which crossings go unnoticed
     dead_time_s               from a crossing by an echo to the next that can be taken
+    both_edges                whether the end of a pulse is timed too: its width is known
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
-                              says it is, "none" takes off exactly what it is
+                              says it is (of a saturated pulse its width, if that is known), "none" takes off
+                              exactly what it is
     ambient_window_s          time in which the background is counted, or None: the whole window
     """
 
@@ -98,6 +124,7 @@ class Tdc:
     keep: str = "first"
     blanking_s: Array = 0.0
     dead_time_s: Array = 0.0
+    both_edges: bool = False
     walk: str = "corrected"
     ambient_window_s: Array | None = None
 
@@ -183,6 +210,11 @@ class Sensor:
     intensity: Intensity | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def measures_width(self) -> bool:
+        """Whether it knows for how long a pulse was above the threshold."""
+        return self.tdc.both_edges or self.sampler is not None
 
     def working_point(self, background_power_w: Array) -> WorkingPoint:
         """The detector under this background."""

@@ -34,7 +34,7 @@ from .detectors import Apd
 from .echoes import Ambient, EchoTrain
 from .errors import InputError
 from .field_of_view import background_power_w, field_of_view
-from .footprint import Footprint, footprint, spread
+from .footprint import Footprint, aim, footprint, spread
 from .frame import COORDINATES, Frame, check_frame, motion_of
 from .geometry import Pose
 from .hits import Hits
@@ -82,7 +82,7 @@ class Simulator:
         background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
         pose  where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
               scene's own if None. `render` takes another per frame.
-        interactions  panes and mirrors that a beam may meet; at 0 it ends at the first, without an echo
+        interactions  panes, mirrors and gaps that a beam may meet; at 0 it ends at the first, without an echo
         """
         if not 0 <= interactions <= MOST_INTERACTIONS:
             raise InputError(f"interactions: 0 to {MOST_INTERACTIONS} was expected, {interactions} came")
@@ -107,7 +107,7 @@ class Simulator:
         self._device_sensor = device.opaque(sensor)
         ambient = ambient_of(scene, sensor)
         self._device_ambient = device.opaque(ambient)
-        self._footprint = device.opaque(footprint(sensor.laser, rays))
+        self._footprint = device.opaque(footprint(sensor.laser, rays, sensor.optics.halo))
         self._field = None
         if background_rays is not None:
             self._field = device.opaque(field_of_view(sensor, background_rays))
@@ -213,6 +213,19 @@ class Simulator:
         if empty:
             sink(CloudBuilder().build(**description))
 
+    def empty(
+        self,
+        *,
+        seed: int = 0,
+        number: int = 0,
+        begin_s: float = 0.0,
+        pose: Pose | None = None,
+        frame: str = "world",
+    ) -> PointCloud:
+        """The cloud of `render` without its points: names and metadata, known before anything is traced."""
+        _check_call(seed=seed, chunk=1, frame=frame)
+        return CloudBuilder().build(**self._description(self._frame(number, begin_s, pose), seed, frame))
+
     def _hand_out(
         self,
         now: Frame,
@@ -232,7 +245,7 @@ class Simulator:
         done = 0
         for first, columns, outcome in self._chunks(
             now, seed=seed, chunk=chunk, goal=now.goal(frame), summary=summary, ambient=ambient,
-            observer=observer,
+            observer=observer, ordered=missed is not None,
         ):  # fmt: skip
             since = time.perf_counter()
             done += len(outcome)
@@ -256,8 +269,10 @@ class Simulator:
         summary: Summary,
         ambient: Callable[[Matrix, Matrix], None] | None,
         observer: Observer | None,
+        ordered: bool,
     ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
-        """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order.
+        """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order; outcomes
+        by pulse if they have to be ``ordered``.
 
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
@@ -288,7 +303,7 @@ class Simulator:
             parts = [part, *self._gone_on(now, part, seed_word)]
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, parts, placing)
-            outcome = of_every_pulse(parts, first, "outcome")
+            outcome = of_every_pulse(parts, first, "outcome", ordered=ordered)
             if ambient is not None:
                 every = np.arange(first, first + len(outcome), dtype=np.uint32)
                 ambient(every, of_every_pulse(parts, first, "ambient").astype(np.uint64))
@@ -356,10 +371,14 @@ class Simulator:
             self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        aimed = None
+        if self.world.speculars is not None and shape is self._footprint:
+            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         return rays, trace(
             self.world, rays, sun=self._device_sun, placements=movers,
             sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions, survey=survey,
+            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
+            aim=aimed,
         )  # fmt: skip
 
     def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:
@@ -381,7 +400,7 @@ class Simulator:
         )
         return train.together(
             lit.light, lit.rays, self._device_sensor, self._device_ambient,
-            rays=self.rays, air=self._air, seed=seed, pulse=lit.pulse,
+            rays=self.rays, skirt=self._footprint.skirt, air=self._air, seed=seed, pulse=lit.pulse,
         )  # fmt: skip
 
     def waveforms(

@@ -9,6 +9,7 @@ from .air_light import AirLight
 from .arrays import Array, xp
 from .beams import Beams
 from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume
+from .footprint import Skirt
 from .physics import radiometry
 from .sensor import Sensor
 
@@ -20,6 +21,7 @@ def together(
     ambient: Ambient,
     *,
     rays: int,
+    skirt: Skirt | None = None,
     air: AirLight | None,
     seed: Array,
     pulse: Array,
@@ -29,6 +31,7 @@ def together(
     paths  Echoes of the lanes' rays by each way that their light takes, lane = pulse lane * rays + ray; the first
            way is that on which a ray sees its background
     rays   of a pulse, each with the same share of its power
+    skirt  of them those of a halo, which have its share; None: there is none
     air    what the air sends back
     pulse  (n,) pulse numbers
     """
@@ -39,12 +42,17 @@ def together(
         """What all rays of a pulse have alike."""
         return ops.column(values, 0, rays) if ops.width(values) > 1 else values
 
+    weight: Array = 1.0 / rays
+    if skirt is not None:
+        weight = skirt.weight(ops.index(first.range_m) % rays, rays)
+
     def over_rays(values: Array) -> Array:
-        return sum(ops.column(values, ray, rays) for ray in range(rays)) * (1.0 / rays)
+        if skirt is not None:
+            return sum(ops.column(values * weight, ray, rays) for ray in range(rays))
+        return sum(ops.column(values, ray, rays) for ray in range(rays)) * weight
 
     surfaces = [
-        SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * (1.0 / rays), count=rays)
-        for path in paths
+        SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * weight, count=rays) for path in paths
     ]
     volume: Volume | None = None
     drops: list[SubEchoes] = []
@@ -57,7 +65,7 @@ def together(
             aperture_m2=of_pulse(beams.aperture_m2),
             efficiency=sensor.optics.efficiency_laser,
         )
-        end_m = _end_m(first, air.far_m, rays)
+        end_m = _end_m(first, air.far_m, rays, rays if skirt is None else rays - skirt.count)
         volume = air.volume(scale=scale, end_m=end_m)
         drops = air.sub_echoes(scale=scale, end_m=end_m, seed=seed, pulse=pulse)
     met = [ops.column(path.found, ray, rays) for path in paths for ray in range(rays)]
@@ -77,11 +85,11 @@ def together(
     )
 
 
-def _end_m(path: Echoes, far_m: Array, rays: int) -> Array:
-    """Where the last ray of each pulse meets a surface."""
+def _end_m(path: Echoes, far_m: Array, rays: int, core: int) -> Array:
+    """Where the last ray of each pulse meets a surface; the light around a beam's core makes no air bright."""
     ops = xp(path.range_m)
     last = ops.where(path.found, path.range_m, far_m)
     end = ops.column(last, 0, rays)
-    for ray in range(1, rays):
+    for ray in range(1, core):
         end = ops.maximum(end, ops.column(last, ray, rays))
     return end

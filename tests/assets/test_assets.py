@@ -37,7 +37,10 @@ EXPECTED = {
     "lamp_post": ("pole head lens", (400, 2_000), (1.86, 0.32, 7.96), 0.02),
     "bollard": ("bollard band", (300, 1_000), (0.15, 0.15, 0.895), 0.005),
 }
-SCENE_NAMES = ("car", "range", "street", "garage", "drive", "glass", "fog", "rain", "edges", "low_sun")
+SCENE_NAMES = (
+    "car", "range", "street", "garage", "drive", "glass", "fog", "foliage", "rain", "edges", "low_sun", "snow",
+    "parallax", "interference", "retro",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -52,9 +52,11 @@ SECTIONS = {
         *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),
     ],
     "A large frame": [
-        "peak memory of one frame, car.toml",
-        "its time from start to end, to .ply",
-        "the same of the whole cloud, car.toml",
+        "peak memory, car.toml to .ply",
+        "peak memory, car.toml to .laz",
+        "peak memory, car.toml to .ply with picture, labels, keep-missed",
+        "peak memory, car.toml to a cloud in Python",
+        "its time from start to end",
     ],
 }
 

@@ -30,6 +30,7 @@ NAMES = {
     "hair",
     "lamp_lens",
     "lane_marking",
+    "leaf",
     "leather",
     "mirror_aluminium",
     "mirror_chrome",
@@ -43,6 +44,7 @@ NAMES = {
     "tinted_glass",
     "tree_foliage",
     "tyre_rubber",
+    "wire_mesh",
     "wood",
 }
 
@@ -60,6 +62,9 @@ EXTRA = {
         "retro_half_angle_source",
     },
 }
+
+# What any material that scatters may have besides.
+OPTIONAL = {"transmittance", "cover", "cover_source"}
 
 # Smallest and largest white minimum at 0.2 deg observation and -4 deg entrance in ASTM D4956-01:
 # type I (70, seen in a copy of the tables) and type VII (750, from memory).
@@ -112,7 +117,8 @@ def test_keys_are_exactly_those_of_the_bsdf(name):
     assert material["name"] == name
     assert material["description"].strip()
     assert material["bsdf"] in EXTRA
-    assert set(material) - {"note"} == COMMON | EXTRA[material["bsdf"]]
+    assert set(material) - {"note"} - OPTIONAL == COMMON | EXTRA[material["bsdf"]]
+    assert ("cover" in material) == ("cover_source" in material)
     assert material.get("note", "x").strip()
 
 
@@ -191,6 +197,19 @@ def test_vegetation_has_its_plateau_and_water_band(name):
     assert at[850] > 0.35
     assert at[1550] < at[1064]
     assert 0.2 < at[1550] < 0.35
+
+
+def test_a_leaf_lets_through_what_it_does_not_reflect_or_absorb():
+    """Leaves hardly absorb on the plateau, and water takes a third or more at 1550 nm (PROSPECT: Jacquemoud, 1990)."""
+    material = load("leaf")
+    back, through = (
+        values(material),
+        {row["wavelength_nm"]: row["value"] for row in material["transmittance"]},
+    )
+    assert list(through) == WAVELENGTHS
+    for wavelength in (850, 905, 940, 1064):
+        assert 0.9 < back[wavelength] + through[wavelength] < 1.0
+    assert 0.4 < back[1550] + through[1550] < 0.67
 
 
 def test_skin_is_dark_where_water_absorbs():

@@ -31,7 +31,8 @@ def test_waveforms_of_chosen_pulses(run: Run, wall: str, tmp_path: Path) -> None
 
 
 def test_a_few_pulses_of_each_frame(run: Run, wall: str, tmp_path: Path) -> None:
-    ran = run("render", wall, "-o", "d", "--frames", "2", "--waveforms", "w.npz", "--rays", "3", *COARSE)
+    wide = ("--rays", "3", "--set", "laser.divergence_mrad=0.1")
+    ran = run("render", wall, "-o", "d", "--frames", "2", "--waveforms", "w.npz", *wide, *COARSE)
     assert (ran.code, ran.err) == (0, "")
     for number in (0, 1):
         with np.load(tmp_path / f"w_000{number}.npz") as archive:

@@ -126,6 +126,14 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "[materials.x]\nreflectivity = 2\n", "materials.x.reflectivity: 1 or less was expected, 2 came"),
         (WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
          "materials.x.reflectivity[0].value: 1 or less was expected, 2 came"),
+        (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = 0.5\n",
+         "materials.x: reflectivity and transmittance: at most 1 together was expected, 1.1 came"),
+        (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = [{ wavelength_nm = 905, value = 0.45 }]\n",
+         "materials.x: reflectivity and transmittance: at most 1 together was expected, 1.05 came at 905 nm"),
+        (WALL + "[materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5\n",
+         "materials.x: a mirror material has no cover"),
+        (WALL + "[materials.x]\nreflectivity = 0.6\ncover = 0\n",
+         "materials.x.cover: more than 0 was expected, 0 came"),
         (WALL + "[materials.x]\nreflectivity = 0.1\nroughness = 0.1\n", ("materials.x: a diffuse material has no "
          "roughness")),
         (WALL + "[materials.x]\nreflectivity = 0.1\nbsdf = 'coated'\n", ("materials.x: a coated material needs "
@@ -343,8 +351,10 @@ def _full_disk(*_: Any, **__: Any) -> None:
     ("target", "argv", "told", "kept"),
     [
         ("lidarscene.io.files._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
-        ("numpy.savez", ["--keep-missed", "new/m.npz"], "new/m.npz: cannot be written: No space left on device",
-         {"new", "new/o.ply"}),
+        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"],
+         "new/m.npz: cannot be written: No space left on device", set()),
+        ("lidarscene.io.spool.Spool.append", ["--keep-missed", "new/m.npz"],
+         "new/m.npz: cannot be written: No space left on device", set()),
     ],
 )  # fmt: skip
 def test_full_disk(

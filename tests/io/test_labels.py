@@ -17,8 +17,8 @@ from lidarscene.cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats import LABELS
 from lidarscene.geometry import Pose
-from lidarscene.io import kitti_dataset
-from lidarscene.io.label_files import CAMERA, PICTURE_PX, label_paths, write_labels
+from lidarscene.io import gathered_boxes, kitti_dataset, spool
+from lidarscene.io.label_files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
 from lidarscene.rig import merged
 from lidarscene.scene import Ball, Body, Scene
 from lidarscene.trajectory import Course, pose_at
@@ -409,6 +409,35 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
     assert found[0].points_on > 100
     np.testing.assert_allclose(np.linalg.norm(found[0].velocity_m_s), 10.0, rtol=1e-9)
     np.testing.assert_array_equal(found[1].velocity_m_s, 0.0)
+
+
+@pytest.mark.parametrize("format", LABELS)
+@pytest.mark.parametrize("moves", [True, False])
+def test_labels_do_not_show_how_the_frame_was_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str, moves: bool
+) -> None:
+    """Pieces that end within blocks, against one piece and one block."""
+    cloud, scene = driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
+    write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
+    monkeypatch.setattr(gathered_boxes, "PIECE_POINTS", 700)
+    monkeypatch.setattr(spool, "BLOCK_ROWS", 300)
+    with labels_stream(tmp_path / "pieces.ply", scene, format=format) as append:
+        for first in range(0, len(cloud), 1000):
+            append(cloud.select(slice(first, first + 1000)))
+    for whole, pieces in zip(
+        *(label_paths(tmp_path / name, format=format) for name in ("whole.ply", "pieces.ply")), strict=True
+    ):
+        assert whole.read_bytes() == pieces.read_bytes()
+
+
+def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
+    """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
+    cloud, scene = driving(motion_in="removed")
+    late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
+    both = merged([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
+    for one, two in zip(labels.boxes(cloud, scene), labels.boxes(both, scene), strict=True):
+        np.testing.assert_allclose(two.pose.position_m, one.pose.position_m, atol=1e-9)
+        assert two.points_on == 2 * one.points_on
 
 
 def test_ground_truth_is_that_of_the_frames_start() -> None:

@@ -1,5 +1,6 @@
 """Clouds written piece by piece: the bytes of the whole cloud's file, whole or not at all."""
 
+import importlib
 import itertools
 import os
 from pathlib import Path
@@ -10,7 +11,7 @@ from test_formats import need
 from unit.test_cloud import assert_same, small_cloud
 
 from lidarscene.cloud import PointCloud
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import FORMATS
 from lidarscene.io import las, parquet
 
@@ -26,7 +27,7 @@ def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
 
 
 def test_which_formats_can() -> None:
-    assert STREAMED == ["ply", "las", "parquet"]
+    assert STREAMED == ["ply", "pcd", "las", "laz", "kitti", "nuscenes", "parquet"]
 
 
 @pytest.mark.parametrize("truth", [False, True])
@@ -51,7 +52,36 @@ def test_no_points(tmp_path: Path, name: str) -> None:
     need(name)
     path, none = tmp_path / f"a{FORMATS[name].suffix}", small_cloud(0)
     written(path, name, [none, none])
-    assert_same(PointCloud.load(path), none)
+    if FORMATS[name].reader:
+        assert_same(PointCloud.load(path), none)
+    else:  # rows and nothing else
+        assert path.read_bytes() == b""
+
+
+def test_laz_does_not_show_how_it_was_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More points than the 50,000 of a chunk of LAZ, in pieces that end within chunks, against one write of all."""
+    need("laz")
+    cloud = small_cloud(120_000)
+    pieces = [cloud.select(slice(*ends)) for ends in itertools.pairwise([0, 49_999, 50_001, 60_000, 120_000])]
+    streamed = written(tmp_path / "pieces.laz", "laz", pieces)
+    monkeypatch.setattr(las, "PIECE_POINTS", 10**9)
+    cloud.save(tmp_path / "whole.laz")
+    assert streamed == (tmp_path / "whole.laz").read_bytes()
+
+
+def test_las_does_not_cut_a_pulse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pulses of three returns in pieces of four points and more: number_of_returns is that of the pulse."""
+    need("las")
+    import laspy
+
+    monkeypatch.setattr(las, "PIECE_POINTS", 4)
+    pulse, angle = np.repeat(np.arange(5.0), 3), np.repeat(np.zeros(5, np.float32), 3)
+    cloud = small_cloud(
+        15, time_s=pulse, channel=angle.astype(np.int32), azimuth_rad=angle, elevation_rad=angle,
+        return_number=np.tile(np.array([1, 2, 3], np.uint8), 5),
+    )  # fmt: skip
+    cloud.save(tmp_path / "a.las")
+    assert np.array(laspy.read(tmp_path / "a.las").number_of_returns).tolist() == 15 * [3]
 
 
 @pytest.mark.parametrize("name", STREAMED)
@@ -69,6 +99,25 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, name: str) -> 
         failing()
     assert path.read_bytes() == b"before"
     assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no limit of a file's size")
+@pytest.mark.parametrize("name", STREAMED)
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    """By the system's own limit of the size of files, which numbers without a pattern reach however they are packed."""
+    need(name)
+    resource = importlib.import_module("resource")
+    cloud = small_cloud(50_000, intensity=np.random.default_rng(1).random(50_000, np.float32))
+    path = tmp_path / "new" / f"a{FORMATS[name].suffix}"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(OutputError) as error:
+            written(path, name, [cloud] * 3)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(error.value) == f"{path}: cannot be written: File too large"
+    assert os.listdir(tmp_path) == []
 
 
 def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,7 +143,7 @@ def test_near_and_far():
     sensor = chain.sensor("livox-mid-40", COAXIAL)
     share = sensor.optics.overlap.share(np.array([1e6, 0.5]))
     field = 0.1 / 60.0
-    assert share[0] == pytest.approx(1.0 - math.exp(-2.0 * (field / 2.3e-3) ** 2), abs=1e-4)
+    assert share[0] == pytest.approx(1.0 - math.exp(-2.0 * (field / 2.2975e-3) ** 2), abs=1e-4)
     assert share[1] == pytest.approx((field * 0.5 / 0.015) ** 2, rel=1e-3)
 
 

@@ -52,9 +52,9 @@ def assert_same(a: PointCloud, b: PointCloud) -> None:
 
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
-        "x y z range intensity snr detection_probability ambient time channel azimuth elevation return_number status "
-        "sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions ghost "
-        "radial_velocity body class material"
+        "x y z range intensity pulse_width snr detection_probability ambient time channel azimuth elevation "
+        "return_number status sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions "
+        "ghost radial_velocity body class material"
     )
     attributes = [c.attribute for c in COLUMNS[2:]]
     assert sorted(attributes) == sorted(MEASURED + TRUTH)
@@ -239,12 +239,13 @@ def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
         "radial_velocity_m_s": np.broadcast_to(np.float32(velocity), n),
         "interactions": np.broadcast_to(np.uint8(0), n),
         "ghost": np.broadcast_to(np.uint8(0), n),
+        "pulse_width_s": np.broadcast_to(np.float32(0.0), n),
     }
     return small_columns(n) | repeated
 
 
 def test_one_value_stays_one_value() -> None:
-    """Columns of one value take no memory, however many chunks there are; 83 of the 90 bytes of a point do."""
+    """Columns of one value take no memory, however many chunks there are; 83 of the 94 bytes of a point do."""
     n, chunks = 50_000, 8
     parts = [chunk_of(n) for _ in range(chunks)]
     tracemalloc.start()

@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import ncx2, norm
 
 from lidarscene import load_sensor
 from lidarscene.beams import Beams
+from lidarscene.echoes import Echoes
 from lidarscene.errors import InputError
 from lidarscene.footprint import footprint, points, spread
 from lidarscene.physics import beam
 from lidarscene.physics.eye_safety import beam_diameter_m
+from lidarscene.sensor import Halo
+from lidarscene.train import together
 
 PROFILES = ("gaussian", "top_hat")
 MANY = (3, 5, 7, 16, 19, 64, 256)
@@ -193,3 +196,81 @@ def test_eye_safety_takes_the_narrow_axis():
     beam_of = laser("divergence_mrad=4", "divergence_elevation_mrad=1")
     assert beam_of.least_divergence_rad == 1e-3
     assert replace(beam_of, divergence_elevation_rad=None).least_divergence_rad == 4e-3
+
+
+def train_of(range_m, power_w, shape):
+    """The rays of pulses put together."""
+    lanes = np.broadcast_to(range_m, power_w.shape).ravel()
+    light = Echoes(
+        found=power_w.ravel() > 0.0, range_m=lanes, peak_power_w=power_w.ravel(),
+        background_power_w=np.ones(power_w.size), white_w_m2=np.ones(power_w.size),
+    )  # fmt: skip
+    count = len(power_w)
+    beams = Beams(pulse=np.arange(count), origin_m=(0.0,) * 3, direction=(1.0, 0.0, 0.0), aperture_m2=1.0)
+    return together(
+        [light], beams, load_sensor("table1-apd"), None, rays=shape.rays, skirt=shape.skirt, air=None, seed=0,
+        pulse=np.arange(count),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rays", [4, 7, 16, 64])
+@pytest.mark.parametrize("share", [1e-4, 0.05, 0.9])
+def test_a_halo_takes_its_share(rays, share):
+    """Weights sum to one: what all rays see alike is the same with a halo, background too. To rounding."""
+    shape = footprint(laser(), rays, Halo(share=share, divergence_rad=20e-3))
+    assert shape.skirt.count == rays // 2
+    whole = train_of(20.0, np.ones((5, rays)), shape)
+    power = whole.parts[0].peak_power_w.reshape(5, rays)
+    np.testing.assert_allclose(power.sum(axis=1), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(power[:, rays - rays // 2 :].sum(axis=1), share, rtol=1e-14)
+    np.testing.assert_allclose(whole.background_power_w, 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("rays", [1, 2, 3])
+def test_few_rays_have_no_halo(rays):
+    assert footprint(laser(), rays, Halo(share=0.1, divergence_rad=1e-2)).skirt is None
+
+
+def test_a_bright_disc_beside_the_beam():
+    """Rationale: bloom. A disc 8 mrad off the axis sees the halo only, and of that a Gaussian's integral over it.
+
+    Reference: the noncentral chi-square of a Gaussian of the deviation w / 2 over a disc. 256 rays of the halo leave
+    N^-3/4, 2 % of the whole, in each pulse, and 200 pulses turn the pattern, so that their mean is better; each
+    pulse has another pattern.
+    """
+    share, wide, rays, pulses = 1e-3, 20e-3, 512, 200
+    shape = footprint(laser("divergence_mrad=2"), rays, Halo(share=share, divergence_rad=wide))
+    lanes = np.repeat(np.arange(pulses), rays)
+    axes = Beams(
+        pulse=lanes, origin_m=(np.zeros(len(lanes)),) * 3, aperture_m2=1.0,
+        direction=(np.ones(len(lanes)), np.zeros(len(lanes)), np.zeros(len(lanes))),
+    )  # fmt: skip
+    out = spread(axes, shape, ray=np.tile(np.arange(rays), pulses), rotation=ROTATION)
+    aside = np.stack(out.direction[1:]) / out.direction[0]
+    deviation, radius = 0.25 * wide, 3e-3
+    inside = np.hypot(aside[0] - 8e-3, aside[1]) < radius
+    weight = shape.skirt.weight(np.tile(np.arange(rays), pulses), rays)
+    seen = (inside * weight).reshape(pulses, rays).sum(axis=1)
+    expected = share * ncx2.cdf((radius / deviation) ** 2, 2, (8e-3 / deviation) ** 2)
+    assert seen.mean() == pytest.approx(expected, rel=0.03)
+    assert np.abs(seen - expected).max() < 0.05 * share
+    assert len(np.unique(seen)) > 3
+    # Without a halo no light goes there at all.
+    assert not inside[np.tile(np.arange(rays), pulses) < rays // 2].any()
+
+
+def test_a_wide_plane_is_as_bright_with_a_halo():
+    """The sum over a plane across the beam at 100 m: (5) to 1e-4, as without a halo. 20 mrad of 5 % lose 2 r^2 to
+    slant and distance: 0.05 * 2 * 5e-5.
+    """
+    shape = footprint(laser("divergence_mrad=2"), 64, Halo(share=0.05, divergence_rad=20e-3))
+    zero = np.zeros(64)
+    axes = Beams(
+        pulse=np.zeros(64, np.int64), origin_m=(zero, zero, zero), aperture_m2=1.0,
+        direction=(zero + 1.0, zero, zero),
+    )  # fmt: skip
+    out = spread(axes, shape, ray=np.arange(64), rotation=ROTATION)
+    cos = out.direction[0]
+    power = cos * (cos / 100.0) ** 2 * 1e4
+    whole = train_of(100.0, power[None, :], shape)
+    assert whole.parts[0].peak_power_w.sum() == pytest.approx(1.0, abs=1e-4)

@@ -70,6 +70,19 @@ def test_inline_material_comes_before_the_catalogue(tmp_path: Path) -> None:
     assert scene.materials["mirror"].at(950e-9)["reflectivity"] == pytest.approx(0.6)
 
 
+def test_a_leaf_and_a_net_by_wavelength(tmp_path: Path) -> None:
+    scene = scene_of(
+        tmp_path,
+        body('material = "leaf"')
+        + "[materials.net]\nreflectivity = 0.3\ncover = 0.25\ncover_source = 'estimate'\n[materials.thin]\n"
+        "reflectivity = 0.4\ntransmittance = [{ wavelength_nm = 900, value = 0.5 }, "
+        "{ wavelength_nm = 1000, value = 0.6 }]\n",
+    )
+    assert scene.materials["net"].at(905e-9)["cover"] == 0.25
+    assert scene.materials["thin"].at(950e-9)["transmittance"] == pytest.approx(0.55)
+    assert scene.materials["leaf"].at(1550e-9)["transmittance"] == pytest.approx(0.34)
+
+
 def test_colour_of_the_mesh_file_is_an_estimate(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_text("newmtl wall\nKd 0.2 0.3 0.4\nnewmtl roof\nKd 1 1 1\n")
     (tmp_path / "b.obj").write_text("mtllib a.mtl\n" + HOUSE)

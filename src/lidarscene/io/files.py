@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from lidarscene.errors import OutputError
 
@@ -40,12 +41,31 @@ def atomic_output(path: str | os.PathLike[str]) -> Iterator[Path]:
             _sync(target.parent, os.O_RDONLY)
     except OSError as error:
         _remove(temporary, made)
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     except BaseException:
         _remove(temporary, made)
         raise
     finally:
         _ours.discard(temporary)
+
+
+def named(path: str | os.PathLike[str], take: Callable[..., None]) -> Callable[..., None]:
+    """The same function, whose OSError becomes the OutputError of this path.
+
+    Of several files that are written at once, an `atomic_output` would take the errors of others for its own.
+    """
+
+    def taken(*arguments: Any) -> None:
+        try:
+            take(*arguments)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+    return taken
+
+
+def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
 
 
 def require_writable(path: str | os.PathLike[str]) -> None:
@@ -58,7 +78,7 @@ def require_writable(path: str | os.PathLike[str]) -> None:
         with open(probe, "wb"):
             pass
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     finally:
         _remove(probe, made)
 

@@ -104,7 +104,7 @@ class JobFile(FileModel):
         default=1, description="of each pulse, over the footprint of its beam"
     )
     interactions: Annotated[int, Field(ge=0, le=8)] = Field(
-        default=3, description="panes and mirrors that a beam may meet"
+        default=3, description="panes, mirrors and gaps that a beam may meet"
     )
     chunk: Annotated[int, Field(ge=1, le=2**31 - 1)] | None = Field(
         default=None, description="rays at a time: bounds the memory, no more"

@@ -8,19 +8,22 @@ but `times.txt` and `poses.txt` have a line for each frame so far: frames are wr
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from lidarscene.boxes import sensor_place
 from lidarscene.cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.geometry import Pose
-from lidarscene.labels import sensor_place
 from lidarscene.scene import Scene
 
-from .files import atomic_output
-from .kitti import write_kitti
-from .label_files import SENSOR_TO_CAMERA, kitti_calibration, kitti_lines, semantic_kitti
+from . import label_files
+from .files import atomic_output, named
+from .kitti import Append, kitti_stream
+from .label_files import SENSOR_TO_CAMERA, kitti_calibration
 
 
 def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:
@@ -29,44 +32,68 @@ def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequ
     return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
 
 
-def write_frame(
-    dataset: str, folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene
-) -> None:
-    """Write a frame of a data set of `formats.DATASETS`."""
-    {"kitti": write_object_frame, "semantickitti": write_sequence_frame}[dataset](folder, frame, cloud, scene)
+@contextmanager
+def frame_stream(
+    dataset: str, folder: str | os.PathLike[str], frame: int, scene: Scene, *, sequence: str = "00"
+) -> Iterator[Append]:
+    """Write the clouds that are appended in the block, at least one, as a frame of a data set of `formats.DATASETS`.
+
+    frame  its number, from 0. Without labels where the clouds have no truth.
+    """
+    clouds = cloud_path(dataset, folder, frame, sequence=sequence)
+    first: list[PointCloud] = []
+    with ExitStack() as opened:
+        appended: list[Append] = []
+
+        def append(cloud: PointCloud) -> None:
+            if not first:
+                first.append(cloud.without_points())
+                appended.append(named(clouds, opened.enter_context(kitti_stream(clouds))))
+                if cloud.has_truth:
+                    path, labels = _labels(dataset, clouds, scene)
+                    appended.append(named(path, opened.enter_context(labels)))
+            for one in appended:
+                one(cloud)
+
+        yield append
+    if dataset == "kitti":
+        _write_text(clouds.parents[1] / "calib" / f"{clouds.stem}.txt", kitti_calibration().splitlines())
+    else:
+        _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
 
 
 def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene) -> None:
-    """Write frame number ``frame`` (from 0) of a data set for object detection.
-
-    Without labels where the cloud has no truth.
-    """
-    root = Path(folder) / "training"
-    write_kitti(cloud_path("kitti", folder, frame), cloud)
-    if cloud.has_truth:
-        _write_text(root / "label_2" / f"{frame:06d}.txt", kitti_lines(cloud, scene))
-    _write_text(root / "calib" / f"{frame:06d}.txt", kitti_calibration().splitlines())
+    """Write frame number ``frame`` (from 0) of a data set for object detection."""
+    with frame_stream("kitti", folder, frame, scene) as append:
+        append(cloud)
 
 
 def write_sequence_frame(
     folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene, *, sequence: str = "00"
 ) -> None:
-    """Write frame number ``frame`` (from 0) of a sequence, without labels where the cloud has no truth."""
-    root = Path(folder) / "dataset"
-    here = root / "sequences" / sequence
+    """Write frame number ``frame`` (from 0) of a sequence."""
+    with frame_stream("semantickitti", folder, frame, scene, sequence=sequence) as append:
+        append(cloud)
+
+
+def _labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
+    """The file of a frame's labels, and what writes it."""
+    if dataset == "kitti":
+        path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
+        return path, label_files.kitti_stream(path, scene)
+    path = clouds.parents[1] / "labels" / f"{clouds.stem}.label"
+    return path, label_files.semantic_kitti_stream(path, scene)
+
+
+def _write_sequence(root: Path, here: Path, frame: int, cloud: PointCloud) -> None:
+    """All of a sequence but points and labels."""
     place = sensor_place(cloud)
-    write_kitti(cloud_path("semantickitti", folder, frame, sequence=sequence), cloud)
-    if cloud.has_truth:
-        labels = semantic_kitti(cloud, scene)
-        (here / "labels").mkdir(parents=True, exist_ok=True)
-        with atomic_output(here / "labels" / f"{frame:06d}.label") as temporary:
-            labels.tofile(temporary)
     # The odometry data set knows only the cameras and the way from the lidar to the first of them.
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
     _write_text(here / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
-    _write_line(here / "times.txt", frame, f"{float(cloud.metadata.get('frame_start_s', 0.0)):.9e}")
-    for poses in (here / "poses.txt", root / "poses" / f"{sequence}.txt"):
+    _write_line(here / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
+    for poses in (here / "poses.txt", root / "poses" / f"{here.name}.txt"):
         _write_line(poses, frame, camera_pose(place))
 
 

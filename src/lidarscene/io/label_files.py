@@ -8,26 +8,31 @@ osi            a trace file of one GroundTruth (`lidarscene.io.osi_truth`)
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lidarscene.boxes import PIECE_POINTS, Box, sensor_place, upright
 from lidarscene.cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats import LABELS, format_of
-from lidarscene.labels import Box, boxes, kind_of, point_labels, sensor_place, upright
+from lidarscene.kinds import kind_of
+from lidarscene.labels import point_labels
 from lidarscene.scene import Scene
 
 from .files import atomic_output
+from .gathered_boxes import GatheredBoxes
+from .osi_truth import ground_truth
 from .rotations import quaternion
 
 Array = np.ndarray[Any, Any]
+Append = Callable[[PointCloud], None]
 
 SENSOR_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Axes of KITTI's cameras (x right, y down, z forward) by those of the sensor; both have one origin here."""
@@ -54,9 +59,19 @@ def write_labels(
     format  a key of `formats.LABELS`
     Raises InputError for a cloud without truth, or one that does not know how its sensor stood.
     """
-    paths = label_paths(path, format=format)
-    _WRITERS[format](paths, cloud, scene)
-    return paths
+    with labels_stream(path, scene, format=format) as append:
+        append(cloud)
+    return label_paths(path, format=format)
+
+
+@contextmanager
+def labels_stream(path: str | os.PathLike[str], scene: Scene, *, format: str) -> Iterator[Append]:
+    """Write the labels of the clouds that are appended in the block, at least one, as those of one frame."""
+    first, *others = label_paths(path, format=format)
+    with _STREAMS[format](first, scene) as append:
+        yield append
+    if others:
+        _write_text(others[0], kitti_calibration())
 
 
 def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
@@ -69,12 +84,6 @@ def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...
     except InputError:
         stem = str(Path(path).with_suffix(""))
     return tuple(Path(stem + suffix) for suffix in LABELS[format])
-
-
-def kitti_lines(cloud: PointCloud, scene: Scene) -> list[str]:
-    """A line for each box that has a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
-    place = sensor_place(cloud)
-    return [_kitti_line(box.seen_from(place)) for box in boxes(cloud, scene) if box.has_points]
 
 
 def kitti_calibration() -> str:
@@ -130,25 +139,45 @@ def _wrapped(angle_rad: float) -> float:
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
-def _write_kitti(paths: tuple[Path, ...], cloud: PointCloud, scene: Scene) -> None:
-    _write_text(paths[0], "".join(line + "\n" for line in kitti_lines(cloud, scene)))
-    _write_text(paths[1], kitti_calibration())
+@contextmanager
+def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    """A line for each box that has a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
+        yield gathered.append
+        place = sensor_place(gathered.first)
+        found = [box.seen_from(place) for box in gathered.boxes() if box.has_points]
+        temporary.write_text("".join(_kitti_line(box) + "\n" for box in found), encoding="utf-8")
 
 
-def _write_nuscenes(paths: tuple[Path, ...], cloud: PointCloud, scene: Scene) -> None:
-    place = sensor_place(cloud)
-    content = {
-        "scene": scene.name,
-        "sensor": cloud.metadata.get("sensor", ""),
-        "num_lidar_pts": len(cloud),
-        # Position and quaternion (w, x, y, z) of the lidar in the world, in which the boxes are.
-        "lidar_to_world": {
-            "translation": place.position_m.tolist(),
-            "rotation": list(quaternion(place.rotation)),
-        },
-        "sample_annotations": [_annotation(box) for box in boxes(cloud, scene) if box.has_points],
-    }
-    _write_text(paths[0], json.dumps(content, indent=1) + "\n")
+@contextmanager
+def semantic_kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    """The labels of `semantic_kitti` for each point."""
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+
+        def append(cloud: PointCloud) -> None:
+            for first in range(0, len(cloud), PIECE_POINTS):
+                file.write(semantic_kitti(cloud.select(slice(first, first + PIECE_POINTS)), scene).data)
+
+        yield append
+
+
+@contextmanager
+def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
+        yield gathered.append
+        place = sensor_place(gathered.first)
+        content = {
+            "scene": scene.name,
+            "sensor": gathered.first.metadata.get("sensor", ""),
+            "num_lidar_pts": gathered.points,
+            # Position and quaternion (w, x, y, z) of the lidar in the world, in which the boxes are.
+            "lidar_to_world": {
+                "translation": place.position_m.tolist(),
+                "rotation": list(quaternion(place.rotation)),
+            },
+            "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
+        }
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _annotation(box: Box) -> dict[str, Any]:
@@ -169,14 +198,15 @@ def _annotation(box: Box) -> dict[str, Any]:
     }
 
 
-def _write_semantic_kitti(paths: tuple[Path, ...], cloud: PointCloud, scene: Scene) -> None:
-    labels = semantic_kitti(cloud, scene)
-    with atomic_output(paths[0]) as temporary:
-        labels.tofile(temporary)
-
-
-def _write_osi(paths: tuple[Path, ...], cloud: PointCloud, scene: Scene) -> None:
-    importlib.import_module("lidarscene.io.osi_truth").write_ground_truth(paths[0], cloud, scene)
+@contextmanager
+def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    with (
+        atomic_output(path) as temporary,
+        GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered,
+    ):
+        yield gathered.append
+        start_s = gathered.first.frame_start_s
+        temporary.write_bytes(ground_truth(gathered.boxes(), start_s))
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -184,9 +214,9 @@ def _write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-_WRITERS: dict[str, Callable[[tuple[Path, ...], PointCloud, Scene], None]] = {
-    "kitti": _write_kitti,
-    "nuscenes": _write_nuscenes,
-    "semantickitti": _write_semantic_kitti,
-    "osi": _write_osi,
+_STREAMS: dict[str, Callable[[Path, Scene], AbstractContextManager[Append]]] = {
+    "kitti": kitti_stream,
+    "nuscenes": _nuscenes_stream,
+    "semantickitti": semantic_kitti_stream,
+    "osi": _osi_stream,
 }

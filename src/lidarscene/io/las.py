@@ -10,10 +10,10 @@ has another field of that name). The `described.description` is in a VLR of the 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from contextlib import ExitStack, contextmanager
+from typing import IO, Any
 
 import numpy as np
 
@@ -36,77 +36,117 @@ UNCLASSIFIED, LOW_NOISE, FIRST_OF_USERS, LARGEST_CLASS = 1, 7, 64, 255
 SCAN_ANGLE_STEP_DEG = 0.006
 MOST_RETURNS = 15
 BLOCK_POINTS = 1 << 16
+PIECE_POINTS = 1 << 20
+"""Records that are made at a time, and the points of the last pulse that go with them."""
 
 
 def write_las(path: str | os.PathLike[str], cloud: PointCloud, *, compressed: bool = False) -> None:
     """Write the cloud, as LAZ if ``compressed``."""
-    peak = float(cloud.intensity.max(initial=0.0))
-    with _appended(path, compressed=compressed, peak=peak) as append:
-        append(cloud)
+    laspy = _laspy(compressed)
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        writer = _Writer(laspy, file, path, compressed=compressed)
+        writer.append(cloud, peak=float(cloud.intensity.max(initial=0.0)))
+        writer.close()
 
 
 @contextmanager
-def las_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+def las_stream(
+    path: str | os.PathLike[str], *, compressed: bool = False
+) -> Iterator[Callable[[PointCloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
 
-    LAS only: the standard intensity is of the largest in the file, known last, and LAZ cannot be written again.
+    The standard intensity is of the largest in the file, known last: it is put into the LAS that is there by then.
+    A LAZ cannot be changed; it is made of a LAS, which needs its room on the disk, beside it and without a name.
     """
-    with _appended(path, compressed=False, peak=None) as append:
-        yield append
+    laspy = _laspy(compressed)
+    with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as opened:
+        plain = opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
+        writer = _Writer(laspy, plain, path, compressed=False)
+        yield writer.append
+        writer.close()
+        if not compressed:
+            for place, block in writer.read_back():
+                file.seek(place)
+                file.write(block.view(np.uint8).data)
+            return
+        packed = _Writer(laspy, file, path, compressed=True)
+        packed.open(writer.first)
+        for _, block in writer.read_back():
+            packed.write(laspy.PackedPointRecord(block, writer.point_format))
+        packed.close()
 
 
-@contextmanager
-def _appended(
-    path: str | os.PathLike[str], *, compressed: bool, peak: float | None
-) -> Iterator[Callable[[PointCloud], None]]:
-    """``peak``: the largest intensity of all, if it is known."""
-    laspy = optional("laspy", extra="las")
-    backend = None
+def _laspy(compressed: bool) -> Any:
     if compressed:
         optional("lazrs", extra="las")
-        backend = laspy.LazBackend.Lazrs
-    writer: Any = None
-    text, largest = b"", 0.0
-    with atomic_output(path) as temporary:
-        with open(temporary, "wb") as file:
-
-            def append(cloud: PointCloud) -> None:
-                nonlocal writer, text, largest
-                if writer is None:
-                    text = description(cloud).encode("ascii")
-                    header = _header(laspy, cloud)
-                    if len(text) <= LARGEST_VLR:
-                        header.vlrs.append(_record(laspy, text))
-                    writer = laspy.LasWriter(
-                        file, header, do_compress=compressed, closefd=False, laz_backend=backend
-                    )
-                largest = max(largest, float(cloud.intensity.max(initial=0.0)))
-                if len(cloud):
-                    writer.write_points(_points(laspy, cloud, writer.header, path, peak or 0.0))
-
-            yield append
-            if len(text) > LARGEST_VLR:
-                writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([_record(laspy, text)]))
-            writer.close()
-        if peak is None:
-            _put_intensity(temporary, writer.header, largest)
+    return optional("laspy", extra="las")
 
 
-def _record(laspy: Any, text: bytes) -> Any:
-    return laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", text)
+class _Writer:
+    """The points of clouds in a file.
 
+    first    the first cloud without its points
+    largest  intensity so far
+    """
 
-def _put_intensity(path: Path, header: Any, peak: float) -> None:
-    """Write the standard intensity into the points of a file, from the column."""
-    dtype, start = header.point_format.dtype(), header.offset_to_point_data
-    with open(path, "r+b") as file:
-        for first in range(0, header.point_count, BLOCK_POINTS):
-            place = start + first * dtype.itemsize
-            file.seek(place)
-            block = np.fromfile(file, dtype, count=min(BLOCK_POINTS, header.point_count - first))
-            block["intensity"] = _intensity(block[LAS_NAMES["intensity"]], peak)
-            file.seek(place)
-            file.write(block.view(np.uint8).data)
+    first: PointCloud
+
+    def __init__(
+        self, laspy: Any, file: IO[bytes], path: str | os.PathLike[str], *, compressed: bool
+    ) -> None:
+        self._laspy, self._file, self._path, self._compressed = laspy, file, path, compressed
+        self._writer: Any = None
+        self._text, self.largest = b"", 0.0
+
+    @property
+    def point_format(self) -> Any:
+        """Of the records, with the extra bytes."""
+        return self._writer.header.point_format
+
+    def open(self, cloud: PointCloud) -> None:
+        """Write the header that this cloud and those of its frame have."""
+        self.first = cloud.without_points()
+        self._text = description(cloud).encode("ascii")
+        header = _header(self._laspy, cloud)
+        if len(self._text) <= LARGEST_VLR:
+            header.vlrs.append(self._record())
+        self._writer = self._laspy.LasWriter(
+            self._file, header, do_compress=self._compressed, closefd=False,
+            laz_backend=self._laspy.LazBackend.Lazrs if self._compressed else None,
+        )  # fmt: skip
+
+    def append(self, cloud: PointCloud, *, peak: float = 0.0) -> None:
+        """Write a cloud; ``peak`` is the largest intensity of the file, as far as it is known."""
+        if self._writer is None:
+            self.open(cloud)
+        self.largest = max(self.largest, float(cloud.intensity.max(initial=0.0)))
+        for piece in _whole_pulses(cloud):
+            self.write(_points(self._laspy, piece, self._writer.header, self._path, peak))
+
+    def write(self, points: Any) -> None:
+        """Write records of laspy."""
+        self._writer.write_points(points)
+
+    def close(self) -> None:
+        """Write what follows the points, and their number."""
+        if len(self._text) > LARGEST_VLR:
+            self._writer.write_evlrs(self._laspy.vlrs.vlrlist.VLRList([self._record()]))
+        self._writer.close()
+        self._file.flush()
+
+    def read_back(self) -> Iterator[tuple[int, Array]]:
+        """Place in the file and records, a block at a time, with the standard intensity put in from the column."""
+        header = self._writer.header
+        dtype, count = header.point_format.dtype(), header.point_count
+        for first in range(0, count, BLOCK_POINTS):
+            place = header.offset_to_point_data + first * dtype.itemsize
+            self._file.seek(place)
+            block = np.fromfile(self._file, dtype, count=min(BLOCK_POINTS, count - first))
+            block["intensity"] = _intensity(block[LAS_NAMES["intensity"]], self.largest)
+            yield place, block
+
+    def _record(self) -> Any:
+        return self._laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", self._text)
 
 
 def read_las(path: str | os.PathLike[str]) -> PointCloud:
@@ -184,12 +224,28 @@ def _intensity(values: Array, peak: float) -> Array:
     return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
 
+def _whole_pulses(cloud: PointCloud) -> Iterator[PointCloud]:
+    """The cloud in pieces; no pulse is cut."""
+    first = 0
+    while first < len(cloud):
+        end = min(first + PIECE_POINTS, len(cloud))
+        while end < len(cloud) and not _pulse_changes(cloud, slice(end - 1, end + 1)).any():
+            end += 1
+        yield cloud.select(slice(first, end))
+        first = end
+
+
+def _pulse_changes(cloud: PointCloud, which: slice) -> Array:
+    """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
+    key = (cloud.time_s[which], cloud.channel[which], cloud.azimuth_rad[which], cloud.elevation_rad[which])
+    return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
+
+
 def returns_of_pulses(cloud: PointCloud) -> Array:
     """(n,) how many points the pulse of each point has: neighbours of one time, channel and direction."""
     if not len(cloud):
         return np.zeros(0, np.uint8)
-    key = np.stack([cloud.time_s, cloud.channel, cloud.azimuth_rad, cloud.elevation_rad])
-    starts = np.flatnonzero(np.r_[True, np.any(np.diff(key, axis=1) != 0, axis=0)])
+    starts = np.flatnonzero(np.r_[True, _pulse_changes(cloud, slice(None))])
     counts = np.diff(np.r_[starts, len(cloud)])
     return np.repeat(counts, counts).clip(max=255).astype(np.uint8)
 

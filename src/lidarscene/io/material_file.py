@@ -24,15 +24,18 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
 }
 _OPTIONAL: dict[str, tuple[str, ...]] = {
-    "conductor": ("index",),
+    "diffuse": ("transmittance", "cover"),
+    "coated": ("cover",),
+    "conductor": ("index", "cover"),
     "mirror": ("index",),
     "glass": ("thickness_mm",),
+    "retroreflector": ("cover",),
 }
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
 
 class ReflectivityRow(FileModel):
-    """One published reflectivity."""
+    """One published reflectivity or transmittance."""
 
     wavelength_nm: Positive
     value: UnitInterval
@@ -66,6 +69,9 @@ class MaterialFile(FileModel):
     note: str = ""
     bsdf: Literal["diffuse", "coated", "conductor", "mirror", "glass", "retroreflector"] = "diffuse"
     reflectivity: Reflectivity
+    transmittance: Reflectivity | None = None
+    cover: Annotated[float, Field(gt=0, le=1)] | None = None
+    cover_source: str = ""
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
     coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
     coat_source: str = ""
@@ -88,20 +94,36 @@ class MaterialFile(FileModel):
         idle = [key for key in _KINDS_KEYS if key not in allowed and getattr(self, key) is not None]
         if idle:
             raise ValueError(f"a {self.bsdf} material has no {' and no '.join(idle)}")
-        for key in ("reflectivity", "index"):
+        for key in ("reflectivity", "transmittance", "index"):
             rows = getattr(self, key)
             if isinstance(rows, tuple):
                 wavelengths = [row.wavelength_nm for row in rows]
                 if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
                     raise ValueError(f"{key}: rows of rising wavelength_nm were expected, {wavelengths} came")
+        self._no_more_than_came()
         return self
+
+    def _no_more_than_came(self) -> None:
+        if self.transmittance is None:
+            return
+        back, through = _spectrum(self.reflectivity), _spectrum(self.transmittance)
+        tables = (one for one in (self.reflectivity, self.transmittance) if isinstance(one, tuple))
+        for wavelength_nm in sorted(row.wavelength_nm for table in tables for row in table) or [0.0]:
+            together = back.at(wavelength_nm * 1e-9) + through.at(wavelength_nm * 1e-9)
+            if together > 1.0:
+                where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
+                raise ValueError(
+                    f"reflectivity and transmittance: at most 1 together was expected, {together:.4g} came{where}"
+                )
 
     def build(self, name: str) -> Material:
         """The material, under this name."""
         parameters: dict[str, float | Spectrum] = {}
-        for key in ("coat_ior", "coat_roughness", "roughness"):
+        for key in ("coat_ior", "coat_roughness", "roughness", "cover"):
             if getattr(self, key) is not None:
                 parameters[key] = getattr(self, key)
+        if self.transmittance is not None:
+            parameters["transmittance"] = _spectrum(self.transmittance)
         if self.thickness_mm is not None:
             parameters["thickness_m"] = self.thickness_mm * 1e-3
         if self.bsdf == "retroreflector":
@@ -116,17 +138,18 @@ class MaterialFile(FileModel):
                 wavelength_m=wavelengths, value=tuple(row.k for row in self.index)
             )
         return Material(
-            name=name, bsdf=self.bsdf, reflectivity=self._spectrum(), parameters=parameters,
+            name=name, bsdf=self.bsdf, reflectivity=_spectrum(self.reflectivity), parameters=parameters,
             description=self.description,
         )  # fmt: skip
 
-    def _spectrum(self) -> Spectrum:
-        if not isinstance(self.reflectivity, tuple):
-            return Spectrum.constant(self.reflectivity)
-        return Spectrum(
-            wavelength_m=tuple(row.wavelength_nm * 1e-9 for row in self.reflectivity),
-            value=tuple(row.value for row in self.reflectivity),
-        )
+
+def _spectrum(given: float | tuple[ReflectivityRow, ...]) -> Spectrum:
+    if not isinstance(given, tuple):
+        return Spectrum.constant(given)
+    return Spectrum(
+        wavelength_m=tuple(row.wavelength_nm * 1e-9 for row in given),
+        value=tuple(row.value for row in given),
+    )
 
 
 def read_material(path: Path) -> Material:

@@ -8,17 +8,19 @@ degrees.
 from __future__ import annotations
 
 import os
-
-import numpy as np
+from contextlib import AbstractContextManager
 
 from lidarscene.cloud import PointCloud
 
-from .files import atomic_output
+from .kitti import Append, rows_stream
 
 
 def write_nuscenes(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write the points in the sensor's frame; the intensity keeps its unit."""
-    local = cloud.in_sensor_frame()
-    rows = np.column_stack([local.xyz_m, local.intensity, local.channel]).astype("<f4")
-    with atomic_output(path) as temporary:
-        rows.tofile(temporary)
+    with nuscenes_stream(path) as append:
+        append(cloud)
+
+
+def nuscenes_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]:
+    """Write the clouds that are appended in the block one after the other."""
+    return rows_stream(path, ("intensity", "channel"))

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from ..overlap import Overlap
-from ..sensor import Laser, Optics
+from ..sensor import Halo, Laser, Optics
 from .filter_file import FilterFile
 from .toml_file import FileModel
 
@@ -35,8 +35,8 @@ class OverlapFile(FileModel):
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
         """The share of the spot in the field of view, by range."""
         return Overlap.of(
-            profile="gaussian",
-            half_divergence_rad=0.5 * laser.divergence_rad,
+            profile=laser.profile,
+            half_divergence_rad=0.5 * laser.mean_divergence_rad,
             exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
             aperture_radius_m=optics.aperture_radius_m,
             field_rad=detector_radius_m / optics.focal_length_m,
@@ -44,6 +44,19 @@ class OverlapFile(FileModel):
             crossing_m=self.parallax_free_at_m or math.inf,
             focus_m=self.focus_at_m or math.inf,
         )
+
+
+class HaloFile(FileModel):
+    """[optics.halo]: light that window and lens scatter around the beam, out and back together."""
+
+    share: Annotated[float, Field(gt=0, lt=1)] = Field(
+        description="of a wide surface's echo that comes from the halo"
+    )
+    divergence_mrad: Annotated[float, Field(gt=0, le=500)] = Field(description="full angle at 1/e^2")
+
+    def build(self) -> Halo:
+        """In SI units."""
+        return Halo(share=self.share, divergence_rad=self.divergence_mrad * 1e-3)
 
 
 class OpticsFile(FileModel):
@@ -60,6 +73,9 @@ class OpticsFile(FileModel):
     overlap: OverlapFile | None = Field(
         default=None,
         description="of spot and field of view; the spot is wholly in it, and sharp, if left out",
+    )
+    halo: HaloFile | None = Field(
+        default=None, description="around the beam, with four rays a pulse or more; none if left out"
     )
 
     @model_validator(mode="after")
@@ -87,4 +103,5 @@ class OpticsFile(FileModel):
             efficiency_laser=self.efficiency_laser,
             efficiency_sun=self.efficiency_sun,
             sun_irradiance_w_m2=sun,
+            halo=None if self.halo is None else self.halo.build(),
         )

@@ -3,7 +3,7 @@
 Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range,
 azimuth, elevation in the sensor's frame), existence_probability (that of detection), intensity in percent of the
 largest, beam_id (the channel), classification CLUTTER for what is no echo; with the truth also object_id (body + 1, as
-in the ground truth of `osi_truth`), reflectivity and radial_velocity.
+in the ground truth of `osi_truth`), reflectivity and radial_velocity; the pulse's width if it is measured.
 
 A frame in a trace file is its length (4 bytes, little endian) and the message. Field numbers are those of
 osi_sensordata.proto, osi_featuredata.proto and osi_common.proto.
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.cloud import PointCloud
+from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.geometry import Pose
 
 from .files import atomic_output
@@ -34,21 +35,22 @@ UNKNOWN, CLUTTER = 0, 3
 
 def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
     """Write one frame."""
-    start_s = float(cloud.metadata.get("frame_start_s", 0.0))
+    start_s = cloud.frame_start_s
     lidars = []
     for sensor in np.unique(cloud.sensor_index).tolist() or [0]:
         part = cloud.select(cloud.sensor_index == sensor)
         header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
         lidars.append(message(3, message(1, *header), _detections(part)))
     features = message(26, version(1), *lidars)
-    write_frame(path, version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
-
-
-def write_frame(path: str | os.PathLike[str], *parts: bytes) -> None:
-    """Write a trace file of one message."""
-    content = b"".join(parts)
+    content = trace_file(version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
     with atomic_output(path) as temporary:
-        temporary.write_bytes(struct.pack("<I", len(content)) + content)
+        temporary.write_bytes(content)
+
+
+def trace_file(*parts: bytes) -> bytes:
+    """A trace file of one message."""
+    content = b"".join(parts)
+    return struct.pack("<I", len(content)) + content
 
 
 def version(field: int) -> bytes:
@@ -86,6 +88,9 @@ def _detections(cloud: PointCloud) -> bytes:
         *number_rows(9, np.where(cloud.status != 0, CLUTTER, UNKNOWN), size=1),
         *message_rows(13, *number_rows(1, cloud.channel.clip(0), size=5)),
     ]
+    if cloud.pulse_width_s.any():
+        # In metres of range from the rising edge to the falling one.
+        parts += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.pulse_width_s.astype(np.float64))
     if "radial_velocity" in (column.name for column in cloud.columns):
         # OSI's is positive towards the sensor, ours away from it.
         parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))

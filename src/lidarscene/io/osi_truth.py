@@ -1,4 +1,4 @@
-"""The truth of a frame as ASAM OSI 3.7: a PointCloud and its Scene in, a trace file of one GroundTruth out.
+"""The truth of a frame as ASAM OSI 3.7: the boxes of its things in, a trace file of one GroundTruth out.
 
 Vehicles, people and animals are moving objects, all other things stationary ones, with the id body + 1, dimensions,
 position of the box's centre and orientation in the world frame when the frame starts; moving ones have a velocity.
@@ -6,14 +6,11 @@ position of the box's centre and orientation in the world frame when the frame s
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Sequence
 
-from lidarscene.cloud import PointCloud
-from lidarscene.labels import Box, boxes
-from lidarscene.scene import Scene
+from lidarscene.boxes import Box
 
-from .osi import placed, timestamp, vector, version, write_frame
+from .osi import placed, timestamp, trace_file, vector, version
 from .protobuf import message, number
 
 VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
@@ -31,13 +28,10 @@ OTHER = 1
 """Values of StationaryObject.Classification.Type by class: pole, vertical structure, barrier; other."""
 
 
-def write_ground_truth(path: str | os.PathLike[str], cloud: PointCloud, scene: Scene) -> None:
-    """Write one frame."""
-    start_s = float(cloud.metadata.get("frame_start_s", 0.0))
-    objects = [
-        _moving(box) if _moves(box) else _stationary(box) for box in boxes(cloud, scene, as_seen=False)
-    ]
-    write_frame(Path(path), version(1), timestamp(2, start_s), *objects)
+def ground_truth(boxes: Sequence[Box], start_s: float) -> bytes:
+    """The file of one frame."""
+    objects = [_moving(box) if _moves(box) else _stationary(box) for box in boxes]
+    return trace_file(version(1), timestamp(2, start_s), *objects)
 
 
 def _moves(box: Box) -> bool:

@@ -1,15 +1,17 @@
 """Point clouds as PCD 0.7 (Point Cloud Library): a PointCloud in, a file out, and back, exactly.
 
 Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
-`described.description` is in comment lines. Infinity is written as 3.40282346e+38 in text files, because common
-readers do not know the word.
+`described.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
+which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
+because common readers do not know the word.
 """
 
 from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import IO, Any
 
 import numpy as np
@@ -29,6 +31,7 @@ LONGEST_TEXT = 800  # common readers stop at 1024 characters
 _KINDS = {"f": "F", "i": "I", "u": "U"}
 _TEXT = {"float32": "%.9g", "float64": "%.17g"}
 BLOCK_POINTS = 1 << 16
+COUNT_DIGITS = 18
 LONGEST_RUN = 32
 """Bytes that one control byte of LZF can announce as they are."""
 
@@ -37,18 +40,43 @@ def write_pcd(
     path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False, compressed: bool = False
 ) -> None:
     """Write the cloud: binary little-endian, text with ``ascii``, or ``compressed``."""
-    columns = {column.name: cloud.column(column.name) for column in cloud.columns}
-    lzf = optional("lzf", extra="pcd") if compressed and not ascii else None
-    data = "ascii" if ascii else "binary" if lzf is None else "binary_compressed"
+    if ascii or not compressed:
+        with pcd_stream(path, ascii=ascii) as append:
+            append(cloud)
+        return
+    lzf = optional("lzf", extra="pcd")
+    columns = [np.ascontiguousarray(cloud.column(column.name)) for column in cloud.columns]
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        file.write("\n".join(_header(cloud, columns, data)).encode("ascii"))
-        if lzf is not None:
-            file.write(_packed(b"".join(np.ascontiguousarray(c).tobytes() for c in columns.values()), lzf))
-        elif ascii:
-            file.writelines(_lines(columns))
-        else:
-            for first in range(0, len(cloud), BLOCK_POINTS):
-                cloud.select(slice(first, first + BLOCK_POINTS)).to_structured().tofile(file)
+        file.write(_header(cloud, points=len(cloud), data="binary_compressed"))
+        file.write(_packed(b"".join(values.tobytes() for values in columns), lzf))
+
+
+@contextmanager
+def pcd_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False
+) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
+    data = "ascii" if ascii else "binary"
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        first: list[PointCloud] = []
+        points = 0
+
+        def append(cloud: PointCloud) -> None:
+            nonlocal points
+            if not first:
+                first.append(cloud.without_points())
+                file.write(_header(cloud, points=0, data=data))
+            points += len(cloud)
+            for start in range(0, len(cloud), BLOCK_POINTS):
+                rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
+                if ascii:
+                    file.writelines(_lines(rows))
+                else:
+                    file.write(rows.view(np.uint8).data)
+
+        yield append
+        file.seek(0)
+        file.write(_header(first[0], points=points, data=data))
 
 
 def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
@@ -65,31 +93,33 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
         return described_cloud(_read_columns(file, dtype, points, data), text)
 
 
-def _header(cloud: PointCloud, columns: dict[str, Array], data: str) -> Iterator[str]:
-    """All lines of the header; the last ends the last line."""
-    yield FIRST_LINE
-    text = description(cloud)
-    for first in range(0, len(text), LONGEST_TEXT):
-        yield OURS + text[first : first + LONGEST_TEXT]
-    types = [values.dtype for values in columns.values()]
-    place = cloud.sensor_place
-    yield "VERSION 0.7"
-    yield f"FIELDS {' '.join(columns)}"
-    yield f"SIZE {' '.join(str(one.itemsize) for one in types)}"
-    yield f"TYPE {' '.join(_KINDS[one.kind] for one in types)}"
-    yield f"COUNT {' '.join('1' for _ in types)}"
-    yield f"WIDTH {len(cloud)}"
-    yield "HEIGHT 1"
-    numbers = (*place.position_m, *quaternion(place.rotation))
-    yield f"VIEWPOINT {' '.join(repr(float(number)) for number in numbers)}"
-    yield f"POINTS {len(cloud)}"
-    yield f"DATA {data}\n"
+def _header(cloud: PointCloud, *, points: int, data: str) -> bytes:
+    """All of the header, as long for any number of points."""
+    text, place = description(cloud), cloud.sensor_place
+    types = [cloud.column(column.name).dtype for column in cloud.columns]
+    viewpoint = (*place.position_m, *quaternion(place.rotation))
+    lines = [FIRST_LINE]
+    lines += [OURS + text[first : first + LONGEST_TEXT] for first in range(0, len(text), LONGEST_TEXT)]
+    lines += [
+        f"# room {2 * (COUNT_DIGITS - len(str(points))) * '.'}",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(column.name for column in cloud.columns)}",
+        f"SIZE {' '.join(str(one.itemsize) for one in types)}",
+        f"TYPE {' '.join(_KINDS[one.kind] for one in types)}",
+        f"COUNT {' '.join('1' for _ in types)}",
+        f"WIDTH {points}",
+        "HEIGHT 1",
+        f"VIEWPOINT {' '.join(repr(float(number)) for number in viewpoint)}",
+        f"POINTS {points}",
+        f"DATA {data}\n",
+    ]
+    return "\n".join(lines).encode("ascii")
 
 
-def _lines(columns: dict[str, Array]) -> Iterator[bytes]:
+def _lines(rows: Array) -> Iterator[bytes]:
     """A line of text for each point, that gives the same numbers back."""
-    line = " ".join(_TEXT.get(values.dtype.name, "%d") for values in columns.values()) + "\n"
-    for row in zip(*(values.tolist() for values in columns.values()), strict=True):
+    line = " ".join(_TEXT.get(rows.dtype[name].name, "%d") for name in rows.dtype.names or ()) + "\n"
+    for row in rows.tolist():
         yield (line % row).replace("inf", repr(float(LARGEST))).encode("ascii")
 
 

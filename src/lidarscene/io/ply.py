@@ -53,7 +53,7 @@ def ply_stream(
         def append(cloud: PointCloud) -> None:
             nonlocal points
             if not first:
-                first.append(cloud.select(slice(0, 0)))
+                first.append(cloud.without_points())
                 file.write(_header(cloud, points=0, ascii=ascii))
             points += len(cloud)
             for block in _blocks(cloud):

@@ -6,13 +6,16 @@ first return is shown.
 
 from __future__ import annotations
 
+import dataclasses
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud import CloudBuilder, PointCloud
 from lidarscene.errors import InputError
 from lidarscene.pixels import NOTHING, cells_of
 
@@ -50,6 +53,14 @@ def images(cloud: PointCloud) -> dict[str, Array]:
     }
 
 
+@contextmanager
+def range_image_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the images of the clouds that are appended in the block, at least one; their other columns are not kept."""
+    builder = CloudBuilder()
+    yield lambda cloud: builder.add(_shown(cloud))
+    write_range_image(path, builder.build())
+
+
 def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[Path, ...]:
     """Write all images: one NPZ, or a 16-bit PNG of the range and one of each other beside it; returns the files."""
     found = images(cloud)
@@ -75,6 +86,18 @@ def range_image_paths(path: str | os.PathLike[str], cloud: PointCloud | None = N
     has = () if cloud is None else tuple(c.name for c in cloud.columns)
     others = ["intensity", *(name for name in OPTIONAL if name in has), "status"]
     return (file, *(file.with_name(f"{file.stem}.{name}{file.suffix}") for name in others))
+
+
+def _shown(cloud: PointCloud) -> PointCloud:
+    """The same points; columns that no image needs are one number, repeated."""
+    needed = {"azimuth", "elevation", "return_number", "range", "intensity", "status", *OPTIONAL}
+    measured = cloud.without_truth()
+    repeated: dict[str, Any] = {}
+    for column in measured.columns:
+        if column.name not in needed:
+            values = getattr(measured, column.attribute)
+            repeated[column.attribute] = np.broadcast_to(values.dtype.type(0), values.shape)
+    return dataclasses.replace(measured, **repeated)
 
 
 def _pixels(values: Array, point: Array) -> Array:

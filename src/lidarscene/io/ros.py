@@ -84,7 +84,7 @@ def _write_frames(writer: Any, store: Any, frames: Iterable[PointCloud], layout:
     transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
     for cloud in frames:
         writer.set_custom_data("lidarscene", description(cloud))
-        stamp_ns = round(1e9 * float(cloud.metadata.get("frame_start_s", 0.0)))
+        stamp_ns = round(1e9 * cloud.frame_start_s)
         placed = _transform_message(cloud, store, stamp_ns)
         if placed is not None:
             writer.write(transforms, stamp_ns, store.serialize_cdr(placed, transform))

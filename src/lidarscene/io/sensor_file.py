@@ -99,11 +99,16 @@ class ApdFile(FileModel):
         default=None,
         description="current at which the amplifier clips, after multiplication; never if left out",
     )
+    recovery_ns: Positive | None = Field(
+        default=None, description="with saturation_ua: time constant with which a clipped pulse drains"
+    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
         if (self.excess_noise_index is None) == (self.ionisation_ratio is None):
             raise ValueError("one of excess_noise_index and ionisation_ratio was expected, not both or none")
+        if self.recovery_ns is not None and self.saturation_ua is None:
+            raise ValueError("recovery_ns: together with saturation_ua, from which the pulse recovers")
         return self
 
     def build(self) -> Apd:
@@ -121,6 +126,7 @@ class ApdFile(FileModel):
             circuit_noise_a=self.circuit_noise_na * 1e-9,
             tail=self.tail,
             saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
+            recovery_s=None if self.recovery_ns is None else self.recovery_ns * 1e-9,
         )
 
 
@@ -171,6 +177,10 @@ class TdcFile(FileModel):
     )
     dead_time_ns: NotNegative = Field(
         default=0.0, description="from an echo's crossing to the next that can be taken"
+    )
+    edges: Literal["rising", "both"] | None = Field(
+        default=None,
+        description="of a pulse that are timed: both give its width; left out: both where the detector can saturate",
     )
     walk: Literal["none", "raw", "corrected"] = "corrected"
     ambient_window_us: Positive | None = Field(
@@ -253,7 +263,7 @@ class SensorFile(FileModel):
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
-            tdc=_tdc(self.tdc),
+            tdc=_tdc(self.tdc, detector),
             sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
             intensity=None if self.intensity is None else self.intensity.build(),
@@ -287,7 +297,7 @@ def _laser(laser: LaserFile) -> Laser:
     )
 
 
-def _tdc(tdc: TdcFile) -> Tdc:
+def _tdc(tdc: TdcFile, detector: Detector) -> Tdc:
     return Tdc(
         window_s=tdc.window_us * 1e-6,
         bandwidth_hz=tdc.bandwidth_mhz * 1e6,
@@ -299,6 +309,7 @@ def _tdc(tdc: TdcFile) -> Tdc:
         keep="first" if tdc.keep == "all" else tdc.keep,
         blanking_s=tdc.blanking_ns * 1e-9,
         dead_time_s=tdc.dead_time_ns * 1e-9,
+        both_edges=detector.saturates if tdc.edges is None else tdc.edges == "both",
         walk=tdc.walk,
         ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
     )

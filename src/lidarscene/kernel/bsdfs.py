@@ -26,8 +26,13 @@ _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 
 def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
-    """A Mitsuba dictionary from `Material.at`: reflectivity and parameters at the laser's wavelength."""
-    return _BUILDERS[values["bsdf"]](values)
+    """A Mitsuba dictionary from `Material.at`: reflectivity and parameters at the laser's wavelength.
+
+    Gaps are Mitsuba's mask; what a thin surface lets through is known to `kernel.world`: Mitsuba has no such BSDF.
+    """
+    whole = _BUILDERS[values["bsdf"]](values)
+    cover = values.get("cover", 1.0)
+    return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
 def diffuse_share(values: Mapping[str, Any]) -> float:

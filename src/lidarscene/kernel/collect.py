@@ -27,8 +27,9 @@ ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
     "interactions": np.uint8(0),
     "ghost": np.uint8(0),
+    "pulse_width_s": np.float32(0.0),
 }
-"""Columns that only some worlds have, and what they hold in the others."""
+"""Columns that only some worlds or sensors have, and what they hold in the others."""
 
 
 def lanes_where(flag: Any) -> Any:
@@ -138,7 +139,7 @@ def columns(
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
     """Columns of the kept points by attribute of PointCloud, on the device, not yet computed, xyz_m a Point3f; none of
-    `ABSENT` where nothing moves, or where nothing lets through or mirrors.
+    `ABSENT` where nothing moves, where nothing lets through or mirrors, or where widths are not measured.
 
     sensor       with its numbers on the device
     pulse        (n,) pulse numbers of the chunk's lanes
@@ -187,6 +188,8 @@ def columns(
     if "ghost" in given:
         given["interactions"] = mi.UInt8(given["interactions"])
         given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    if sensor.measures_width:
+        given["pulse_width_s"] = of_stop("width_s")
     return given | {
         "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,

@@ -45,7 +45,7 @@ def light_of(
     )  # fmt: skip
     towards = device.opaque(tuple(float(x) for x in sun))
     air = device.opaque(ambient)
-    ways = trace(world, rays, sun=towards, placements=movers)
+    ways = trace(world, rays, sun=towards, placements=movers, seed=device.opaque_uint32(seed))
     light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}
     device.start(list(columns.values()))  # together, or each would be traced for itself

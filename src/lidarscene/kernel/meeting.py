@@ -1,7 +1,7 @@
 """Meeting: rays in, the surface that each meets out, in a world some of which moves.
 
-Panes are asked apart from what ends or mirrors a ray: they are few, so that asking costs little, and what stands
-behind them is found at once.
+Panes, and porous surfaces with them, are asked apart from what ends or mirrors a ray: they are few, so that asking
+costs little, and what stands behind them is found at once.
 
 Rays are carried into the frame of each moving body as it stands when they leave; the nearest hit is kept, and the
 surface is looked at in the frame of its own body (MITSUBA.md 5.5: hit by hit what a rebuilt scene gives).
@@ -13,10 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..footprint import Aim
 from ..motion import Placement
 from ..scan.vectors import Vector
 from . import device
 from .backend import mitsuba
+from .gaps import Draws
 from .speculars import Speculars
 from .world import Mover, World
 
@@ -50,12 +52,16 @@ class Moment:
     moving    what moves, and where it is then
     sun       unit vector towards the sun
     coherent  whether neighbouring rays are neighbours in angle
+    draws     random numbers of the rays, which gaps ask for
+    aim       of the beams, of which panes and mirrors may send some back; None: that is not asked
     """
 
     world: World
     moving: Sequence[tuple[Mover, Placement]]
     sun: Vector
     coherent: bool
+    draws: Draws
+    aim: Aim | None = None
 
     @property
     def speculars(self) -> Speculars:

@@ -1,4 +1,4 @@
-"""Onward: a beam on its way through panes and off mirrors, from one surface to the next.
+"""Onward: a beam on its way through panes and gaps and off mirrors, from one surface to the next.
 
 Both branches at a pane are followed by rule and not by chance, so there is no noise in the optics: Mitsuba's BSDFs
 are sampled, but which lobe they choose is decided here.
@@ -13,6 +13,7 @@ from typing import Any
 from ..arrays import Array, xp
 from ..physics import dielectrics
 from .backend import mitsuba
+from .gaps import gap_share
 from .meeting import Meeting, Moment
 
 START_OFFSET_M = 3e-4
@@ -30,9 +31,10 @@ class Way:
     ray           the latest ray, in the traced frame
     length_m      of the way so far
     throughput    share of the light that has come this far
-    interactions  with panes and mirrors
+    interactions  with panes, mirrors and gaps
     mirrored      whether any of them was a reflection
     receding_m_s  by how much the motion of sensor and mirrors makes the way longer, per second
+    glint_per_sr  where it ends at a pane or mirror that throws it back: f_r cos(theta) that would be as bright
     """
 
     ray: Any
@@ -41,6 +43,7 @@ class Way:
     interactions: Array = 0
     mirrored: Array = False
     receding_m_s: Array = 0.0
+    glint_per_sr: Array = 0.0
 
 
 def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
@@ -59,7 +62,7 @@ def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
 
 
 def kind_of(moment: Moment, met: Meeting) -> Any:
-    """0 where the beam ends, else 1 + the index of the pane or mirror, UInt32."""
+    """0 where the beam ends, else `Speculars.kind`, UInt32."""
     import drjit as dr
 
     mi = mitsuba()
@@ -68,9 +71,12 @@ def kind_of(moment: Moment, met: Meeting) -> Any:
     return dr.gather(mi.UInt32, speculars.kind, number, met.found)
 
 
-def is_pane(moment: Moment, kind: Any) -> Any:
-    """Whether light goes through surfaces of this kind."""
-    return (kind > 0) & (kind <= moment.speculars.panes)
+def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
+    """Whether ways end at what lets others through: at porous surfaces, where they find no gap."""
+    if not moment.speculars.gaps:
+        return pane.found & False
+    porous = moment.speculars.is_porous(kind_of(moment, pane))
+    return porous & (moment.draws.uniform(way.interactions) >= gap_share(pane.surface, porous))
 
 
 def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: bool) -> Way:
@@ -95,7 +101,7 @@ def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: b
         length_m=way.length_m + met.t + step,
         throughput=way.throughput * share,
         interactions=way.interactions + mi.UInt32(1),
-        mirrored=mi.Bool(True) if reflected else way.mirrored | ~is_pane(moment, kind),
+        mirrored=mi.Bool(True) if reflected else way.mirrored | moment.speculars.is_mirror(kind),
         receding_m_s=receding,
     )
 
@@ -108,6 +114,9 @@ def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bo
     speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
+    if speculars.gaps and not reflected:
+        porous = speculars.is_porous(kind)
+        direction, share = dr.select(porous, -met.surface.wi, direction), dr.select(porous, 1.0, share)
     for number, bsdf in enumerate(speculars.bsdfs[: speculars.panes] if reflected else speculars.bsdfs):
         here = active & (kind == number + 1)
         # The first random number chooses the lobe; 0 is the pane's reflection and 1 its transmission.
@@ -132,9 +141,9 @@ def _of_pane(index: Array, depth: Array, *, cosine: Array, reflected: bool) -> A
 
 
 def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) -> Any:
-    """Share of the sun's light that comes along these rays: 1 in the open, less through panes, 0 in shadow.
+    """Share of the sun's light that comes along these rays: 1 in the open, less through panes and gaps, 0 in shadow.
 
-    At most so many panes; light that mirrors send is left out.
+    At most so many panes and porous surfaces; light that mirrors send is left out.
     """
     import drjit as dr
 
@@ -145,4 +154,8 @@ def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) 
         pane = moment.pane(way.ray, dr.inf, glazed)
         glazed = pane.found
         way = chosen(glazed, gone_on(moment, way, pane, glazed, reflected=False), way)
+        if moment.speculars.gaps:
+            porous = moment.speculars.is_porous(kind_of(moment, pane))
+            dimmed = way.throughput * gap_share(pane.surface, porous)
+            way = dataclasses.replace(way, throughput=dr.select(porous, dimmed, way.throughput))
     return dr.select(open_ & ~moment.glazed(way.ray, glazed), way.throughput, 0.0)

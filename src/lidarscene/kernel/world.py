@@ -19,7 +19,7 @@ from ..trajectory import Motion
 from . import base_scene, device
 from .backend import mitsuba
 from .bsdfs import absorption, bsdf_dict, diffuse_share
-from .speculars import Speculars, is_pane
+from .speculars import Speculars, lets_through
 
 Matrix = np.ndarray[Any, Any]
 
@@ -29,7 +29,7 @@ class Mover:
     """A body that moves. Bodies of one shape share one Mitsuba scene.
 
     scene       Mitsuba scene of what is no pane, in the body's frame; None where there is nothing of it
-    panes       the same of its panes
+    panes       the same of its panes and porous surfaces
     sphere      (x, y, z, radius) around all of it, in the body's frame; opaque
     face_shift  from the numbers of the shared scene's faces to this body's, UInt32; opaque
     motion      where it is
@@ -48,12 +48,14 @@ class Mover:
 class World:
     """What the kernel traces, and the tables that say what a triangle is.
 
-    scene           Mitsuba scene of what stands still and is no pane; vertices are relative to ``centre_m``
-    panes           the same of panes; None where there is none
+    scene           Mitsuba scene of what stands still and is neither pane nor porous; vertices are relative to
+                    ``centre_m``
+    panes           the same of panes and porous surfaces; None where there is none
     movers          what moves
     centre_m        (3,) float64: what was taken off every coordinate before it became single precision
-    first_face, shape_reflectivity
-                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF
+    first_face, shape_reflectivity, shape_transmittance
+                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF; transmittance None: all
+                    are opaque
     face_body       (f,) Int32 on the device, index into ``body_names``
     face_material   (f,) Int32 on the device, index into ``material_names``
     body_class      (b,) Int32 on the device, index into ``class_names``
@@ -68,6 +70,7 @@ class World:
     centre_m: Matrix
     first_face: Any
     shape_reflectivity: Any
+    shape_transmittance: Any
     face_body: Any
     face_material: Any
     body_class: Any
@@ -80,19 +83,30 @@ class World:
 
     @property
     def has_panes(self) -> bool:
-        """Whether anything lets light through."""
-        return self.speculars is not None and self.speculars.panes > 0
+        """Whether anything lets light through, or has gaps."""
+        return self.speculars is not None and self.speculars.lets_through
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A Mitsuba shape and who its faces are; reflectivity None where only its BSDF knows; `bsdfs.absorption`."""
+    """A Mitsuba shape, who its faces are, and its material by `Material.at`; None where only its BSDF knows it."""
 
     shape: Any
     face_body: Matrix
     material: str
-    reflectivity: float | None
-    absorbs: tuple[float, float] | None = None
+    values: Mapping[str, Any] | None
+
+    @property
+    def reflectivity(self) -> float | None:
+        return None if self.values is None else diffuse_share(self.values)
+
+    @property
+    def transmittance(self) -> float:
+        return 0.0 if self.values is None else self.values.get("transmittance", 0.0)
+
+    @property
+    def absorbs(self) -> tuple[float, float] | None:
+        return None if self.values is None else absorption(self.values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,8 +139,8 @@ def build_world(
             index = np.full(found.faces, len(body_names), dtype=np.int32)
             body_names.append(found.name)
             class_of.append("unlabelled")
-            absorbs = None if found.reflectivity is None else absorption(resolved[found.material])
-            shapes.append(_Shape(found.shape, index, found.material, found.reflectivity, absorbs))
+            values = None if found.reflectivity is None else resolved[found.material]
+            shapes.append(_Shape(found.shape, index, found.material, values))
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = _FaceTables()
@@ -206,7 +220,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    return _Shape(mesh, bodies, material, diffuse_share(values), absorption(values))
+    return _Shape(mesh, bodies, material, values)
 
 
 def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str, Any]) -> _Shape:
@@ -217,14 +231,12 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
             "bsdf": bsdf_dict(values),
         }
     )  # fmt: skip
-    return _Shape(
-        shape, np.array([index], np.int32), ball.material, diffuse_share(values), absorption(values)
-    )
+    return _Shape(shape, np.array([index], np.int32), ball.material, values)
 
 
 def _mitsuba_scenes(shapes: Sequence[_Shape], see_through: bool) -> tuple[Any, Any]:
     """Of what is no pane, or all where beams go through none, and of panes; None where there is nothing of it."""
-    panes = [shape for shape in shapes if see_through and is_pane(shape.shape.bsdf())]
+    panes = [shape for shape in shapes if see_through and lets_through(shape.shape.bsdf())]
     others = [shape for shape in shapes if shape not in panes]
     return _mitsuba_scene(others), _mitsuba_scene(panes)
 
@@ -270,13 +282,15 @@ class _FaceTables:
         mi = mitsuba()
         numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
         first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
-        reflectivity = np.zeros(max(numbers) + 1, dtype=np.float32)
+        reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
         for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
             first_face[number] = start
             reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+            transmittance[number] = shape.transmittance
         return {
             "first_face": mi.UInt32(first_face),
             "shape_reflectivity": mi.Float(reflectivity),
+            "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
             "face_body": mi.Int32(np.concatenate(self._body)),
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),

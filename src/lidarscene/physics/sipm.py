@@ -11,6 +11,8 @@ At Table 1 the two give 125.7 and 109.6 busy cells; the scene simulation uses th
 
 from __future__ import annotations
 
+import math
+
 from ..arrays import Array, xp
 from .special import expm1, log1p, log_gamma
 
@@ -127,6 +129,14 @@ def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
 def photons_for_share(*, share: Array, pde: Array, cells: Array) -> Array:
     """`fired_share` solved for the photons; shares at or above one count as one part in 1e6 below it."""
     return -log1p(-xp(share).minimum(share, 1.0 - 1e-6)) * cells / pde
+
+
+MOST_TELLING_SHARE = 1.0 - math.exp(-1.5936)
+"""Share of the free cells, 0.797, at which their count tells the light most precisely.
+
+With x avalanches per cell, if cells could fire twice, the deviation of ln(x) by the count's binomial noise is
+sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. From there on each photon tells less than the one before.
+"""
 
 
 def photons_for_share_published(*, share: Array, pde: Array, cells: Array) -> Array:

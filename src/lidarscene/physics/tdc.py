@@ -56,6 +56,18 @@ def false_alarm_rate_hz(*, p_false: Array, bandwidth_hz: Array) -> Array:
     return -log1p(-p_false) * bandwidth_hz
 
 
+def excursion_width_s(*, height: Array, threshold: Array, bandwidth_hz: Array) -> Array:
+    """Time over the threshold of a noise peak of this height, sqrt(6) / (pi B) sqrt(1 - U / h).
+
+    Around a high peak noise follows its own correlation (D. Slepian, 1963), 1 - (2 pi B t)^2 / 6 behind an ideal
+    low-pass: a parabola. With heights over U exponential (mean sigma^2 / U) its mean is that of Rice, the time
+    above U over the crossings, to the first order in sigma / U.
+    """
+    ops = xp(height, threshold, bandwidth_hz)
+    over = ops.maximum(1.0 - threshold / height, 0.0)
+    return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(over)
+
+
 def signal_to_noise(*, signal: Array, noise: Array) -> Array:
     """Trigger SNR, (11): peak with echo over the standard deviation without; its own shot noise is left out."""
     return signal / noise

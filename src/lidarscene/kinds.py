@@ -1,0 +1,69 @@
+"""Kinds: a class of a scene file in, what data sets call it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What data sets call a class: number in SemanticKITTI, type in KITTI, category in nuScenes.
+
+    thing  can be counted, so that its bodies get boxes and instances
+    """
+
+    semantic_kitti: int
+    kitti: str
+    nuscenes: str
+    thing: bool = True
+
+
+def _stuff(semantic_kitti: int, nuscenes: str) -> Kind:
+    return Kind(semantic_kitti, "DontCare", nuscenes, thing=False)
+
+
+KINDS = {
+    "car": Kind(10, "Car", "vehicle.car"),
+    "van": Kind(20, "Van", "vehicle.car"),
+    "truck": Kind(18, "Truck", "vehicle.truck"),
+    "bus": Kind(13, "Misc", "vehicle.bus.rigid"),
+    "tram": Kind(16, "Tram", "vehicle.bus.rigid"),
+    "trailer": Kind(20, "Misc", "vehicle.trailer"),
+    "bicycle": Kind(11, "Misc", "vehicle.bicycle"),
+    "motorcycle": Kind(15, "Misc", "vehicle.motorcycle"),
+    "cyclist": Kind(31, "Cyclist", "vehicle.bicycle"),
+    "motorcyclist": Kind(32, "Misc", "vehicle.motorcycle"),
+    "pedestrian": Kind(30, "Pedestrian", "human.pedestrian.adult"),
+    "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
+    "animal": Kind(99, "Misc", "animal"),
+    "traffic_cone": Kind(99, "Misc", "movable_object.trafficcone"),
+    "barrier": Kind(52, "Misc", "movable_object.barrier"),
+    "pole": Kind(80, "Misc", "static.manmade"),
+    "sign": Kind(81, "Misc", "static.manmade"),
+    "traffic_sign": Kind(81, "Misc", "static.manmade"),
+    "road": _stuff(40, "flat.driveable_surface"),
+    "parking": _stuff(44, "flat.driveable_surface"),
+    "pavement": _stuff(48, "flat.sidewalk"),
+    "sidewalk": _stuff(48, "flat.sidewalk"),
+    "kerb": _stuff(49, "flat.other"),
+    "ground": _stuff(49, "flat.other"),
+    "lane_marking": _stuff(60, "flat.driveable_surface"),
+    "terrain": _stuff(72, "flat.terrain"),
+    "building": _stuff(50, "static.manmade"),
+    "wall": _stuff(52, "static.manmade"),
+    "fence": _stuff(51, "static.manmade"),
+    "vegetation": _stuff(70, "static.vegetation"),
+    "unlabelled": _stuff(0, "unlabelled"),
+}
+"""By the class of a scene file. Any other class is a thing of its own: `kind_of`."""
+
+MOVING = {10: 252, 31: 253, 30: 254, 32: 255, 16: 256, 13: 257, 18: 258, 20: 259}
+"""SemanticKITTI's numbers for what moves, by those for what stands."""
+
+UNLABELLED, OUTLIER, OTHER_OBJECT = 0, 1, 99
+"""Numbers of SemanticKITTI: no surface met, no echo, class that is not in KINDS."""
+
+
+def kind_of(class_name: str) -> Kind:
+    """What data sets call this class of a scene file."""
+    return KINDS.get(class_name.lower(), Kind(OTHER_OBJECT, "Misc", class_name))

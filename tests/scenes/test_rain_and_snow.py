@@ -1,0 +1,135 @@
+"""The rain and snow scenes: how many beams a drop or flake takes, at what ranges, by the number of strong ones."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.constants import c
+from scipy.special import gammainc
+from scipy.stats import norm
+
+from lidarscene import load_scene, load_sensor, render
+from lidarscene.physics import precipitation, receiver
+from lidarscene.returns import Status
+from lidarscene.weather import Weather
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+SCENES = Path(__file__).parents[2] / "scenes"
+RATES_MM_H, WAVELENGTH_M = {"rain": 50.0, "snow": 0.5}, 905e-9
+POWER_W, LENS_M2, EFFICIENCY = 75.0, math.pi * 0.012**2, 0.72
+PULSE_M = 0.5 * c * 5e-9 * math.sqrt(math.pi / (4.0 * math.log(2.0)))
+SKY_W = 29.4 * 0.1 * 0.8 / math.pi * LENS_M2 * math.pi * (0.1 / 24.0) ** 2 * 0.8
+"""10 klux of sun, 0.8 of it once more from the sky: its radiance, over lens and field of view."""
+SIGMAS = norm.isf(1e-4 / 2.0)  # of a test
+
+
+@pytest.fixture(scope="module", params=("rain", "snow"))
+def sky(request):
+    """Kind; beams of the upper half, which meet nothing but a tree: first returns, and how many beams."""
+    cloud = render(SCENES / f"{request.param}.toml")
+    up = (cloud.elevation_rad > math.radians(8.0)) & (np.asarray(cloud.return_number) == 1)
+    return request.param, cloud.select(up), np.sum(np.linspace(-12.5, 12.5, 126) > 8.0) * 601
+
+
+def particles(kind):
+    """Sizes, extinction and backscatter of one of a millimetre; there are as many as the extinction asks for."""
+    rate = {"rate_mm_h": RATES_MM_H[kind]}
+    if kind == "rain":
+        sizes = precipitation.marshall_palmer(**rate)
+        alpha, of_one = precipitation.rain_extinction_per_m(**rate), precipitation.drop_backscatter_m2_sr
+    else:
+        sizes = precipitation.gunn_marshall(**rate, kind="dry")
+        alpha = precipitation.snow_extinction_per_m(**rate, wavelength_m=WAVELENGTH_M, kind="dry")
+        of_one = precipitation.flake_backscatter_m2_sr
+    number_m4 = sizes.intercept_per_m4 * alpha / sizes.extinction_per_m
+    return sizes.slope_per_m, number_m4, alpha, float(of_one(diameter_m=1e-3, wavelength_m=WAVELENGTH_M))
+
+
+def strong_before(kind, range_m):
+    """Mean number up to these ranges whose echo trips the comparator: of those wide enough in each slice of the beam.
+
+    sigma grows as D^2. The threshold is five times the noise, so an echo trips it where it exceeds 1 - z / 5 of it
+    less the even light that it stands on, z a normal deviate.
+    """
+    sensor = load_sensor("biaxial-905")
+    point = sensor.working_point(np.array([SKY_W]))
+    needed_w = float(point.power_w(sensor.threshold(point))[0])
+    slope_per_m, number_m4, alpha, one_mm = particles(kind)
+    r = np.linspace(2.0, 150.0, 10_000)
+    share = receiver.spot_share(
+        profile="top_hat", spot_rad=np.hypot(2.5e-3 / r, 1e-3), off_axis_rad=0.03 / r, field_rad=0.1 / 24.0,
+        blur_rad=0.012 / r,
+    )  # fmt: skip
+    area = math.pi * (2.5e-3**2 + (1e-3 * r) ** 2)
+    per_sigma = POWER_W * LENS_M2 * EFFICIENCY * share * np.exp(-2.0 * alpha * r) / (area * r**2)
+
+    def least_m(power_w):
+        return 1e-3 * np.sqrt(np.maximum(power_w, 0.0) / (one_mm * np.maximum(per_sigma, 1e-300)))
+
+    # The even light of all that are too weak: int sigma n dD up to there, over the length of the pulse.
+    below = 2.0 * gammainc(3.0, slope_per_m * least_m(needed_w)) / slope_per_m**3
+    even_w = per_sigma * area * 1e6 * one_mm * number_m4 * below * PULSE_M
+    per_m = np.zeros_like(r)
+    deviates, weights = np.polynomial.hermite_e.hermegauss(12)
+    for z, weight in zip(deviates, weights / math.sqrt(2.0 * math.pi), strict=True):
+        wide = slope_per_m * least_m(needed_w * (1.0 - z / 5.0) - even_w)
+        per_m += weight * area * number_m4 / slope_per_m * np.exp(-wide)
+    return np.interp(range_m, r, np.cumsum(per_m) * (r[1] - r[0]))
+
+
+@pytest.mark.parametrize("range_m", [8.0, 12.0, 20.0, 150.0])
+def test_share_of_beams_that_one_takes(sky, range_m):
+    """At least one that is strong enough up to this range: 1 - exp(-N), as they are a Poisson process.
+
+    Tolerance: counting, and 4 % of the expected: those just too weak are even light here, there one by one.
+    """
+    kind, found, beams = sky
+    taken = np.sum((np.asarray(found.status) == Status.WEATHER) & (found.range_m < range_m))
+    expected = -math.expm1(-strong_before(kind, range_m))
+    error = math.sqrt(expected * (1.0 - expected) / beams)
+    assert abs(taken / beams - expected) < SIGMAS * error + 0.04 * expected
+
+
+def test_they_are_labelled_and_none_is_where_the_lenses_see_nothing(sky):
+    kind, found, _ = sky
+    theirs = np.asarray(found.status) == Status.WEATHER
+    assert {found.class_names[i] for i in np.unique(found.class_id[theirs])} == {kind}
+    assert found.range_m[theirs].min() > 3.0  # the blind range of `tests/scenes/test_parallax.py`
+
+
+def test_things_behind_are_dimmer_by_the_extinction():
+    """Of every strong echo with and without snow: exp(-2 alpha R), alpha as ITU-R P.1814 has it, by hand:
+    dry snow, a = 5.42e-5 lambda + 5.4958776 (nm), a R^1.38 dB/km.
+
+    SNR of 100 and more, so that none is chosen for its noise; tolerance four standard errors, 6e-5.
+    """
+    scene = load_scene(SCENES / "snow.toml")
+    one = ["tdc.stops=1", "tdc.keep='last'"]
+    snowed = render(scene, overrides=one)
+    clear = render(replace(scene, air=replace(scene.air, weather=Weather())), overrides=one)
+    db_km = (5.42e-5 * 905.0 + 5.4958776) * RATES_MM_H["snow"] ** 1.38
+    alpha = db_km / 1e3 / (10.0 * math.log10(math.e))
+    strong = {
+        (round(a, 4), round(e, 4)): (amplitude, r)
+        for a, e, amplitude, r, snr in zip(
+            clear.azimuth_rad,
+            clear.elevation_rad,
+            clear.intensity,
+            clear.true_range_m,
+            clear.snr,
+            strict=True,
+        )
+        if snr > 100.0
+    }
+    ratios = []
+    for a, e, amplitude, status in zip(
+        snowed.azimuth_rad, snowed.elevation_rad, snowed.intensity, snowed.status, strict=True
+    ):
+        before = strong.get((round(a, 4), round(e, 4)))
+        if before and status == Status.ECHO:
+            ratios.append(amplitude / before[0] / math.exp(-2.0 * alpha * before[1]))
+    assert len(ratios) > 1000
+    assert abs(np.mean(ratios) - 1.0) < 4.0 * np.std(ratios) / math.sqrt(len(ratios)) + 1e-3
