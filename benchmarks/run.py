@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import batch
 import chain
 import machine
 import motion
@@ -51,7 +52,7 @@ def main() -> int:
     return 0
 
 
-PARTS = ("chain", "peers", "rays", "motion", "start", "memory")
+PARTS = ("chain", "peers", "rays", "motion", "start", "memory", "batch")
 
 
 def full_parts(*, large: bool) -> Parts:
@@ -67,6 +68,7 @@ def full_parts(*, large: bool) -> Parts:
         "motion": lambda: [motion.measure(street, step_deg=STREET_DEG, rounds=9)],
         "start": lambda: [process.start(car, rounds=5)],
         "memory": lambda: [process.memory(street, step_deg=0.00774)],
+        "batch": lambda: [batch.measure(street, frames=40, step_deg=0.1, rounds=4)],
     }
 
 
@@ -80,6 +82,7 @@ def quick_parts() -> Parts:
         "motion": lambda: [motion.measure(car, step_deg=0.5, rounds=3)],
         "start": lambda: [process.start(car, rounds=1, warm_up=False)],
         "memory": lambda: [process.memory(car, step_deg=0.5)],
+        "batch": lambda: [batch.measure(car, frames=4, step_deg=0.5, rounds=1)],
     }
 
 

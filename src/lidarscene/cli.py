@@ -77,10 +77,10 @@ def _parser() -> argparse.ArgumentParser:
 
     schema = commands.add_parser(
         "schema", help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor, material or rig files; editors complete and check with "
-        "it.",
+        description="Print the JSON Schema of scene, sensor, material, rig or job files; editors complete and check "
+        "with it.",
     )  # fmt: skip
-    schema.add_argument("kind", choices=("scene", "sensor", "material", "rig"))
+    schema.add_argument("kind", choices=("scene", "sensor", "material", "rig", "job"))
     schema.set_defaults(run=_schema)
     return parser
 
@@ -127,13 +127,14 @@ def _doctor(_: argparse.Namespace) -> int:
 
 
 def _schema(arguments: argparse.Namespace) -> int:
+    from .io.job_file import JobFile
     from .io.material_file import MaterialFile
     from .io.rig_file import RigFile
     from .io.scene_model import SceneFile
     from .io.sensor_file import SensorFile
 
     models: dict[str, Any] = {
-        "scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile,
+        "scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile,
     }  # fmt: skip
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     _say(json.dumps(dialect | models[arguments.kind].model_json_schema(by_alias=True), indent=2))

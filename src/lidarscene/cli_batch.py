@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 BATCH_HELP = """\
 examples:
-  lidarscene batch job.toml -o out/job
-  lidarscene batch job.toml -o out/job --workers 2
+  lidarscene batch scenes/job.toml -o out/job
+  lidarscene batch scenes/job.toml -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
 A run that was broken off goes on where it was: the same command again renders what is missing.
@@ -96,7 +96,9 @@ class _Followed:
         self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         hidden = not sys.stderr.isatty()
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=hidden)
+        self._bar = Progress(
+            *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
+        )
         self._task = self._bar.add_task("frames", total=frames)
 
     def __enter__(self) -> _Followed:
@@ -109,11 +111,11 @@ class _Followed:
     @contextmanager
     def connected(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
         """The client of this connection, once it is told where its dashboard is."""
-        from .batch.cluster import has_dashboard
+        from .batch.cluster import dashboard
 
         with connection as client:
-            if client.dashboard_link and has_dashboard():
-                self._console.print(f"dashboard     {client.dashboard_link}")
+            if link := dashboard(client):
+                self._console.print(f"dashboard     {link}")
             if not client.nthreads():
                 self._console.print("the scheduler has no workers yet; waiting for them")
             yield client

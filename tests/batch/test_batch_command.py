@@ -1,9 +1,12 @@
 """The command `batch`: what it prints, its exit code, and the mistakes that it tells before anything is rendered."""
 
+import contextlib
 import importlib.util
 import os
+import re
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +36,40 @@ def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
     assert all("bad.toml table1-apd" in line and "no material 'concrate'" in line for line in failed)
     assert "Traceback" not in done.stderr
     assert (tmp_path / "out" / "manifest.parquet").is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
+def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
+    """The dashboard's address, which answers, and a bar that counts to the last frame."""
+    pytest.importorskip("bokeh")
+    import pty
+
+    ours, theirs = pty.openpty()
+    running = subprocess.Popen(
+        [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"},
+        stdout=subprocess.DEVNULL, stderr=theirs,
+    )  # fmt: skip
+    os.close(theirs)
+    shown, answers = b"", None
+    while part := _read(ours):
+        shown += part
+        link = re.search(rb"dashboard +(http://127\.0\.0\.1:\d+/status)", shown)
+        if link and answers is None:
+            with urllib.request.urlopen(link[1].decode(), timeout=60) as page:
+                answers = page.status
+    os.close(ours)
+    assert running.wait(100) == 0, shown
+    assert answers == 200
+    assert b"0/4" in shown
+    assert b"4/4" in shown
+
+
+def _read(terminal: int) -> bytes:
+    """What it shows next; nothing when its other end is closed, which Linux calls an error."""
+    with contextlib.suppress(OSError):
+        return os.read(terminal, 1 << 16)
+    return b""
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from lidarscene.batch import run
+from lidarscene import __version__
+from lidarscene.batch import run, work
 from lidarscene.batch.run import Progress, run_job
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
@@ -130,6 +131,42 @@ def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_pa
     assert len(asked) == 2  # nothing to do needs no cluster
 
 
+FULL_DISK = """
+mount -t tmpfs -o size=$1 none out || exit 77
+shift
+"$@" > first.txt 2> first.err; echo $? > first.code
+ls out/rows/* > first.rows; ls -A out/frames/* > first.frames
+mount -o remount,size=10m out
+exec "$@" --json
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a small disk is made by Linux's tmpfs")
+def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: Path) -> None:
+    """Rationale: a real one, on which two of four clouds fit at most."""
+    (tmp_path / "out").mkdir()
+    store, one = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
+    assert work._told(one, store, 1) == ""
+    size = int(2.5 * store.cloud(one.key, "ply").stat().st_size)
+    command = [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"]
+    apart = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", FULL_DISK, "sh", str(size)]
+    done = subprocess.run(
+        [*apart, *command], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True,
+        text=True, timeout=200,
+    )  # fmt: skip
+    if done.returncode in (1, 77) and not (tmp_path / "first.code").exists():
+        pytest.skip(f"no disk of its own can be mounted here: {done.stderr}")
+    told = (tmp_path / "first.err").read_text().splitlines()
+    failed = [line for line in told if line.startswith("failed")]
+    assert failed
+    assert all(line.endswith("cannot be written: No space left on device") for line in failed)
+    kept = (tmp_path / "first.rows").read_text().count(".json")
+    assert kept == 4 - len(failed) > 0
+    assert ".part" not in (tmp_path / "first.frames").read_text()
+    again = json.loads(done.stdout)
+    assert (again["reused"], again["rendered"], again["failed"]) == (kept, 4 - kept, {})
+
+
 def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: WriteJob, tmp_path: Path) -> None:
     """A scene whose material nobody knows, between two good ones, and then mended; the manifest has all of them."""
     from pyarrow import parquet
@@ -156,6 +193,8 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
     for row, task in zip(rows, job.tasks(), strict=True):
         assert (row["seed"], row["number"], row["scene"]) == (task.seed, 0, task.scene.path)
         assert {name: row[name] for name in task.parameters} == task.parameters
+        assert (row["format"], row["coordinates"], row["truth"]) == ("ply", "world", True)
+        assert (row["rays"], row["interactions"], row["begin_s"], row["version"]) == (1, 3, 0.0, __version__)
         if "bad.toml" in row["scene"]:
             assert row["error"] == progress.failed[task.key]
             assert row["points"] is row["file"] is None
@@ -178,7 +217,7 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
 
     told = run._cause(KilledWorker("render-x", None, 3))
     assert "died" in told
-    assert run._cause(RuntimeError("a\nb")) == "RuntimeError: a b"
+    assert run._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
 
 
 def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
@@ -202,4 +241,4 @@ def test_a_bundle_that_fails_is_taken_apart(
     monkeypatch.setattr(run._Given, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
-    assert (progress.rendered, list(progress.failed.values())) == (38, ["RuntimeError: broken"] * 2)
+    assert (progress.rendered, list(progress.failed.values())) == (38, ["the worker said RuntimeError: broken"] * 2)

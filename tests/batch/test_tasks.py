@@ -4,10 +4,11 @@ import itertools
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from lidarscene import catalog
+from lidarscene import api, catalog
 from lidarscene.batch import tasks
 from lidarscene.batch.tasks import Job
 from lidarscene.errors import InputError
@@ -140,3 +141,41 @@ def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str,
         Job.read(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("swept", "told"),
+    [
+        ('"weather.rain" = [1]', "scene.toml --scene-set weather.rain=1: unknown key 'weather.rain'; known here: fog"),
+        ('"wether.rain_mm_h" = [1]', "scene.toml --scene-set wether.rain_mm_h=1: unknown key 'wether'; known here:"),
+        ('"bodies.wal.yaw_deg" = [1]', "bodies.NAME.KEY was expected, with a name of wall"),
+        ('"sun.azimuth_deg" = [0, "east"]', 'sun.azimuth_deg: a number was expected, "east" came'),
+    ],
+)  # fmt: skip
+def test_keys_that_no_scene_has(folder: Path, swept: str, told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        keys(folder, f"[sweep.scene]\n{swept}\n")
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "swept", "of"),
+    [
+        ("scene", '"weather.rain_mm_h" = [0, 50]', lambda frame: str(frame[0].air)),
+        ("scene", '"bodies.wall.yaw_deg" = [0, 50]', lambda frame: str(frame[0].bodies[0].pose)),
+        ("scene", '"sensor.position_m" = [[0, 0, 1], [0, 0, 2]]', lambda frame: str(frame[0].sensor_pose)),
+        ("scene", '"ego.speed_m_s" = [0, 50]', lambda frame: str(frame[0].ego)),
+        ("sensor", '"detector.gain" = [50, 60]', lambda frame: frame[1].detector.gain),
+        ("sensor", '"scanner.azimuth_step_deg" = [1, 2]', lambda frame: frame[1].scanner.pulses),
+    ],
+)
+def test_any_key_is_swept(folder: Path, kind: str, swept: str, of: Any) -> None:
+    """Weather, light, places, motions, detectors, scanners: what a worker reads is another scene, or sensor."""
+    keys(folder, f"[sweep.{kind}]\n{swept}\n")
+    one, other = (
+        (api.load_scene(task.scene.path, overrides=task.scene.overrides),
+         api.load_sensor(task.sensor.name, overrides=task.sensor.overrides))
+        for task in Job.read(folder / "job.toml").tasks()
+    )  # fmt: skip
+    assert of(one) != of(other)

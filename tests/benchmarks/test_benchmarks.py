@@ -58,6 +58,7 @@ SECTIONS = {
         "peak memory, car.toml to a cloud in Python",
         "its time from start to end",
     ],
+    "Two workers against one": ["1 worker", "2 workers", "efficiency of two"],
 }
 
 

@@ -17,7 +17,8 @@ from lidarscene.cloud import PointCloud
 
 ROOT = Path(__file__).parents[2]
 RIGS = [ROOT / "scenes" / "rig.toml"]
-SCENES = sorted(set((ROOT / "scenes").glob("*.toml")) - set(RIGS))
+JOBS = [ROOT / "scenes" / "job.toml"]
+SCENES = sorted(set((ROOT / "scenes").glob("*.toml")) - set(RIGS) - set(JOBS))
 
 # A wall of which some echoes are kept, some are lost in noise, and beside which false alarms come.
 HARD = (
@@ -93,6 +94,8 @@ def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
         ("material", sorted(catalog.folder("materials").glob("*.toml")), {"reflectivity": 2}),
         ("rig", RIGS, {"sensors": []}),
         ("rig", RIGS, {"sensors": [{"label": "a"}]}),
+        ("job", JOBS, {"format": "docx"}),
+        ("job", JOBS, {"sweep": {"scene": {"sun": {"azimuth_deg": []}}}}),
     ],
 )
 def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[Path], wrong: Any) -> None:

@@ -39,7 +39,8 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     missed = [f"missed_{text.replace(' ', '_')}" for text in report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(asked, "string")
-        | {"number": "int64", "begin_s": "float64", "seed": "int64"}
+        | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
+        | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")
         | {"seconds": "float64", "seconds_by_stage": "string", "file": "string", "bytes": "int64"}
@@ -53,7 +54,8 @@ def _row(
     row: dict[str, Any] = {
         "key": task.key, "scene": task.scene.path, "sensor": task.sensor.name, "rig": task.sensor.rig,
         "label": task.sensor.label, "trajectory": task.scene.trajectory, "number": task.number,
-        "begin_s": task.begin_s, "seed": task.seed, "version": task.version,
+        "begin_s": task.begin_s, "seed": task.seed, "format": task.format, "coordinates": task.coordinates,
+        "truth": task.truth, "rays": task.rays, "interactions": task.interactions, "version": task.version,
     }  # fmt: skip
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value

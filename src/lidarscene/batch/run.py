@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import pickle
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..errors import LidarSceneError
 from .manifest import write_manifest
 from .store import Store
 from .tasks import FrameTask, Job
@@ -23,8 +25,10 @@ BUNDLE_S = 1.0
 MOST_IN_BUNDLE = 100
 """Frames."""
 
-BUNDLES_FOR_EACH = 4
-"""That the scheduler knows for each thread: enough to keep workers busy, and never millions."""
+BUNDLES_FOR_EACH = 2
+"""That the scheduler knows for each thread, one of them waiting: more would be bound to a worker that turns out to be
+the slower one.
+"""
 
 COUNT_EVERY_S = 5.0
 """How often the cluster's threads are counted."""
@@ -62,7 +66,8 @@ def run_job(
              workers must see ``folder``, and the files of the job, by the same names
     threads  of Dr.Jit in each worker; as many as Dask gives it if None
     told     called after each frame, with its task and cause if it failed
-    Raises OutputError where the manifest cannot be written; failures of frames are in what is returned.
+    Raises OutputError where the manifest cannot be written, LidarSceneError where the scheduler ends before the job
+    does; failures of frames are in what is returned.
     """
     store = Store(folder.absolute())
     there = bytearray(store.row(task.key) is not None for task in job.tasks())
@@ -70,7 +75,13 @@ def run_job(
     if progress.reused < progress.frames:
         missing = itertools.compress(job.tasks(), (not one for one in there))
         with connect() as client:
-            _render(missing, _Given(client, store, threads), progress, told or (lambda *_: None))
+            try:
+                _render(missing, _Given(client, store, threads), progress, told or (lambda *_: None))
+            except _SchedulerGone as error:
+                raise LidarSceneError(
+                    f"the Dask scheduler has gone; {progress.done:,} of {progress.frames:,} frames were done, and the "
+                    "same command goes on from there"
+                ) from error
     write_manifest(job, store, progress.failed)
     return progress
 
@@ -101,6 +112,10 @@ def _render(missing: Iterator[FrameTask], given: _Given, progress: Progress, tol
         take()
 
 
+class _SchedulerGone(Exception):
+    """Raised when the scheduler answers no more."""
+
+
 class _Given:
     """Bundles of frames that the cluster has and has not brought back, by the names that Dask knows them by."""
 
@@ -123,7 +138,8 @@ class _Given:
     def submit(self, bundle: list[FrameTask]) -> None:
         """Give some frames out, to be rendered one after the other."""
         name = next(self._names)  # a new one in each run: Dask would answer an old one from its memory
-        self._waiting.add(self._client.submit(render_frames, bundle, *self._how, key=name, pure=False))
+        call = pickle.dumps(_Call(bundle, *self._how))
+        self._waiting.add(self._client.submit(pickle.loads, call, key=name, pure=False))
         self.bundles[name] = bundle
 
     def is_enough(self) -> bool:
@@ -134,6 +150,8 @@ class _Given:
         """Wait for a bundle; its frames, with what went wrong, if something did."""
         future, result = next(self._waiting)
         bundle = self.bundles.pop(future.key)
+        if future.cancelled():  # by no one here: it is how Dask says that the scheduler is gone
+            raise _SchedulerGone
         if future.status == "finished":
             causes, seconds = result
             self._frame_s = seconds / len(bundle)
@@ -148,8 +166,24 @@ class _Given:
         """Threads of the cluster, which may grow and shrink."""
         now = time.monotonic()
         if now - self._counted_s > COUNT_EVERY_S:
-            self._counted_s, self._threads = now, max(1, sum(self._client.nthreads().values()))
+            try:
+                threads = sum(self._client.nthreads().values())
+            except OSError as error:
+                raise _SchedulerGone from error
+            self._counted_s, self._threads = now, max(1, threads)
         return self._threads
+
+
+class _Call:
+    """What a worker is to do, done by unpickling it: in the task, where a worker without lidarscene fails it with that
+    cause, and not on the way to it, where Dask ends the worker.
+    """
+
+    def __init__(self, bundle: list[FrameTask], folder: str, threads: int | None) -> None:
+        self._arguments = (bundle, folder, threads)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return render_frames, self._arguments
 
 
 def _cause(error: Any) -> str:
@@ -158,4 +192,4 @@ def _cause(error: Any) -> str:
 
     if isinstance(error, KilledWorker):
         return "every worker that rendered it died, each time anew; was there too little memory?"
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    return " ".join(f"the worker said {type(error).__name__}: {error}".split())

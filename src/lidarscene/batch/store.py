@@ -41,5 +41,5 @@ class Store:
     def finish(self, key: str, cloud: Path, told: dict[str, Any]) -> None:
         """Write the row of a frame whose cloud is there. Raises OutputError."""
         about = {"file": cloud.relative_to(self.folder).as_posix(), "bytes": cloud.stat().st_size}
-        with atomic_output(self._row(key)) as temporary:
+        with atomic_output(self._row(key), synced=False) as temporary:  # one that is lost costs this frame
             temporary.write_text(json.dumps(about | told), encoding="utf-8")

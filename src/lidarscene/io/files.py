@@ -16,12 +16,13 @@ _ours: set[Path] = set()
 
 
 @contextmanager
-def atomic_output(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Iterator[Path]:
     """A temporary file to write (empty, beside ``path``) that becomes ``path`` when the block ends well.
 
     Missing folders are made. If anything goes wrong, a kill included, ``path`` is what it was before; an
     OSError becomes one OutputError that names the path. What a killed process left, `.NAME.PID.part`, is
-    removed by the next write to the same name.
+    removed by the next write to the same name. Without ``synced`` it is not waited for the disk: a machine that loses
+    its power may lose or empty the file.
     """
     target = _target(path)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -35,10 +36,12 @@ def atomic_output(path: str | os.PathLike[str]) -> Iterator[Path]:
         with open(temporary, "wb"):
             pass
         yield temporary
-        _sync(temporary, os.O_RDWR)
+        if synced:
+            _sync(temporary, os.O_RDWR)
         os.replace(temporary, target)
-        with suppress(OSError):  # some file systems cannot sync a folder
-            _sync(target.parent, os.O_RDONLY)
+        if synced:
+            with suppress(OSError):  # some file systems cannot sync a folder
+                _sync(target.parent, os.O_RDONLY)
     except OSError as error:
         _remove(temporary, made)
         raise _unwritable(path, error) from error

@@ -16,6 +16,9 @@ from .toml_file import FileModel, read_toml, toml_text, validated
 Name = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
 
+# For editors: a list of values, or a table with more of the key. What the lists hold is checked with the scenes.
+SWEPT = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
+
 MOST_FRAMES = 10_000_000
 """Of one trajectory."""
 
@@ -40,9 +43,15 @@ class SweepFile(FileModel):
     """[sweep]: values of the scene's and the sensor's keys; every one with every other."""
 
     scene: dict[str, Any] = Field(
-        default={}, description='lists of values, as "sun.illuminance_klux" = [1, 100]'
+        default={},
+        description='lists of values, as "sun.illuminance_klux" = [1, 100]',
+        json_schema_extra=SWEPT,
     )
-    sensor: dict[str, Any] = Field(default={}, description='lists of values, as "detector.gain" = [50, 60]')
+    sensor: dict[str, Any] = Field(
+        default={},
+        description='lists of values, as "detector.gain" = [50, 60]',
+        json_schema_extra=SWEPT,
+    )
 
     @model_validator(mode="after")
     def _lists(self) -> SweepFile:
@@ -97,7 +106,9 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of seeds"
     )
     sweep: SweepFile = SweepFile()
-    format: str = Field(default="ply", description="of the clouds' files")
+    format: str = Field(
+        default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)}
+    )
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
     rays: Annotated[int, Field(ge=1, le=1024)] = Field(
