@@ -241,4 +241,7 @@ def test_a_bundle_that_fails_is_taken_apart(
     monkeypatch.setattr(run._Given, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
-    assert (progress.rendered, list(progress.failed.values())) == (38, ["the worker said RuntimeError: broken"] * 2)
+    assert (progress.rendered, list(progress.failed.values())) == (
+        38,
+        ["the worker said RuntimeError: broken"] * 2,
+    )

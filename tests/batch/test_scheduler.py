@@ -58,7 +58,15 @@ class Standing:
 
     def start_worker(self, first: Path | None = None) -> None:
         self.start(
-            "worker", self.address, "--nthreads", "1", "--memory-limit", "0", "--host", "127.0.0.1", first=first
+            "worker",
+            self.address,
+            "--nthreads",
+            "1",
+            "--memory-limit",
+            "0",
+            "--host",
+            "127.0.0.1",
+            first=first,
         )
 
 
@@ -110,7 +118,9 @@ def test_a_scheduler_that_dies(write_job: Callable[..., Path], tmp_path: Path, c
 
     with standing(tmp_path / "first") as first:
         first.start_worker()
-        with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done") as told:
+        with pytest.raises(
+            LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done"
+        ) as told:
             run_job(job, out, connect=lambda: cluster.remote_client(first.address), told=kill)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""

@@ -1,7 +1,8 @@
 """Every command that the documentation shows runs, page by page, on the files that the page shows.
 
 They run as they stand but for what takes long: shipped scenes on a raster of 2 degrees, two frames for ten, fields of
-view after 0.1 s in cells of 2 degrees, the view written by `--save` instead of served. What is only parsed is in `PARSED_ONLY`, with the test that runs its like.
+view after 0.1 s in cells of 2 degrees, the view written by `--save` instead of served. What is only parsed is in
+`PARSED_ONLY`, with the test that runs its like.
 """
 
 import re

@@ -39,7 +39,13 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     missed = [f"missed_{text.replace(' ', '_')}" for text in report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(asked, "string")
-        | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
+        | {
+            "number": "int64",
+            "begin_s": "float64",
+            "seed": "int64",
+            "format": "string",
+            "coordinates": "string",
+        }
         | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")

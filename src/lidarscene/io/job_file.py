@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
+from pydantic.config import JsonDict
 
 from ..formats import FORMATS
 from .motion_model import EgoFile
@@ -17,7 +18,7 @@ Name = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
 
 # For editors: a list of values, or a table with more of the key. What the lists hold is checked with the scenes.
-SWEPT = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
+SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
 
 MOST_FRAMES = 10_000_000
 """Of one trajectory."""
