@@ -79,6 +79,23 @@ class NumpyOps:
         return np.asarray(lanes)[number::columns]
 
     @staticmethod
+    def room(like: Array, size: int) -> Array:
+        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+        return np.zeros((size, *np.shape(like)))
+
+    @staticmethod
+    def put(room: Array, index: Array, value: Array) -> Array:
+        """The room with each lane's number ``index`` changed."""
+        room = room.copy()
+        np.put_along_axis(room, np.asarray(index)[None], np.asarray(value)[None], axis=0)
+        return room
+
+    @staticmethod
+    def get(room: Array, index: Array) -> Array:
+        """Each lane's number ``index``."""
+        return np.take_along_axis(room, np.asarray(index)[None], axis=0)[0]
+
+    @staticmethod
     def loop(state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
         """Step every lane of the state (a tuple of arrays) for as long as it is going."""
         while np.any(lanes := going(*state)):
@@ -151,9 +168,26 @@ class DrjitOps:
         index = self._dr.arange(self._dr.uint32_array_t(type(lanes)), count) * columns + number
         return self._dr.gather(type(lanes), lanes, index)
 
+    def room(self, like: Array, size: int) -> Array:
+        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+        return self._dr.alloc_local(self._dr.float32_array_t(type(like)), size)
+
+    def put(self, room: Array, index: Array, value: Array) -> Array:
+        """The room with each lane's number ``index`` changed."""
+        room[self.uint32(index)] = value
+        return room
+
+    def get(self, room: Array, index: Array) -> Array:
+        """Each lane's number ``index``."""
+        return room[self.uint32(index)]
+
     def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
-        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel."""
-        done: State = self._dr.while_loop(state, going, step, mode="symbolic")
+        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel.
+
+        No derivatives go through it: loops look for places.
+        """
+        with self._dr.suspend_grad():
+            done: State = self._dr.while_loop(state, going, step, mode="symbolic")
         return done
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from . import interference, noise
 from .arrays import Array, xp
@@ -195,6 +197,10 @@ def listening(sensor: Sensor, crossing_s: Array) -> Array:
 Alarm = tuple[Array, Array, Array]
 """Time and amplitude of a crossing without an echo of ours, and whether it is another lidar's (False: no such)."""
 
+Alarms = Callable[[Array, Array], tuple[Array, Alarm]]
+"""Alarms of a kind, those that the converter rather keeps first: number of an alarm, and how far the process has come
+before it, to how far it has come and the alarm. It begins at 0 with alarm 0; after one beyond the window all are."""
+
 
 def false_alarms(
     sensor: Sensor,
@@ -204,77 +210,90 @@ def false_alarms(
     *,
     seed: Array,
     pulse: Array,
-) -> list[Alarm]:
-    """Crossings of each pulse without an echo of ours, at least as many as stops: those that the converter keeps.
+) -> list[Alarms]:
+    """Crossings of each pulse without an echo of ours, by kind.
 
     Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction
     of time. Where none can come the time is far beyond any window. Crossings while the converter is blind are passed
     over: the process begins when it begins to listen.
     """
-    ops, window, blanking = xp(threshold), sensor.tdc.window_s, sensor.tdc.blanking_s
     others = interference.crossings(sources, point, threshold)
     p_false = point.false_alarm_probability(threshold)
     noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    known = _Known(
+        sensor=sensor, point=point, threshold=threshold, noise_rate_hz=noise_rate, others=others,
+        seed=seed, pulse=pulse,
+    )  # fmt: skip
     if sensor.tdc.keep == "strongest":
-        return _strongest_alarms(sensor, point, threshold, noise_rate, others, seed=seed, pulse=pulse)
-    rate = sum((one.rate_hz for one in others), noise_rate)
-    never = rate <= 0.0
-    arrivals: list[Alarm] = []
-    elapsed: Array = 0.0
-    for draw in range(sensor.tdc.stops):
-        first, second = noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw)
-        wait = noise.exponential((first, second))
-        elapsed = elapsed + wait
-        height = noise.exponential(
-            noise.words(seed=seed, stage=noise.STAGE_FALSE_ALARM, pulse=pulse, draw=2 * draw + 1)
-        )
+        return [partial(known.by_height, number) for number in range(1 + len(others))]
+    return [known.in_time]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Known:
+    """What the alarms of some pulses depend on."""
+
+    sensor: Sensor
+    point: WorkingPoint
+    threshold: Array
+    noise_rate_hz: Array
+    others: tuple[interference.Crossings, ...]
+    seed: Array
+    pulse: Array
+
+    def _words(self, stage: int, draw: Array) -> tuple[Array, Array]:
+        return noise.words(seed=self.seed, stage=stage, pulse=self.pulse, draw=draw)
+
+    def in_time(self, number: Array, elapsed: Array) -> tuple[Array, Alarm]:
+        """Of all sources, first or last first; ``elapsed`` in units of the mean wait."""
+        ops, converter, threshold, point = xp(self.threshold), self.sensor.tdc, self.threshold, self.point
+        rate = sum((one.rate_hz for one in self.others), self.noise_rate_hz)
+        never = rate <= 0.0
+        elapsed = elapsed + noise.exponential(self._words(noise.STAGE_FALSE_ALARM, 2 * number))
+        height = noise.exponential(self._words(noise.STAGE_FALSE_ALARM, 2 * number + 1))
         # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
         amplitude = threshold + height * point.noise * point.noise / threshold
         theirs: Array = False
-        if others:
+        if self.others:
             theirs, amplitude = interference.assigned(
-                others, point, noise_rate_hz=noise_rate, noise_amplitude=amplitude, threshold=threshold,
-                seed=seed, pulse=pulse, draw=draw,
+                self.others, point, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude,
+                threshold=threshold, seed=self.seed, pulse=self.pulse, draw=number,
             )  # fmt: skip
         time_s = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
-        if sensor.tdc.keep == "last":
-            time_s = ops.where(time_s < sensor.tdc.listening_s, window - time_s, NEVER_S)
+        if converter.keep == "last":
+            time_s = ops.where(time_s < converter.listening_s, converter.window_s - time_s, NEVER_S)
         else:
-            time_s = blanking + time_s
-        arrivals.append((ops.minimum(time_s, NEVER_S), amplitude, theirs))
-    return arrivals
+            time_s = converter.blanking_s + time_s
+        return elapsed, (ops.minimum(time_s, NEVER_S), amplitude, theirs)
+
+    def by_height(self, source: int, number: Array, higher: Array) -> tuple[Array, Alarm]:
+        """The highest crossings of noise (source 0) or of another lidar, at any time of the window.
+
+        Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
+        """
+        ops, converter, threshold, point = xp(self.threshold), self.sensor.tdc, self.threshold, self.point
+        other = self.others[source - 1] if source else None
+        rate_hz = self.noise_rate_hz if other is None else other.rate_hz
+        expected = rate_hz * converter.listening_s
+        stage = noise.STAGE_FALSE_ALARM if other is None else noise.STAGE_INTERFERENCE
+        at = 2 * (max(source - 1, 0) * converter.stops + number)
+        higher = higher + noise.exponential(self._words(stage, at))
+        place = noise.open_uniform(self._words(stage, at + 1)[0])
+        there = higher < expected
+        share = ops.where(there, higher / ops.where(there, expected, 1.0), 1.0)
+        if other is None:
+            amplitude = threshold - ops.log(share) * point.noise * point.noise / threshold
+        else:
+            amplitude = interference.amplitude_of(other, point, threshold, uniform=share)
+        theirs: Array = (there if other is not None else there & False) if self.others else False
+        time_s = ops.where(there, converter.blanking_s + place * converter.listening_s, NEVER_S)
+        return higher, (time_s, amplitude, theirs)
 
 
-def _strongest_alarms(
-    sensor: Sensor,
-    point: WorkingPoint,
-    threshold: Array,
-    noise_rate_hz: Array,
-    others: tuple[interference.Crossings, ...],
-    *,
-    seed: Array,
-    pulse: Array,
-) -> list[Alarm]:
-    """The highest crossings of noise and of each other lidar, at any time of the window.
-
-    Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
-    """
-    ops, blanking, listening_s = xp(threshold), sensor.tdc.blanking_s, sensor.tdc.listening_s
-    alarms: list[Alarm] = []
-    for number, one in enumerate((None, *others)):
-        expected = (noise_rate_hz if one is None else one.rate_hz) * listening_s
-        stage = noise.STAGE_FALSE_ALARM if one is None else noise.STAGE_INTERFERENCE
-        higher: Array = 0.0
-        for draw in range(sensor.tdc.stops):
-            at = 2 * (max(number - 1, 0) * sensor.tdc.stops + draw)
-            higher = higher + noise.exponential(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at))
-            place = noise.open_uniform(noise.words(seed=seed, stage=stage, pulse=pulse, draw=at + 1)[0])
-            there = higher < expected
-            share = ops.where(there, higher / ops.where(there, expected, 1.0), 1.0)
-            if one is None:
-                amplitude = threshold - ops.log(share) * point.noise * point.noise / threshold
-            else:
-                amplitude = interference.amplitude_of(one, point, threshold, uniform=share)
-            theirs: Array = (there if one is not None else there & False) if others else False
-            alarms.append((ops.where(there, blanking + place * listening_s, NEVER_S), amplitude, theirs))
-    return alarms
+def first_of(alarms: Alarms, count: int) -> list[Alarm]:
+    """So many alarms."""
+    found, come = [], 0.0
+    for number in range(count):
+        come, alarm = alarms(number, come)
+        found.append(alarm)
+    return found

@@ -48,7 +48,7 @@ def assigned(
     threshold: Array,
     seed: Array,
     pulse: Array,
-    draw: int,
+    draw: Array,
 ) -> tuple[Array, Array]:
     """Whether an alarm is another lidar's, and its amplitude.
 

@@ -14,7 +14,7 @@ from .arrays import Array, State, xp
 from .echoes import EchoTrain, Interference
 from .physics import radiometry
 from .physics.waveform import crossing
-from .returns import Detection, Outcome, Returns, Status, alarm_status
+from .returns import Detection, Outcome, Returns, Status, alarm_status, interferes
 from .rises import Rise, visit_all
 from .samplers import Shots, read
 from .sensor import Sensor
@@ -39,10 +39,8 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
         seed=seed, pulse=pulse,
     )  # fmt: skip
     found = converter.search()
-    stops = found.stops
     strongest = converter.strongest(train.surfaces)
-    for alarm in converter.alarms(train.interference, *strongest):
-        stops = _inserted(stops, alarm)
+    stops = converter.with_alarms(found.stops, train.interference, *strongest)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
     return converter.detection(train, found, stops, strongest[0])
@@ -50,10 +48,14 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """What the search knows in the end: what the pulse had at all, and the crossings that the converter keeps."""
+    """What the search knows in the end: what the pulse had at all, and the crossings that the converter keeps.
+
+    highest    place of the highest peak, and its power
+    """
 
     tripped: Array
     in_window: Array
+    highest: Array
     highest_w: Array
     stops: list[State]
 
@@ -71,16 +73,23 @@ class _Converter(Shots):
         ops, like = self.ops, self.wave.origin_m
         nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = (ops.full(like, _EMPTY), *([nothing] * 6), number, nothing)
-        start = (never, never, never, ops.full(like, _EMPTY), nothing, *(empty * self.sensor.tdc.stops))
-        _, tripped, in_window, _, highest, *values = visit_all(self.wave, self._visit, start)
+        start = (
+            never,
+            never,
+            never,
+            ops.full(like, _EMPTY),
+            *([nothing] * 2),
+            *(empty * self.sensor.tdc.stops),
+        )
+        _, tripped, in_window, _, highest, highest_w, *values = visit_all(self.wave, self._visit, start)
         status = ops.full(like, int(Status.ECHO))
         stops = [(*stop, status) for stop in _grouped(values)]
-        return _Found(tripped=tripped, in_window=in_window, highest_w=highest, stops=stops)
+        return _Found(tripped=tripped, in_window=in_window, highest=highest, highest_w=highest_w, stops=stops)
 
     def _visit(self, rise: Rise, state: State) -> State:
         """One rise: does it trip, is the comparator ready for it, is it worth a stop?"""
         ops, tdc = self.ops, self.sensor.tdc
-        high, tripped, in_window, last, highest, *values = state
+        high, tripped, in_window, last, highest, highest_w, *values = state
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
         trip = comparator.trip(
             self.point, self.threshold, peak_w, seed=self.seed, pulse=self.pulse, draw=rise.number
@@ -92,15 +101,27 @@ class _Converter(Shots):
         crossing_s = self.time_s(place)
         ready = (place - last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
-        new = self._stop(rise, trip, taken, place, crossing_s)
+        stops = _grouped(values)
+        new = self._stop(rise, trip, taken & self._may_keep(crossing_s, stops), place, crossing_s)
         return (
             ops.where(rise.found, trip.tripped, high),
             tripped | edge,
             in_window | taken,
             ops.where(taken, place, last),
-            ops.maximum(highest, peak_w),
-            *(value for stop in _inserted(_grouped(values), new) for value in stop),
+            ops.where(peak_w > highest_w, rise.peak, highest),
+            ops.maximum(highest_w, peak_w),
+            *(value for stop in self._with(stops, new) for value in stop),
         )
+
+    def _may_keep(self, crossing_s: Array, stops: list[State]) -> Array:
+        """Whether a crossing at this time can be among the best: what is measured of others is not asked for."""
+        if self.sensor.tdc.keep == "strongest":
+            return True
+        return self.key(crossing_s, 0.0) > stops[-1][0]
+
+    def _with(self, stops: list[State], new: State) -> list[State]:
+        """The best crossings so far and one behind them in time."""
+        return _appended(stops, new) if self.sensor.tdc.keep == "first" else _inserted(stops, new)
 
     def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Array, in_valley: Array) -> Array:
         """Place at which a rise trips the comparator: in the valley if it is above the level there.
@@ -158,21 +179,48 @@ class _Converter(Shots):
             highest = ops.maximum(height, highest)
         return number, wave.range_m(place)
 
-    def alarms(self, sources: tuple[Interference, ...], number: Array, range_m: Array) -> list[State]:
-        """False alarms as stops; what they show of the scene is the pulse's strongest sub-echo."""
-        ops, place, measured = self.ops, self.wave.origin_m, self.sensor.measures_width
-        zero, kind = ops.full(place, 0.0), ops.full(number, 0)
-        found = comparator.false_alarms(
+    def with_alarms(
+        self, stops: list[State], sources: tuple[Interference, ...], number: Array, range_m: Array
+    ) -> list[State]:
+        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo.
+
+        Most pulses have none in the window, and go through no loop.
+        """
+        for alarms in comparator.false_alarms(
             self.sensor, self.point, self.threshold, sources, seed=self.seed, pulse=self.pulse
-        )
-        return [
-            (
-                ops.where(time_s < self.sensor.tdc.window_s, self.key(time_s, amplitude), _EMPTY), time_s,
-                time_s, amplitude, self.alarm_width_s(amplitude, theirs) if measured else zero,
-                zero, zero, number, range_m, kind + alarm_status(theirs),
-            )
-            for time_s, amplitude, theirs in found
-        ]  # fmt: skip
+        ):
+            stops = self._merged(stops, alarms, number, range_m, others=bool(sources))
+        return stops
+
+    def _merged(
+        self, stops: list[State], alarms: comparator.Alarms, number: Array, range_m: Array, *, others: bool
+    ) -> list[State]:
+        """Alarms of a kind among the stops; ``others``: whether some may be of other lidars."""
+        ops, tdc = self.ops, self.sensor.tdc
+        zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
+
+        def following(draw: Array, come: Array) -> State:
+            come, (time_s, amplitude, theirs) = alarms(ops.uint32(draw), come)
+            return draw + 1, come, time_s, amplitude, kind + alarm_status(theirs)
+
+        def going(draw: Array, come: Array, time_s: Array, *rest: Array) -> Array:
+            return (time_s < tdc.window_s) & (draw <= tdc.stops)
+
+        def step(
+            draw: Array, come: Array, time_s: Array, amplitude: Array, status: Array, *values: Array
+        ) -> State:
+            theirs = interferes(status) if others else False
+            width_s = self.alarm_width_s(amplitude, theirs) if self.sensor.measures_width else zero
+            alarm = (
+                self.key(time_s, amplitude), time_s, time_s, amplitude,
+                width_s, zero, zero, number, range_m, status,
+            )  # fmt: skip
+            kept = _inserted(_grouped(values, len(alarm)), alarm)
+            return *following(draw, come), *(value for stop in kept for value in stop)
+
+        start = following(kind, ops.float32(zero))
+        done: State = ops.loop((*start, *(value for stop in stops for value in stop)), going, step)
+        return _grouped(done[len(start) :], len(stops[0]))
 
     def alarm_width_s(self, amplitude: Array, theirs: Array) -> Array:
         """Time over the threshold of false alarms."""
@@ -216,7 +264,10 @@ class _Converter(Shots):
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
         outcome = ops.where(train.found, outcome, int(Outcome.NO_SURFACE))
-        signal, lit = self.point.signal(found.highest_w), found.highest_w > 0.0
+        # The power is asked for once more: no derivatives come out of the search, and none of the place is needed,
+        # since the slope of the waveform is zero there.
+        lit = found.highest_w > 0.0
+        signal = self.point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
         probability = comparator.probability(self.point, self.threshold, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),
@@ -228,9 +279,9 @@ class _Converter(Shots):
         )
 
 
-def _grouped(values: Sequence[Array]) -> list[State]:
+def _grouped(values: Sequence[Array], fields: int = _FIELDS) -> list[State]:
     """The stops of a loop's state."""
-    return [tuple(values[first : first + _FIELDS]) for first in range(0, len(values), _FIELDS)]
+    return [tuple(values[first : first + fields]) for first in range(0, len(values), fields)]
 
 
 def _inserted(stops: list[State], new: State) -> list[State]:
@@ -241,6 +292,17 @@ def _inserted(stops: list[State], new: State) -> list[State]:
         better = new[0] > old[0]
         kept.append(tuple(ops.where(better, a, b) for a, b in zip(new, old, strict=True)))
         new = tuple(ops.where(better, b, a) for a, b in zip(new, old, strict=True))
+    return kept
+
+
+def _appended(stops: list[State], new: State) -> list[State]:
+    """The same if none of them has a lower key."""
+    ops = xp(new[0])
+    here, kept = new[0] > _EMPTY, []
+    for old in stops:
+        used = old[0] > _EMPTY
+        kept.append(tuple(ops.where(here & ~used, a, b) for a, b in zip(new, old, strict=True)))
+        here = here & used
     return kept
 
 

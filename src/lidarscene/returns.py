@@ -118,11 +118,11 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     threshold = sensor.threshold(point)
     edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
     in_window = edge.found & comparator.listening(sensor, edge.crossing_s)
+    arriving = comparator.false_alarms(sensor, point, threshold, echoes.interference, seed=seed, pulse=pulse)
     alarms = [
         (time_s, height, alarm_status(theirs))
-        for time_s, height, theirs in comparator.false_alarms(
-            sensor, point, threshold, echoes.interference, seed=seed, pulse=pulse
-        )
+        for kind in arriving
+        for time_s, height, theirs in comparator.first_of(kind, sensor.tdc.stops)
     ]
 
     echo_left = in_window

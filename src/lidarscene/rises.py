@@ -61,31 +61,32 @@ def visit_all(wave: Waveform, visit: Visit, state: State) -> State:
             first = ops.where(end > place, ops.minimum(first, start), first)
         return first
 
-    def going(place: Array, slope: Array, bend: Array, ahead: Array, number: Array, *rest: Array) -> Array:
-        return ahead < _END
+    def going(*values: Array) -> Array:
+        return values[len(march) - 1]
 
-    def step(place: Array, slope: Array, bend: Array, ahead: Array, number: Array, *rest: Array) -> State:
-        before = place
-        left, place, slope, bend, ahead, *bottom, found = _march(wave, following, place, slope, bend, ahead)
+    def step(*values: Array) -> State:
+        left, place, slope, bend, ahead, low, high, found, number, *rest = values
         peak, top = highest_between(wave.at, left, place, wanted=found)
-        valley, lowest = lowest_between(wave.at, *bottom, wanted=found & (bottom[1] > bottom[0]))
+        valley, lowest = lowest_between(wave.at, low, high, wanted=found & (high > low))
         first = number == 0
         rise = Rise(
             found=found,
             number=ops.uint32(number),
-            valley=ops.where(first, before - _BEFORE, valley),
+            valley=ops.where(first, begin - _BEFORE, valley),
             valley_w=lowest[0],
             peak=peak,
             top=top,
         )
-        return (place, slope, bend, ahead, number + 1, *visit(rise, rest))
+        return (*_march(wave, following, place, slope, bend, ahead), number + 1, *visit(rise, tuple(rest)))
 
-    # Before the first interval the waveform rises from nothing.
+    # Before the first interval the waveform rises from nothing. The way to the next peak is the end of a step, not its
+    # beginning: what a visit costs is not paid once more to learn that there are no more.
     start = following(ops.full(wave.origin_m, -_END))
-    place = ops.where(start < _END, start, 0.0)
-    begin = (place, ops.full(place, 1.0), ops.full(place, 0.0), start, ops.full(place, 0))
-    done: State = ops.loop((*begin, *state), going, step)
-    return done[len(begin) :]
+    begin = ops.where(start < _END, start, 0.0)
+    nothing, number = ops.full(begin, 0.0), ops.full(begin, 0)
+    march = _march(wave, following, begin, nothing + 1.0, nothing, start)
+    done: State = ops.loop((*march, number, *state), going, step)
+    return done[len(march) + 1 :]
 
 
 def _march(

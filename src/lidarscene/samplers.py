@@ -6,6 +6,7 @@ are is the comparator's decision in all of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,7 +84,7 @@ def read(shots: Shots, rise: Rise, trip: Trip, place: Array, *, wanted: Array) -
     width = None
     if shots.sensor.tdc.both_edges:
         leaving = _trailing(shots, rise, trip, place, shots.threshold)
-        end = _end(shots, rise, trip, leaving, wanted)
+        end, _ = _end(shots, rise, trip, leaving, rise.peak, wanted)
         width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
     reported_s = comparator.reported_s(
         shots.sensor, shots.point, shots.threshold, shots.time_s(place),
@@ -104,26 +105,28 @@ def _by_levels(
     first after the time between them.
     """
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.laser.pulse_fwhm_s
-    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
-    width, amplitude = ops.full(place, 0.0), shots.threshold
-    for number, factor in enumerate(sampler.levels):
-        level = factor * shots.threshold
-        up = tdc.crossing_level(threshold=level, deviate=trip.deviate, **own_noise)
-        down = _trailing(shots, rise, trip, place, level)
-        reached = wanted & (up < trip.signal) & (down < trip.signal)
-        if point.saturation is not None:
-            reached = reached & (level < point.saturation)
-        start = place
-        if number > 0:
-            start = crossing(
-                shots.wave.at, ops.where(reached, point.power_w(up), 1.0),
-                far=rise.valley, peak=rise.peak, top=rise.top, wanted=reached,
-            )  # fmt: skip
-        over = ops.where(reached, _end(shots, rise, trip, down, reached) - start, 0.0)
-        power = point.power_of_width_w(over * shots.sigma_s, threshold=level, pulse_fwhm_s=fwhm)
-        amplitude = ops.where(reached, point.signal(ops.where(reached, power, 0.0)), amplitude)
-        if number == 0:
-            width = over
+    lowest, *higher = (
+        _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted) for factor in sampler.levels
+    )
+    highest, above = lowest, ops.full(wanted, False)
+    for one in higher:
+        highest, above = highest.or_if_reached(one), above | one.reached
+    start = crossing(
+        shots.wave.at, ops.where(above, point.power_w(highest.up), 1.0),
+        far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
+    )  # fmt: skip
+    # The waveform is not below a lower level before it is below a higher one.
+    end, near = _end(shots, rise, trip, highest.down, rise.peak, above)
+    since = ops.where(above, near, rise.peak)
+    width = ops.where(
+        lowest.reached, _end(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0
+    )
+    power = point.power_of_width_w(
+        ops.where(above, end - start, width) * shots.sigma_s, threshold=highest.level, pulse_fwhm_s=fwhm
+    )
+    amplitude = ops.where(
+        highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
+    )
     walk = -0.5 * width
     if shots.sensor.tdc.walk != "corrected":
         true_power = ops.where(wanted, rise.top[0], 1.0)
@@ -151,6 +154,40 @@ def _by_levels(
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Level:
+    """One of several thresholds: signals at which the edges of a pulse pass it, and whether they do."""
+
+    level: Array
+    up: Array
+    down: Array
+    reached: Array
+
+    @classmethod
+    def of(cls, shots: Shots, rise: Rise, trip: Trip, place: Array, level: Array, wanted: Array) -> _Level:
+        """For a pulse that crossed the lowest one at ``place``."""
+        point = shots.point
+        up = tdc.crossing_level(
+            threshold=level, deviate=trip.deviate,
+            noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
+        )  # fmt: skip
+        down = _trailing(shots, rise, trip, place, level)
+        reached = wanted & (up < trip.signal) & (down < trip.signal)
+        if point.saturation is not None:
+            reached = reached & (level < point.saturation)
+        return cls(level=level, up=up, down=down, reached=reached)
+
+    def or_if_reached(self, other: _Level) -> _Level:
+        """The other level where that is reached."""
+        ops = xp(self.up)
+        return _Level(
+            level=ops.where(other.reached, other.level, self.level),
+            up=ops.where(other.reached, other.up, self.up),
+            down=ops.where(other.reached, other.down, self.down),
+            reached=self.reached | other.reached,
+        )
+
+
 def _trailing(shots: Shots, rise: Rise, trip: Trip, place: Array, threshold: Array) -> Array:
     """Signal at which a pulse that crossed at ``place`` leaves a level behind its peak."""
     return comparator.trailing_level(
@@ -159,23 +196,34 @@ def _trailing(shots: Shots, rise: Rise, trip: Trip, place: Array, threshold: Arr
     )  # fmt: skip
 
 
-def _end(shots: Shots, rise: Rise, trip: Trip, level: Array, wanted: Array) -> Array:
-    """Place at which what the amplifier makes of a pulse has fallen to a signal level; the peak if it is below that."""
+def _end(
+    shots: Shots, rise: Rise, trip: Trip, level: Array, since: Array, wanted: Array
+) -> tuple[Array, Array]:
+    """Place at which what the amplifier makes of a pulse has fallen to a signal level; the peak if it is below that.
+
+    Returns a second place as `_falling` does, before the amplifier.
+    """
     ops, point = shots.ops, shots.point
     below = wanted & (level < trip.signal)
-    end = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, below)
+    end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
     if point.recovery_s is not None:
         clipped = below & (trip.signal > point.saturation)
-        released = _falling(shots, ops.where(clipped, point.power_w(point.saturation), 1.0), rise, clipped)
+        clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
+        released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
         end = saturation.held_until(
             fall_s=end, released_s=released, level=level, signal=trip.signal, saturation=point.saturation,
             recovery_s=point.recovery_s / shots.sigma_s,
         )  # fmt: skip
-    return ops.where(below, end, rise.peak)
+    return ops.where(below, end, rise.peak), near
 
 
-def _falling(shots: Shots, level_w: Array, rise: Rise, wanted: Array) -> Array:
-    """Place behind a peak at which the waveform has fallen to a level; over further peaks that follow above it."""
+def _falling(shots: Shots, level_w: Array, rise: Rise, since: Array, wanted: Array) -> tuple[Array, Array]:
+    """Place behind a peak at which the waveform has fallen to a level; over further peaks that follow above it.
+
+    since  where it is still above the level: the peak, or a place behind that
+
+    Returns a second place, at most a step before the first, where it still is.
+    """
     ops = shots.ops
 
     def going(place: Array, above: Array, steps: Array) -> Array:
@@ -184,25 +232,26 @@ def _falling(shots: Shots, level_w: Array, rise: Rise, wanted: Array) -> Array:
     def step(place: Array, above: Array, steps: Array) -> State:
         return place + STEP, shots.wave.at(place + STEP)[0] > level_w, steps + 1
 
-    start = (
-        rise.peak + ops.full(rise.peak, 0.0),
-        wanted & (rise.peak == rise.peak),
-        ops.full(rise.number, 0),
-    )
+    start = (since + ops.full(since, 0.0), wanted & (since == since), ops.full(rise.number, 0))
     far, _, _ = ops.loop(start, going, step)
-    return crossing(shots.wave.at, level_w, far=far, peak=far - STEP, top=rise.top, wanted=wanted)
+    near = far - STEP
+    end = crossing(
+        shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, wanted=wanted
+    )  # fmt: skip
+    return end, near
 
 
 def _by_samples(shots: Shots, adc: Adc, rise: Rise, place: Array, wanted: Array) -> Reading:
     """Centroid of the samples that stay above the threshold; from there the best place of a matched filter."""
     ops = shots.ops
     window = _Window.around(shots, adc, rise, place)
-    total, moment, over, highest = window.centroid(wanted)
+    samples = window.read(wanted)
+    total, moment, over, highest = window.centroid(samples, wanted)
     at = ops.where(over > 0, moment / ops.where(over > 0, total, 1.0), place)
     amplitude = highest
     if adc.estimator == "matched_filter":
         for _ in range(2):  # the centroid is near: the first step comes to its square, the second to rounding
-            at, amplitude = window.matched(at, wanted)
+            at, amplitude = window.matched(samples, at, wanted)
     return Reading(
         reported_s=comparator.converted(
             shots.sensor, shots.time_s(at), seed=shots.seed, pulse=shots.pulse, draw=rise.number
@@ -214,8 +263,9 @@ def _by_samples(shots: Shots, adc: Adc, rise: Rise, place: Array, wanted: Array)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Window:
-    """The samples around a crossing. They are made again whenever they are asked for: their noise is counted, not kept.
+    """The samples around a crossing.
 
+    rise      what was crossed
     crossing  place where the threshold was crossed
     start     place of the first sample, spacing between two, both in sigma_p
     """
@@ -238,17 +288,22 @@ class _Window:
             start=place - SIGMAS_PER_FWHM + late * spacing,
         )  # fmt: skip
 
-    def _summed(self, sums: State, add: Any, wanted: Array) -> State:
-        """``add(place, sample, sums)`` over all samples in order of time."""
+    def place(self, number: Array) -> Array:
+        """Where a sample is."""
+        return self.start + self.shots.ops.float32(number) * self.spacing
+
+    def read(self, wanted: Array) -> Array:
+        """All samples, in order of time."""
         shots, adc, ops = self.shots, self.adc, self.shots.ops
         kept = tdc.noise_correlation(lag_s=1.0 / adc.rate_hz, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
         fresh = ops.sqrt(1.0 - kept * kept)
         before = self.rise.number * ops.uint32(adc.samples)
 
-        def going(number: Array, deviate: Array, *sums: Array) -> Array:
-            return wanted & (number < adc.samples)
+        comb = shots.wave.evenly(
+            self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing
+        )
 
-        def step(number: Array, deviate: Array, *sums: Array) -> State:
+        def step(number: Array, deviate: Array, samples: Array, *parts: Array) -> State:
             words = noise.words(
                 seed=shots.seed,
                 stage=noise.STAGE_SAMPLES,
@@ -257,20 +312,28 @@ class _Window:
             )
             own = noise.normal_pair(words)[0]
             deviate = ops.where(number == 0, own, kept * deviate + fresh * own)
-            place = self.start + ops.float32(number) * self.spacing
-            signal = shots.point.signal(shots.wave.at(place)[0])
+            signal = shots.point.signal(comb.power_w(self.place(number), parts))
             sample = sampling.quantised(
                 signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
                 step=adc.step,
                 full_scale=adc.full_scale,
             )
-            return number + 1, deviate, *add(place, sample, *sums)
+            return deviate, ops.put(samples, number, sample), *comb.following(parts)
 
-        start = (ops.full(self.rise.number, 0), ops.full(self.start, 0.0), *sums)
-        done: State = ops.loop(start, going, step)
-        return done[2:]
+        state = (ops.full(self.start, 0.0), ops.room(self.start, adc.room), *comb.parts)
+        return self._for_each(step, state, wanted)[1]
 
-    def centroid(self, wanted: Array) -> State:
+    def _for_each(self, step: Callable[..., State], state: State, wanted: Array) -> State:
+        """``step(number, *state)`` over all samples in order of time."""
+        samples = self.adc.samples
+        done: State = self.shots.ops.loop(
+            (self.shots.ops.full(self.rise.number, 0), *state),
+            lambda number, *state: wanted & (number < samples),
+            lambda number, *state: (number + 1, *step(number, *state)),
+        )
+        return done[1:]
+
+    def centroid(self, samples: Array, wanted: Array) -> State:
         """Sum, first moment, number and highest of the first samples above the threshold.
 
         They end where one falls below half of it, but not within sigma_p of the crossing: noise at the threshold
@@ -279,15 +342,15 @@ class _Window:
         ops, threshold = self.shots.ops, self.shots.threshold
         nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
 
-        def add(
-            place: Array,
-            sample: Array,
+        def step(
+            number: Array,
             total: Array,
             moment: Array,
             over: Array,
             highest: Array,
             closed: Array,
         ) -> State:
+            place, sample = self.place(number), ops.get(samples, number)
             above = (sample >= threshold) & ~closed
             part = ops.where(above, sample, 0.0)
             return (
@@ -296,23 +359,23 @@ class _Window:
             )  # fmt: skip
 
         empty = (nothing, nothing, count, nothing, ops.full(self.start, False))
-        return self._summed(empty, add, wanted)[:4]
+        return self._for_each(step, empty, wanted)[:4]
 
-    def matched(self, at: Array, wanted: Array) -> State:
+    def matched(self, samples: Array, at: Array, wanted: Array) -> State:
         """One step of Newton's method towards the highest correlation with the pulse, and the height there."""
         ops = self.shots.ops
         nothing = ops.full(self.start, 0.0)
 
-        def add(place: Array, sample: Array, slope: Array, bend: Array, height: Array, power: Array) -> State:
-            ahead = place - at
+        def step(number: Array, slope: Array, bend: Array, height: Array, power: Array) -> State:
+            ahead = self.place(number) - at
             pulse = ops.exp(-0.5 * ahead * ahead)
-            part = sample * pulse
+            part = ops.get(samples, number) * pulse
             return (
                 slope + part * ahead, bend + part * (1.0 - ahead * ahead), height + part, power + pulse * pulse
             )  # fmt: skip
 
-        slope, bend, height, power = self._summed((nothing,) * 4, add, wanted)
+        slope, bend, height, power = self._for_each(step, (nothing,) * 4, wanted)
         curved = bend > 0.1 * ops.abs(height)
-        step = ops.where(curved, slope / ops.where(curved, bend, 1.0), 0.0)
+        newton = ops.where(curved, slope / ops.where(curved, bend, 1.0), 0.0)
         amplitude = height / ops.where(power > 0.0, power, 1.0)
-        return at + ops.maximum(ops.minimum(step, 0.5), -0.5), amplitude
+        return at + ops.maximum(ops.minimum(newton, 0.5), -0.5), amplitude

@@ -179,6 +179,7 @@ class Adc:
     step        least significant bit, in signal units
     full_scale  largest sample; an offset keeps noise off the lower end
     samples     read for each crossing, from one pulse width before it to three behind
+    room        for how many samples kernels are made: more than there are
     estimator   "matched_filter" or "centroid"
     """
 
@@ -186,6 +187,7 @@ class Adc:
     step: Array
     full_scale: Array
     samples: int
+    room: int
     estimator: str = "matched_filter"
 
 

@@ -12,7 +12,7 @@ from .arrays import Array, xp
 from .echoes import EchoTrain, Volume
 from .physics import pulse as pulse_shape
 from .physics import radiometry, soft_target
-from .physics.waveform import SIGMAS_PER_FWHM, Shape, sum_of_pulses
+from .physics.waveform import SIGMAS_PER_FWHM, Shape, even_sum, evenly, sum_of_pulses
 from .sensor import Sensor
 
 _FAR = 1e30
@@ -54,6 +54,13 @@ class Waveform:
             bend + (after - 2.0 * here + before) / (_HALF_STEP * _HALF_STEP),
         )
 
+    def evenly(self, start: Array, spacing: Array, middle: Array) -> Comb:
+        """The same at places that follow each other evenly, 2 t_FWHM to either side of the middle."""
+        parts, growths = evenly(
+            start=start, spacing=spacing, middle=middle, centres=self.centres, heights=self.heights
+        )
+        return Comb(wave=self, middle=middle, growths=growths, parts=parts)
+
     def range_m(self, place: Array) -> Array:
         """Range from which light comes at this place."""
         return self.origin_m + place * self.unit_m
@@ -73,6 +80,31 @@ class Waveform:
             there = self.volume.scale > 0.0
             found.append((ops.where(there, start, _FAR), ops.where(there, end, -_FAR)))
         return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comb:
+    """A waveform at places that follow each other evenly.
+
+    parts    of each sub-echo at the first place: what a loop over the places takes along
+    growths  what multiplies these from place to place
+    """
+
+    wave: Waveform
+    middle: Array
+    parts: Sequence[Array]
+    growths: Sequence[Array]
+
+    def power_w(self, place: Array, parts: Sequence[Array]) -> Array:
+        """At a place, from the parts there."""
+        wave, value = self.wave, even_sum(at=place, middle=self.middle, parts=parts)
+        return (
+            value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
+        )
+
+    def following(self, parts: Sequence[Array]) -> tuple[Array, ...]:
+        """Parts at the next place."""
+        return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
 
 def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:

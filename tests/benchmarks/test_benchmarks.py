@@ -38,7 +38,14 @@ SECTIONS = {
         for scene in ("car.toml", "2,000 triangles")
         for caster in ("lidarscene", "Open3D", "trimesh + embreex", "mujoco-lidar")
     ],
-    "Many rays to a pulse": ["rate of 16 rays a pulse / one", "share of the waveform"],
+    "Many rays to a pulse": [
+        "rate of 16 rays a pulse / one",
+        "trace of 16 rays to each pulse / of one",
+        *(
+            f"waveform / trace, {sampler}"
+            for sampler in ("TDC", "multi-level TDC", "ADC", "TDC that keeps 16 returns")
+        ),
+    ],
     "Motion": ["vehicle drives / still", "1 bodies move / still", "tables of 2 motions"],
     "From process start to a file": [
         "process start to end: render car.toml",

@@ -169,6 +169,10 @@ def test_two_pulses_in_one_window_are_read_apart():
         (["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"], "rising numbers were expected"),
         (["sampler.type='multi_level_tdc'", "sampler.levels=[1]"], "levels"),
         (["tdc.keep='all'", "tdc.stops=2"], "stops: not together with"),
+        (
+            ["sampler.type='adc'", "sampler.rate_mhz=43000", "sampler.bits=8", "sampler.full_scale=1"],
+            "sampler.rate_mhz: at most 42625 was expected (1024 samples in four pulse widths), 43000 came",
+        ),
     ],
 )
 def test_mistakes_are_told(overrides, message):

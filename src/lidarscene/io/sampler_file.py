@@ -33,6 +33,10 @@ class MultiLevelFile(FileModel):
         return MultiLevel(levels=(1.0, *self.levels))
 
 
+MOST_SAMPLES = 1024
+"""A thread of the device holds those of a crossing for up to 16 pulses: 128 KiB with this many."""
+
+
 class AdcFile(FileModel):
     """[sampler] type = "adc"."""
 
@@ -49,11 +53,18 @@ class AdcFile(FileModel):
             raise InputError(
                 f"sampler.rate_mhz: at least {least:g} was expected (one sample in a pulse), {self.rate_mhz:g} came"
             )
+        samples = math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1
+        if samples > MOST_SAMPLES:
+            raise InputError(
+                f"sampler.rate_mhz: at most {0.25 * (MOST_SAMPLES - 1) * least:g} was expected "
+                f"({MOST_SAMPLES} samples in four pulse widths), {self.rate_mhz:g} came"
+            )
         return Adc(
             rate_hz=self.rate_mhz * 1e6,
             step=self.full_scale / 2**self.bits,
             full_scale=self.full_scale,
-            samples=math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1,
+            samples=samples,
+            room=1 << samples.bit_length(),  # not a kernel for each number of samples
             estimator=self.estimator,
         )
 

@@ -10,8 +10,8 @@ import numpy as np
 from ..arrays import Table, is_drjit
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset({"stops", "count"})  # decide how many outputs, or how much work, a kernel has
-
+_KEPT_STATIC = frozenset({"stops", "count", "room"})
+"""These decide how many outputs, or how much work or memory, a kernel has."""
 
 _ALIGNMENT = 64
 
