@@ -82,7 +82,7 @@ class Equipment:
         return self.detectors[str(choice)]
 
     def _sensor(self, chosen: str, assigned: Sequence[str]) -> Sensor:
-        """The sensor with these assignments, and with another's detector and threshold if one is chosen."""
+        """The sensor with these assignments, and with another's detector, threshold and edges if one is chosen."""
         if not chosen:
             return load_sensor(self.name, overrides=[*self.overrides, *assigned])
         theirs = [one for one in assigned if one.startswith(("detector.", "tdc."))]
@@ -93,6 +93,7 @@ class Equipment:
             own.tdc,
             threshold_to_noise=other.tdc.threshold_to_noise,
             threshold_level=other.tdc.threshold_level,
+            both_edges=other.tdc.both_edges,
         )
         return dataclasses.replace(own, detector=other.detector, tdc=tdc)
 
