@@ -16,7 +16,8 @@ from lidarscene.kernel.backend import mitsuba
 from lidarscene.kernel.onward import START_OFFSET_M
 from lidarscene.kernel.trace import trace
 from lidarscene.scene import Part
-from lidarscene.simulate import Simulator, Summary, ambient_of
+from lidarscene.simulate import Simulator, Summary
+from lidarscene.stages import ambient_of
 
 SENSORS = ("table1-apd", "table1-sipm")
 GOAL = 1.3

@@ -16,7 +16,8 @@ from lidarscene.kernel import device
 from lidarscene.kernel.profile import kernel_history
 from lidarscene.kernel.trace import trace
 from lidarscene.scan.tiles import PACKET, Tiling
-from lidarscene.simulate import Simulator, ambient_of
+from lidarscene.simulate import Simulator
+from lidarscene.stages import ambient_of
 
 LEAST_RATE = 1.0
 MOST_OF_A_RAY = 0.9

@@ -15,7 +15,7 @@ from lidarscene.kernel.trace import trace
 from lidarscene.kernel.world import build_world
 from lidarscene.materials import Material, Spectrum
 from lidarscene.scene import Air, Ball, Body, Part, Sky, Sun
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 NARROW = [
     "scanner.azimuth_fov_deg=0.02", "scanner.elevation_fov_deg=0.02",

@@ -1,4 +1,4 @@
-"""The chain: a World, a Sensor and a Pose in, a PointCloud out. Reads as the picture in docs/architecture.md."""
+"""Simulator: a Scene, a Sensor and a Pose in, a PointCloud out, chunk by chunk through the `stages`."""
 
 from __future__ import annotations
 
@@ -10,41 +10,27 @@ from typing import Any, cast
 
 import numpy as np
 
-from . import beams, echoes, multi_echo, returns, train
-from .air_light import air_light
-from .arrays import is_drjit
-from .beams import Beams
 from .chunk import (
     Chunk,
-    Lit,
-    Numbers,
     Order,
     Placing,
     all_of,
-    is_plain,
-    left_out,
-    needed_of,
     numbered,
-    numbers_of,
     of_every_pulse,
-    of_light,
 )
-from .cloud import SENSOR_TO_WORLD, CloudBuilder, PointCloud
-from .detectors import Apd
-from .echoes import Ambient, EchoTrain
+from .cloud import CloudBuilder, PointCloud
+from .echoes import EchoTrain
 from .errors import InputError
-from .field_of_view import background_power_w, field_of_view
-from .footprint import Footprint, aim, footprint, spread
 from .frame import COORDINATES, Frame, check_frame, motion_of
 from .geometry import Pose
-from .hits import Hits
 from .kernel import collect, device
-from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS, trace
+from .kernel.trace import INTERACTIONS, MOST_INTERACTIONS
 from .kernel.world import World, build_world
-from .physics import sunlight
+from .metadata import metadata_of
 from .scan.tiles import PACKET, Tiling
 from .scene import Scene
 from .sensor import Sensor
+from .stages import Stages
 from .summary import Summary as Summary
 from .trajectory import Motion, pose_at
 from .waveforms import Waveforms, check_pulses, sampled_pulses
@@ -104,22 +90,15 @@ class Simulator:
         self._orders: dict[int, Order] = {}
         if interactions and not self.world.see_through:
             raise ValueError("world: one that beams go on in was expected, one for interactions=0 came")
-        self._device_sensor = device.opaque(sensor)
-        ambient = ambient_of(scene, sensor)
-        self._device_ambient = device.opaque(ambient)
-        self._footprint = device.opaque(footprint(sensor.laser, rays, sensor.optics.halo))
-        self._field = None
-        if background_rays is not None:
-            self._field = device.opaque(field_of_view(sensor, background_rays))
-        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
-        self._air = device.opaque(air)
+        self._stages = Stages.of(
+            scene, sensor, self.world, rays=rays, interactions=interactions, background_rays=background_rays
+        )
         self.class_names = self.world.class_names
         self._air_classes = None
-        if air is not None:
+        if (air := self._stages.air) is not None:
             self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
             sources = (air.strongest, *air.sources)
             self._air_classes = device.whole_numbers([self.class_names.index(name) for name in sources])
-        self._device_sun = device.opaque(numbers_of(scene.sun.direction))
 
     @property
     def motion(self) -> Motion:
@@ -291,7 +270,7 @@ class Simulator:
                 pulse, numbers = device.counter(first, count), numbered(first, count)
             else:
                 pulse, numbers = order.on_device(first), functools.partial(order.pulse_from, first)
-            part = self._chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
+            part = self._stages.chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
             device.start(part.arrays())
             summary.spent("record", since)
             return replace(part, order=order)
@@ -331,77 +310,10 @@ class Simulator:
         if lanes is None:
             return []
         pulse = collect.gathered(part.pulse, lanes)
-        whole = self._chain(now, pulse, pulse.numpy, seed)
+        whole = self._stages.chain(now, pulse, pulse.numpy, seed)
         device.start(whole.arrays())
         device.wait()
         return [whole]
-
-    def _chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
-        """Beams, hits, echoes, returns of some pulses, on the device.
-
-        survey  leave out the pulses that meet panes or mirrors, and say which these are
-        """
-        sensor, lit = self._device_sensor, self._lit(now, pulse, numbers, seed, survey=survey)
-        if self.rays == len(lit.paths) == 1 and self._air is None and is_plain(sensor):
-            detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
-            return left_out(pulse, lit.paths, detection, lit.goes_on)
-        whole = self._train(lit, seed)
-        goes_on = None if lit.goes_on is None else collect.any_of_pulse(lit.goes_on, self.rays)
-        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
-
-    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Lit:
-        """The optical stages: beams, hits, echoes."""
-        background = None if self._field is None else self._background(now, pulse, numbers, seed, self._field)
-        rays, paths = self._traced(now, pulse, numbers, seed, self._footprint, survey=survey)
-        light = echoes.with_all_background(
-            [echoes.receive(rays, one, self._device_sensor, self._device_ambient) for one in paths]
-        )
-        if background is not None:
-            of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
-            light[0] = replace(light[0], background_power_w=of_ray)
-        return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
-
-    def _traced(
-        self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint, *, survey: bool = False
-    ) -> tuple[Beams, Sequence[Hits]]:
-        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
-        of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
-        place, movers = now.placements(numbers, rays=shape.rays)
-        axes = beams.fire(
-            self._device_sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
-        )
-        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
-        aimed = None
-        if self.world.speculars is not None and shape is self._footprint:
-            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
-        return rays, trace(
-            self.world, rays, sun=self._device_sun, placements=movers,
-            sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
-            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
-            aim=aimed,
-        )  # fmt: skip
-
-    def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:
-        """Of each pulse, gathered over the receiver's field of view."""
-        rays, paths = self._traced(now, pulse, numbers, seed, shape)
-        power = background_power_w(rays, paths, self._device_sensor, self._device_ambient, count=shape.rays)
-        device.start([power])
-        return power
-
-    def _train(self, lit: Lit, seed: Any) -> EchoTrain:
-        """All that comes back of each pulse, with the light of the air."""
-        # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
-        device.start(
-            [
-                *(array for one in lit.light for array in of_light(one)),
-                *(one for hits in lit.paths for one in needed_of(hits)),
-                *([] if lit.goes_on is None else [lit.goes_on]),
-            ]
-        )
-        return train.together(
-            lit.light, lit.rays, self._device_sensor, self._device_ambient,
-            rays=self.rays, skirt=self._footprint.skirt, air=self._air, seed=seed, pulse=lit.pulse,
-        )  # fmt: skip
 
     def waveforms(
         self,
@@ -427,9 +339,8 @@ class Simulator:
 
         def train_of(first: int, count: int) -> EchoTrain:
             begin = now.first_pulse + first
-            lit = self._lit(now, device.counter(begin, count), numbered(begin, count), seed_word)
-            whole = self._train(lit, seed_word)
-            return cast(EchoTrain, device.fetched(whole))
+            pulse, numbers = device.counter(begin, count), numbered(begin, count)
+            return cast(EchoTrain, device.fetched(self._stages.train(now, pulse, numbers, seed_word)))
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
@@ -459,7 +370,7 @@ class Simulator:
         if lanes is None:
             return None
         return collect.columns(
-            world=self.world, sensor=self._device_sensor, pulse=part.pulse, paths=part.paths, rays=self.rays,
+            world=self.world, sensor=self._stages.sensor, pulse=part.pulse, paths=part.paths, rays=self.rays,
             detection=part.detection, air_classes=self._air_classes, lanes=lanes,
             turn=placing.turn, shift=placing.shift,
         )  # fmt: skip
@@ -476,11 +387,6 @@ class Simulator:
             self.scene, self.sensor, self.world, number=number, begin_s=begin_s, sensor_pose=pose or self.pose
         )
 
-    def _intensity_unit(self) -> str:
-        if self.sensor.intensity is not None:
-            return {"range_corrected": "W", "reflectivity": "of 255"}[self.sensor.intensity.kind]
-        return "A" if isinstance(self.sensor.detector, Apd) else "cells"
-
     def _description(self, now: Frame, seed: int, frame: str) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""
         return {
@@ -488,31 +394,8 @@ class Simulator:
             "body_names": self.world.body_names,
             "class_names": self.class_names,
             "material_names": self.world.material_names,
-            "metadata": self._metadata(now, seed, frame),
+            "metadata": metadata_of(self.scene, self.sensor, now, seed=seed, frame=frame),
         }
-
-    def _metadata(self, now: Frame, seed: int, frame: str) -> dict[str, str]:
-        from . import __version__
-
-        metadata = {
-            "software": "lidarscene",
-            "version": __version__,
-            "scene": self.scene.name,
-            "sensor": self.sensor.name,
-            "seed": str(seed),
-            "intensity_unit": self._intensity_unit(),
-            "frame": frame,
-            "frame_number": str(now.number),
-            "frame_start_s": repr(now.start_s),
-            SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
-        }
-        if now.moves:
-            metadata["ego_motion"] = "in the points"
-        if frame != "sensor":
-            goal = now.goal(frame)
-            metadata["sensor_position_m"] = _text(goal.position_m)
-            metadata["sensor_rotation"] = _text(goal.rotation)
-        return metadata
 
 
 def _check_call(*, seed: int, chunk: int, frame: str) -> None:
@@ -522,26 +405,3 @@ def _check_call(*, seed: int, chunk: int, frame: str) -> None:
         raise InputError(f"chunk: at least 1 was expected, {chunk} came")
     if frame not in COORDINATES:
         raise InputError(f"frame: {' or '.join(map(repr, COORDINATES))} was expected, {frame!r} came")
-
-
-def _text(values: Matrix) -> str:
-    return " ".join(repr(float(x)) for x in values.ravel())
-
-
-def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
-    """Light and air of a scene in a sensor's band."""
-    sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
-        illuminance_klux=scene.sun.illuminance_klux,
-    )
-    return Ambient(
-        sun_irradiance_w_m2=sun,
-        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
-            sun_irradiance_w_m2=sun, diffuse_share=scene.sky.diffuse_share
-        ),
-        transmittance=scene.air.transmittance,
-        extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
-        sun_direction=numbers_of(scene.sun.direction),
-        lamps_w_m2=scene.lamps_w_m2 or None,
-        interferers=scene.interferers,
-    )

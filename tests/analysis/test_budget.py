@@ -17,7 +17,8 @@ from lidarscene.frame import Frame
 from lidarscene.kernel.light import COLUMNS, light_of
 from lidarscene.scene import Scene
 from lidarscene.sensor import Sensor
-from lidarscene.simulate import Simulator, ambient_of
+from lidarscene.simulate import Simulator
+from lidarscene.stages import ambient_of
 
 DETECTORS = ("table1-apd", "table1-sipm")
 

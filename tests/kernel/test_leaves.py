@@ -11,7 +11,7 @@ from lidarscene.kernel.world import build_world
 from lidarscene.materials import Material, Spectrum
 from lidarscene.physics import radiometry
 from lidarscene.scene import Sun
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 from lidarscene.trajectory import Course
 
 pytestmark = pytest.mark.usefixtures("mi")

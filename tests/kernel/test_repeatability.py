@@ -6,7 +6,7 @@ import pytest
 
 from lidarscene import Pose, Simulator, beams, echoes, returns
 from lidarscene.hits import Hits
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

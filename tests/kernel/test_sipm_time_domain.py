@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lidarscene import Simulator, beams, echoes, returns
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

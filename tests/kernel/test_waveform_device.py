@@ -13,7 +13,7 @@ from lidarscene.kernel import device
 from lidarscene.kernel.trace import trace
 from lidarscene.kernel.world import build_world
 from lidarscene.physics import radiometry
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -16,7 +16,7 @@ from lidarscene.io.scene_file import read_scene
 from lidarscene.physics import interference
 from lidarscene.returns import Outcome, Status
 from lidarscene.scene import Interferer
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 SHOTS = 200_000
 SIGMAS = 4.0  # two-sided 6e-5 for each count

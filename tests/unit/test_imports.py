@@ -26,7 +26,7 @@ TIERS = (
     ("comparator", "waveform", "rises", "samplers", "returns", "multi_echo", "waveforms"),
     ("formats", "cloud", "kinds", "boxes", "labels"),
     ("kernel",),
-    ("simulate", "frame", "chunk", "summary", "rig", "deskew"),
+    ("simulate", "stages", "metadata", "frame", "chunk", "summary", "rig", "deskew"),
     ("catalog", "io", "pixels", "thinning", "plots", "charts", "charts_fov", "charts_compare"),
     ("api", "report"),
     ("analysis", "batch"),

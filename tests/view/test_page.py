@@ -18,7 +18,7 @@ from lidarscene import PointCloud, Pose, load_scene, load_sensor
 from lidarscene.analysis.budget import budget_of
 from lidarscene.cli import main
 from lidarscene.pixels import camera_for
-from lidarscene.simulate import ambient_of
+from lidarscene.stages import ambient_of
 
 SETS = [f"--set={one}" for one in COARSE]
 WIDTH, HEIGHT = 1280, 800

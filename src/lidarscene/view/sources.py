@@ -23,7 +23,8 @@ from ..kernel.light import COLUMNS, light_of
 from ..pixels import camera_for
 from ..scene import Scene
 from ..sensor import Sensor
-from ..simulate import Simulator, Summary, ambient_of
+from ..simulate import Simulator, Summary
+from ..stages import ambient_of
 from ..trajectory import pose_at
 from .blob import packed
 from .controls import DETECTOR, Equipment, Settings

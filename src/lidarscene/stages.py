@@ -1,0 +1,166 @@
+"""Stages: the chain on the device, from pulse numbers to what the electronics report. Reads as the picture in
+docs/architecture.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from . import beams, echoes, multi_echo, returns, train
+from .air_light import AirLight, air_light
+from .arrays import is_drjit
+from .beams import Beams
+from .chunk import Chunk, Lit, Numbers, is_plain, left_out, needed_of, numbers_of, of_light
+from .echoes import Ambient, EchoTrain
+from .field_of_view import background_power_w, field_of_view
+from .footprint import Footprint, aim, footprint, spread
+from .frame import Frame
+from .hits import Hits
+from .kernel import collect, device
+from .kernel.trace import trace
+from .kernel.world import World
+from .physics import sunlight
+from .scene import Scene
+from .sensor import Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stages:
+    """What the stages are made for; numbers are on the device, so that others compile nothing.
+
+    rays          of each pulse
+    interactions  panes and mirrors that a beam may meet
+    footprint     of the laser's rays
+    field         of the receiver's, over which the background is gathered, or None: what the laser's rays see
+    air           light of fog, rain and snow, or None
+    sun           unit vector towards it
+    """
+
+    world: World
+    rays: int
+    interactions: int
+    sensor: Sensor
+    ambient: Ambient
+    footprint: Footprint
+    field: Footprint | None
+    air: AirLight | None
+    sun: Any
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        sensor: Sensor,
+        world: World,
+        *,
+        rays: int,
+        interactions: int,
+        background_rays: int | None,
+    ) -> Stages:
+        """For `Simulator`."""
+        ambient = ambient_of(scene, sensor)
+        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
+        field = None if background_rays is None else field_of_view(sensor, background_rays)
+        return cls(
+            world=world,
+            rays=rays,
+            interactions=interactions,
+            sensor=device.opaque(sensor),
+            ambient=device.opaque(ambient),
+            footprint=device.opaque(footprint(sensor.laser, rays, sensor.optics.halo)),
+            field=device.opaque(field),
+            air=device.opaque(air),
+            sun=device.opaque(numbers_of(scene.sun.direction)),
+        )
+
+    def chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
+        """Beams, hits, echoes, returns of some pulses, on the device.
+
+        survey  leave out the pulses that meet panes or mirrors, and say which these are
+        """
+        sensor, lit = self.sensor, self._lit(now, pulse, numbers, seed, survey=survey)
+        if self.rays == len(lit.paths) == 1 and self.air is None and is_plain(sensor):
+            detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
+            return left_out(pulse, lit.paths, detection, lit.goes_on)
+        whole = self._together(lit, seed)
+        goes_on = None if lit.goes_on is None else collect.any_of_pulse(lit.goes_on, self.rays)
+        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+
+    def train(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any) -> EchoTrain:
+        """All that comes back of some pulses, on the device."""
+        return self._together(self._lit(now, pulse, numbers, seed), seed)
+
+    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Lit:
+        """The optical stages: beams, hits, echoes."""
+        background = None if self.field is None else self._background(now, pulse, numbers, seed, self.field)
+        rays, paths = self._traced(now, pulse, numbers, seed, self.footprint, survey=survey)
+        light = echoes.with_all_background(
+            [echoes.receive(rays, one, self.sensor, self.ambient) for one in paths]
+        )
+        if background is not None:
+            of_ray = background if self.rays == 1 else device.repeated(background, self.rays)[0]
+            light[0] = replace(light[0], background_power_w=of_ray)
+        return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
+
+    def _traced(
+        self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint, *, survey: bool = False
+    ) -> tuple[Beams, Sequence[Hits]]:
+        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
+        of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
+        place, movers = now.placements(numbers, rays=shape.rays)
+        axes = beams.fire(
+            self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        aimed = None
+        if self.world.speculars is not None and shape is self.footprint:
+            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
+        return rays, trace(
+            self.world, rays, sun=self.sun, placements=movers,
+            sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
+            aim=aimed,
+        )  # fmt: skip
+
+    def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:
+        """Of each pulse, gathered over the receiver's field of view."""
+        rays, paths = self._traced(now, pulse, numbers, seed, shape)
+        power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
+        device.start([power])
+        return power
+
+    def _together(self, lit: Lit, seed: Any) -> EchoTrain:
+        """All that comes back of each pulse, with the light of the air."""
+        # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
+        device.start(
+            [
+                *(array for one in lit.light for array in of_light(one)),
+                *(one for hits in lit.paths for one in needed_of(hits)),
+                *([] if lit.goes_on is None else [lit.goes_on]),
+            ]
+        )
+        return train.together(
+            lit.light, lit.rays, self.sensor, self.ambient,
+            rays=self.rays, skirt=self.footprint.skirt, air=self.air, seed=seed, pulse=lit.pulse,
+        )  # fmt: skip
+
+
+def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
+    """Light and air of a scene in a sensor's band."""
+    sun = sunlight.sun_irradiance_w_m2(
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
+        illuminance_klux=scene.sun.illuminance_klux,
+    )
+    return Ambient(
+        sun_irradiance_w_m2=sun,
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
+            sun_irradiance_w_m2=sun, diffuse_share=scene.sky.diffuse_share
+        ),
+        transmittance=scene.air.transmittance,
+        extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=numbers_of(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
+    )
