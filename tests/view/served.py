@@ -36,6 +36,10 @@ class Served:
         return self.process.returncode, out, err
 
 
+def _hears_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def served(*arguments: str | Path) -> Iterator[Served]:
     """A running `lidarscene view`, which ends with the block."""
@@ -43,6 +47,8 @@ def served(*arguments: str | Path) -> Iterator[Served]:
         [sys.executable, "-m", "lidarscene", "view", *map(str, arguments), "--no-browser"],
         env=os.environ | {"PYTHONPATH": str(SOURCE)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # Tests that run in the background ignore Ctrl-C, and so would what they start.
+        preexec_fn=_hears_ctrl_c,
     )  # fmt: skip
     try:
         assert process.stdout is not None
