@@ -15,6 +15,7 @@ from .chunk import (
     Order,
     Placing,
     all_of,
+    left_out,
     numbered,
     of_every_pulse,
 )
@@ -309,9 +310,13 @@ class Simulator:
         lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
         if lanes is None:
             return []
+        lanes, twice = collect.more_than_one(lanes)
         pulse = collect.gathered(part.pulse, lanes)
         whole = self._stages.chain(now, pulse, pulse.numpy, seed)
         device.start(whole.arrays())
+        if twice is not None:
+            whole = left_out(whole.pulse, whole.paths, whole.detection, twice)
+            device.start(whole.arrays())
         device.wait()
         return [whole]
 

@@ -40,6 +40,18 @@ def lanes_where(flag: Any) -> Any:
     return None if dr.width(lanes) == 0 else lanes
 
 
+def more_than_one(lanes: Any) -> tuple[Any, Any]:
+    """The lanes, a single one twice, and then which of the two to leave out, or None: Dr.Jit takes an array of one for
+    a number, and would compile all stages again for it. The second counts, so that what it says is written last.
+    """
+    import drjit as dr
+
+    mi = mitsuba()
+    if dr.width(lanes) > 1:
+        return lanes, None
+    return dr.gather(mi.UInt32, lanes, dr.zeros(mi.UInt32, 2)), dr.arange(mi.UInt32, 2) == 0
+
+
 def gathered(values: Any, lanes: Any) -> Any:
     """Entries of these lanes, computed."""
     import drjit as dr
