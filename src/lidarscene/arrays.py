@@ -227,6 +227,13 @@ def is_drjit(x: object) -> bool:
     return type(x).__module__.startswith(("drjit", "mitsuba"))
 
 
+def inverse(order: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """(n,) uint32 where each of 0 .. n - 1 stands in ``order``, a permutation of them; numpy."""
+    place = np.zeros(len(order), dtype=np.uint32)
+    place[order] = np.arange(len(order), dtype=np.uint32)
+    return place
+
+
 def xp(*arguments: object) -> Any:
     """The function set for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
     global _drjit

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import is_drjit, xp
+from .arrays import inverse, is_drjit, xp
 from .beams import Beams
 from .echoes import Echoes
 from .frame import LARGEST_FLOAT32_M
@@ -74,8 +74,7 @@ class Order:
     @classmethod
     def of(cls, pulse: Matrix) -> Order:
         """From the pulses of the lanes."""
-        lane = np.zeros_like(pulse)
-        lane[pulse] = np.arange(len(pulse), dtype=pulse.dtype)
+        lane = inverse(pulse)
         return cls(pulse, lane, device.unsigned_numbers(pulse), device.unsigned_numbers(lane))
 
     def pulse_from(self, first: int) -> Matrix:

@@ -5,19 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from walls import WALL
 
 from lidarscene.batch import cluster
 from lidarscene.batch.tasks import Job
-
-WALL = """
-[[bodies]]
-name = "wall"
-primitive = "plane"
-size_m = [4, 4]
-material = "concrete"
-position_m = [10, 0, 0]
-pitch_deg = 90
-"""
 
 JOB = """
 scenes = ["wall.toml"]

@@ -3,21 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from walls import WALL as WALL
+
 COARSE = (
     "--set=scanner.azimuth_fov_deg=40", "--set=scanner.azimuth_step_deg=2",
     "--set=scanner.elevation_fov_deg=20", "--set=scanner.elevation_step_deg=2",
 )  # fmt: skip
 BEAMS = 21 * 11
-
-WALL = """
-[[bodies]]
-name = "wall"
-primitive = "plane"
-size_m = [4, 4]
-material = "concrete"
-position_m = [10, 0, 0]
-pitch_deg = 90
-"""
 
 
 @dataclass(frozen=True)

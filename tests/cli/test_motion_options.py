@@ -6,22 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import BEAMS, COARSE, WALL, Run
+from walls import LEFT_AND_RIGHT
 
 from lidarscene.cloud import PointCloud
 from lidarscene.simulate import Simulator
 
 DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"
-TWO = """
-[[sensors]]
-label = "left"
-sensor = "table1-apd"
-position_m = [0, 1, 0]
-
-[[sensors]]
-label = "right"
-sensor = "table1-sipm"
-position_m = [0, -1, 0]
-"""
 FRAME_S = BEAMS / 50e3  # of the coarse raster
 
 
@@ -29,7 +19,7 @@ FRAME_S = BEAMS / 50e3  # of the coarse raster
 def drive(tmp_path: Path) -> str:
     """A wall at 10 m that comes nearer, and a vehicle that drives towards it."""
     (tmp_path / "drive.toml").write_text(DRIVE)
-    (tmp_path / "two.toml").write_text(TWO)
+    (tmp_path / "two.toml").write_text(LEFT_AND_RIGHT)
     return "drive.toml"
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import BEAMS, COARSE, Run
+from walls import LEFT_AND_RIGHT
 
 from lidarscene import api, thinning
 from lidarscene.cloud import PointCloud
@@ -38,17 +39,6 @@ position_m = [10, 0, 0]
 
 [bodies.motion]
 velocity_m_s = [-10, 2, 0]
-"""
-RIG = """
-[[sensors]]
-label = "left"
-sensor = "table1-apd"
-position_m = [0, 1, 0]
-
-[[sensors]]
-label = "right"
-sensor = "table1-sipm"
-position_m = [0, -1, 0]
 """
 CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
 
@@ -105,7 +95,7 @@ def test_a_frame_without_points(run: Run, tmp_path: Path) -> None:
 def moving(tmp_path: Path) -> str:
     """A car and a sensor that move, in the frame's 4.6 ms by 5 and 9 cm; and two sensors."""
     (tmp_path / "moving.toml").write_text(MOVING)
-    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
     return "moving.toml"
 
 

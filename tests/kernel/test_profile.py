@@ -5,19 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from walls import WALL
 
 from lidarscene import cli, load_scene
 from lidarscene.kernel.profile import kernel_history
 
-WALL = """
-[[bodies]]
-name = "wall"
-primitive = "plane"
-size_m = [4, 4]
-material = "concrete"
-position_m = [10, 0, 0]
-pitch_deg = 90
-"""
 COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
 
 

@@ -18,7 +18,7 @@ from test_cloud import assert_same, small_cloud, small_columns
 
 from lidarscene.cloud import COLUMNS, PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.io import ply
+from lidarscene.io import counted, ply
 from lidarscene.io.ply import read_ply, write_ply
 
 TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
@@ -231,7 +231,7 @@ def test_disk_full_in_the_middle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return super().write(data)
 
-    monkeypatch.setattr(ply, "open", lambda name, mode: Full(name, "w"), raising=False)
+    monkeypatch.setattr(counted, "open", lambda name, mode: Full(name, "w"), raising=False)
     with pytest.raises(OutputError) as caught:
         write_ply(path, small_cloud(50))
     assert str(caught.value) == f"{path}: cannot be written: No space left on device"

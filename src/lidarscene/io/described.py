@@ -72,10 +72,3 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{os.fspath(path)}: cannot be read: {reason}") from error
-
-
-def finite32(values: Array) -> Array:
-    """float32, with the largest finite numbers in place of infinities, for formats that do not know them."""
-    with np.errstate(over="ignore"):
-        single = values.astype(np.float32)
-    return np.clip(single, -LARGEST, LARGEST)

@@ -11,13 +11,14 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import IO, Any
 
 import numpy as np
 
 from lidarscene.cloud import PointCloud
 
+from .counted import counted_stream
 from .described import LARGEST, described_cloud, description, reading
 from .files import atomic_output
 from .optional import optional
@@ -51,32 +52,23 @@ def write_pcd(
         file.write(_packed(b"".join(values.tobytes() for values in columns), lzf))
 
 
-@contextmanager
 def pcd_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
-) -> Iterator[Callable[[PointCloud], None]]:
+) -> AbstractContextManager[Callable[[PointCloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
     data = "ascii" if ascii else "binary"
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        first: list[PointCloud] = []
-        points = 0
 
-        def append(cloud: PointCloud) -> None:
-            nonlocal points
-            if not first:
-                first.append(cloud.without_points())
-                file.write(_header(cloud, points=0, data=data))
-            points += len(cloud)
-            for start in range(0, len(cloud), BLOCK_POINTS):
-                rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
-                if ascii:
-                    file.writelines(_lines(rows))
-                else:
-                    file.write(rows.view(np.uint8).data)
+    def write(file: IO[bytes], cloud: PointCloud) -> None:
+        for start in range(0, len(cloud), BLOCK_POINTS):
+            rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
+            if ascii:
+                file.writelines(_lines(rows))
+            else:
+                file.write(rows.view(np.uint8).data)
 
-        yield append
-        file.seek(0)
-        file.write(_header(first[0], points=points, data=data))
+    return counted_stream(
+        path, header=lambda cloud, points: _header(cloud, points=points, data=data), write=write
+    )
 
 
 def read_pcd(path: str | os.PathLike[str]) -> PointCloud:

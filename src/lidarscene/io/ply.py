@@ -13,7 +13,7 @@ import itertools
 import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import IO, Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from lidarscene.cloud import COLUMNS, NAMES, CloudBuilder, PointCloud
 from lidarscene.errors import InputError
-from lidarscene.io.files import atomic_output
+from lidarscene.io.counted import counted_stream
 
 Array = np.ndarray[Any, Any]
 
@@ -41,27 +41,18 @@ def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = 
         append(cloud)
 
 
-@contextmanager
 def ply_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
-) -> Iterator[Callable[[PointCloud], None]]:
+) -> AbstractContextManager[Callable[[PointCloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        first: list[PointCloud] = []
-        points = 0
 
-        def append(cloud: PointCloud) -> None:
-            nonlocal points
-            if not first:
-                first.append(cloud.without_points())
-                file.write(_header(cloud, points=0, ascii=ascii))
-            points += len(cloud)
-            for block in _blocks(cloud):
-                file.write(_as_text(block) if ascii else block.view(np.uint8).data)
+    def write(file: IO[bytes], cloud: PointCloud) -> None:
+        for block in _blocks(cloud):
+            file.write(_as_text(block) if ascii else block.view(np.uint8).data)
 
-        yield append
-        file.seek(0)
-        file.write(_header(first[0], points=points, ascii=ascii))
+    return counted_stream(
+        path, header=lambda cloud, points: _header(cloud, points=points, ascii=ascii), write=write
+    )
 
 
 def read_ply(path: str | os.PathLike[str]) -> PointCloud:

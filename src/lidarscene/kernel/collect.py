@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, is_drjit, xp
+from ..arrays import Array, inverse, is_drjit, xp
 from ..beams import reported
 from ..hits import Hits
 from ..returns import Detection, Outcome, Status
@@ -262,9 +262,7 @@ def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
     """Where each element of several lists goes in all of them together, sorted; what is equal keeps its order."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
-    place = np.zeros(len(order), dtype=np.uint32)
-    place[order] = np.arange(len(order), dtype=np.uint32)
-    return np.split(place, np.cumsum([len(one) for one in pulses])[:-1])
+    return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])
 
 
 def surfaces(

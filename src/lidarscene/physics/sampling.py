@@ -8,12 +8,6 @@ from ..arrays import Array, xp
 from .waveform import SIGMAS_PER_FWHM
 
 
-def peak_over_level(*, width: Array) -> Array:
-    """Height of a Gaussian pulse over the level above which it stays for ``width`` sigma_p: exp(width^2 / 8)."""
-    ops = xp(width)
-    return ops.exp(ops.minimum(0.125 * width * width, 80.0))
-
-
 def quantised(*, signal: Array, step: Array, full_scale: Array) -> Array:
     """Nearest multiple of the converter's step, at most full scale; the error has the deviation step / sqrt(12)."""
     ops = xp(signal, step, full_scale)

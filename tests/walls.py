@@ -1,0 +1,23 @@
+"""Scene files' text that several folders of tests share."""
+
+WALL = """
+[[bodies]]
+name = "wall"
+primitive = "plane"
+size_m = [4, 4]
+material = "concrete"
+position_m = [10, 0, 0]
+pitch_deg = 90
+"""
+
+LEFT_AND_RIGHT = """
+[[sensors]]
+label = "left"
+sensor = "table1-apd"
+position_m = [0, 1, 0]
+
+[[sensors]]
+label = "right"
+sensor = "table1-sipm"
+position_m = [0, -1, 0]
+"""
