@@ -274,10 +274,11 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     place = device.opaque(origin(simulator))
     rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
     seed = device.opaque_uint32(0)
+    order = simulator.order_of(simulator.sensor.scanner.pulses)
 
     def up_to(last: str) -> Callable[[], None]:
         def task() -> None:
-            pulse = device.counter(0, simulator.sensor.scanner.pulses)
+            pulse = device.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
             rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
             hits, *_ = trace(simulator.world, rays, sun=sun, interactions=0)
             kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
@@ -289,9 +290,9 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
                     kept += [light.peak_power_w, light.background_power_w]
                 else:
                     found = returns.detect(light, sensor, seed=seed, pulse=pulse)
-                    kept += [found.snr, found.detection_probability, found.outcome]
+                    kept += [found.snr, found.detection_probability, found.outcome, found.ambient]
                     for stop in found.stops:
-                        kept += [stop.reported, stop.status, stop.range_m, stop.amplitude]
+                        kept += [stop.reported, stop.status, stop.range_m, stop.intensity]
             dr.eval(*kept)
             dr.sync_thread()
 

@@ -27,6 +27,10 @@ Matrix = np.ndarray[Any, Any]
 NEAREST_SHARE = 1e-3
 """Particles are drawn from where the receiver sees this share of its beam on: nearer ones are lost in the dark."""
 
+_LEFT_OUT = 0.5
+"""Particles are drawn down to this share of what the comparator sees, so that two which are left to the even light do
+not reach it together. At a share of one 4 % of the points of heavy rain are missing, at a quarter 0.4 % more come."""
+
 _DRAWS_APART = 1000
 
 
@@ -122,10 +126,10 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
 
 
 def _enough(least: float, **medium: Any) -> Strengths:
-    """With as many particles for each pulse as it takes until those left out are weaker than ``least``."""
+    """With as many particles for each pulse as it takes until those left out are weaker than `_LEFT_OUT` ``least``."""
     for count in MEAN_HITS:
         found = strengths(count=count, **medium)
-        if math.exp(found.log_strength.values[-1]) < least:
+        if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
             break
     return found
 

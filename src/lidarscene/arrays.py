@@ -103,6 +103,13 @@ class NumpyOps:
             state = tuple(np.where(lanes, new, old) for new, old in zip(changed, state, strict=True))
         return state
 
+    @staticmethod
+    def rarely(condition: Array, then: Callable[[], State], otherwise: State) -> State:
+        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+        if not np.any(condition):
+            return otherwise
+        return tuple(np.where(condition, new, old) for new, old in zip(then(), otherwise, strict=True))
+
 
 class DrjitOps:
     """The same functions, on Dr.Jit arrays of the active variant."""
@@ -189,6 +196,11 @@ class DrjitOps:
         with self._dr.suspend_grad():
             done: State = self._dr.while_loop(state, going, step, mode="symbolic")
         return done
+
+    def rarely(self, condition: Array, then: Callable[[], State], otherwise: State) -> State:
+        """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
+        found: State = self._dr.if_stmt((), condition, then, lambda: otherwise, mode="symbolic")
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,7 +105,9 @@ def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bo
 
     ordered  by pulse, or as they are on the lanes, which is enough to count them
     """
-    values, order = np.array(getattr(parts[0].detection, name).numpy()), parts[0].order
+    values, order = getattr(parts[0].detection, name).numpy(), parts[0].order
+    if len(parts) > 1:
+        values = values.copy()
     for one in parts[1:]:
         pulse = one.pulse.numpy() - first
         values[pulse if order is None else order.lane[pulse]] = getattr(one.detection, name).numpy()

@@ -372,7 +372,8 @@ class CloudBuilder:
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
         n = len(columns["xyz_m"])
-        checked = {a: _checked(a, columns[a], n) for a in expected}
+        # What is in them is checked once, when they are a cloud.
+        checked = {a: _fitted(a, columns[a], n) for a in expected}
         self._chunks += 1
         if self._chunks == 1:
             self._columns, self._points = checked, n
@@ -441,7 +442,7 @@ def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
     return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
-def _checked(attribute: str, values: Any, n: int) -> Array:
+def _fitted(attribute: str, values: Any, n: int) -> Array:
     """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
@@ -451,16 +452,24 @@ def _checked(attribute: str, values: Any, n: int) -> Array:
         if not limits.min <= array.min() <= array.max() <= limits.max:
             raise ValueError(f"PointCloud.{attribute}: values do not fit {dtype}")
     try:
-        array = frozen(array, dtype, (n, 3) if is_position else (n,))
+        return frozen(array, dtype, (n, 3) if is_position else (n,))
     except ValueError as error:
         raise ValueError(f"PointCloud.{attribute}: {error}") from None
-    if dtype.kind == "f" and array.size and np.isnan(array.min()):
+
+
+def _checked(attribute: str, values: Any, n: int) -> Array:
+    """`_fitted`, and ValueError if there is a NaN."""
+    array = _fitted(attribute, values, n)
+    told = array[:1] if _is_constant(array) else array
+    if told.dtype.kind == "f" and told.size and np.isnan(told.min()):
         raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
     return array
 
 
 def _check_index(attribute: str, index: Array, names: tuple[str, ...]) -> None:
     """ValueError unless each index is -1 or has a name; without names any index will do."""
+    if _is_constant(index):
+        index = index[:1]
     if index.size and names and not -1 <= index.min() <= index.max() < len(names):
         raise ValueError(
             f"PointCloud.{attribute}: {index.min()} to {index.max()}, with names for 0 to {len(names) - 1}"

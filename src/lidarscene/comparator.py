@@ -250,21 +250,27 @@ class _Known:
         rate = sum((one.rate_hz for one in self.others), self.noise_rate_hz)
         never = rate <= 0.0
         elapsed = elapsed + noise.exponential(self._words(noise.STAGE_FALSE_ALARM, 2 * number))
-        height = noise.exponential(self._words(noise.STAGE_FALSE_ALARM, 2 * number + 1))
-        # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-        amplitude = threshold + height * point.noise * point.noise / threshold
-        theirs: Array = False
-        if self.others:
-            theirs, amplitude = interference.assigned(
-                self.others, point, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude,
-                threshold=threshold, seed=self.seed, pulse=self.pulse, draw=number,
-            )  # fmt: skip
         time_s = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
         if converter.keep == "last":
             time_s = ops.where(time_s < converter.listening_s, converter.window_s - time_s, NEVER_S)
         else:
             time_s = converter.blanking_s + time_s
-        return elapsed, (ops.minimum(time_s, NEVER_S), amplitude, theirs)
+
+        def crossing() -> tuple[Array, ...]:
+            height = noise.exponential(self._words(noise.STAGE_FALSE_ALARM, 2 * number + 1))
+            # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
+            amplitude = threshold + height * point.noise * point.noise / threshold
+            if not self.others:
+                return (amplitude,)
+            return interference.assigned(
+                self.others, point, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude,
+                threshold=threshold, seed=self.seed, pulse=self.pulse, draw=number,
+            )[::-1]  # fmt: skip
+
+        in_window = time_s < converter.window_s
+        nothing = (threshold + 0.0 * time_s,) + ((in_window & False,) if self.others else ())
+        amplitude, *theirs = ops.rarely(in_window, crossing, nothing)
+        return elapsed, (ops.minimum(time_s, NEVER_S), amplitude, theirs[0] if theirs else False)
 
     def by_height(self, source: int, number: Array, higher: Array) -> tuple[Array, Alarm]:
         """The highest crossings of noise (source 0) or of another lidar, at any time of the window.

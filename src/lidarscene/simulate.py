@@ -266,7 +266,7 @@ class Simulator:
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
-            order = self._order(count)
+            order = self.order_of(count)
             if order is None:
                 pulse, numbers = device.counter(first, count), numbered(first, count)
             else:
@@ -295,7 +295,7 @@ class Simulator:
                 part, first = started(following), following
             yield done, columns, outcome
 
-    def _order(self, count: int) -> Order | None:
+    def order_of(self, count: int) -> Order | None:
         """Of a chunk of so many pulses; frames have chunks of two sizes, and the last two are kept."""
         if self._tiling is None:
             return None

@@ -106,15 +106,15 @@ def test_chunks_and_frames_do_not_show():
 
 
 def test_a_second_frame_compiles_nothing():
-    """With rays, fog and rain; another seed, another divergence, another place."""
+    """With rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
     import drjit as dr
 
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
-    wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=20.0))
+    wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=8.0))
     scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=wet)
     first = Simulator(scene, sensor, rays=3)
     first.render(seed=0, chunk=6000)
-    denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=30.0)))
+    denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=12.0)))
     wider = chain.sensor(
         "table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2"
     )

@@ -117,10 +117,29 @@ class Moment:
             here = [one & ~nearer for one in here] + [nearer]
         self._apart(first)
         found = first.is_valid() if active is True else first.is_valid() & active
-        surface = first.compute_surface_interaction(seen, mi.RayFlags.All, found)
+        surface = self._surface(first, seen, found)
         return Meeting(
             found=found, t=first.t, surface=surface, seen=seen, to_sun=to_sun, shift=shift, here=tuple(here)
         )
+
+    def _surface(self, first: Any, seen: Any, found: Any) -> Any:
+        """Mitsuba's interaction at a hit. Of plain meshes it is put together here, from the normals of their faces:
+        Mitsuba's own, which is ready for textures and soft edges, takes twice as long.
+        """
+        import drjit as dr
+
+        mi = mitsuba()
+        if self.world.face_normal is None:
+            return first.compute_surface_interaction(seen, mi.RayFlags.All, found)
+        shape = dr.reinterpret_array(mi.UInt32, first.shape)
+        face = dr.gather(mi.UInt32, self.world.first_face, shape, found) + first.prim_index
+        normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, found)[:3])
+        surface = dr.zeros(mi.SurfaceInteraction3f)
+        surface.t, surface.p, surface.n = first.t, seen(first.t), normal
+        surface.shape, surface.prim_index = first.shape, first.prim_index
+        surface.sh_frame = mi.Frame3f(normal)
+        surface.wi = surface.to_local(-seen.d)
+        return surface
 
     def _any(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Any:
         """Whether there is a surface in these Mitsuba scenes, of what stands still and of each mover."""

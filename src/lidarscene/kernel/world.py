@@ -56,6 +56,8 @@ class World:
     first_face, shape_reflectivity, shape_transmittance
                     by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF; transmittance None: all
                     are opaque
+    face_normal     (4 f,) Float on the device, the unit normal of each face and a number to fill four, all zero for
+                    faces that share their shape with others; None where some shape is no mesh of plain triangles
     face_body       (f,) Int32 on the device, index into ``body_names``
     face_material   (f,) Int32 on the device, index into ``material_names``
     body_class      (b,) Int32 on the device, index into ``class_names``
@@ -71,6 +73,7 @@ class World:
     first_face: Any
     shape_reflectivity: Any
     shape_transmittance: Any
+    face_normal: Any
     face_body: Any
     face_material: Any
     body_class: Any
@@ -89,12 +92,16 @@ class World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A Mitsuba shape, who its faces are, and its material by `Material.at`; None where only its BSDF knows it."""
+    """A Mitsuba shape, who its faces are, and its material by `Material.at`; None where only its BSDF knows it.
+
+    is_plain  whether it is a mesh that is flat between its edges and looks the same all over
+    """
 
     shape: Any
     face_body: Matrix
     material: str
     values: Mapping[str, Any] | None
+    is_plain: bool = False
 
     @property
     def reflectivity(self) -> float | None:
@@ -220,7 +227,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    return _Shape(mesh, bodies, material, values)
+    return _Shape(mesh, bodies, material, values, is_plain=True)
 
 
 def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str, Any]) -> _Shape:
@@ -291,6 +298,7 @@ class _FaceTables:
             "first_face": mi.UInt32(first_face),
             "shape_reflectivity": mi.Float(reflectivity),
             "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
+            "face_normal": self._normals(),
             "face_body": mi.Int32(np.concatenate(self._body)),
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
@@ -299,6 +307,24 @@ class _FaceTables:
             if see_through
             else None,
         }
+
+
+    def _normals(self) -> Any:
+        """As World has them."""
+        import drjit as dr
+
+        mi = mitsuba()
+        if not all(shape.is_plain for shape, _ in self._first.values()):
+            return None
+        table = dr.zeros(mi.Float, 4 * self._faces)
+        for shape, start in self._first.values():
+            vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
+            number = dr.arange(mi.UInt32, len(shape.face_body))
+            a, b, c = (dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3))
+            normal = dr.normalize(dr.cross(b - a, c - a))
+            dr.scatter(table, mi.Vector4f(*normal, 0.0), number + device.opaque_uint32(start))
+        dr.eval(table)
+        return table
 
 
 def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:

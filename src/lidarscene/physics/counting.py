@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..arrays import Array, xp
 
 _FEW = 10.0  # below this mean counts are drawn one by one
-_TERMS = 36  # P(count >= 36) is 1e-10 at a mean of 10
+_TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
 
 
 def detected_photons_hz(*, power_w: Array, efficiency: Array, photon_energy_j: Array) -> Array:
@@ -30,11 +30,18 @@ def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Arr
     ops = xp(mean, uniform, deviate)
     few = ops.minimum(mean, _FEW)
     term = ops.exp(-few)
-    left, count = uniform - term, 0.0 * few
-    for number in range(1, _TERMS):
-        count = count + ops.where(left > 0.0, 1.0, 0.0)
-        term = term * (few * (1.0 / number))
-        left = left - term
+    left = ops.where(mean < _FEW, uniform - term, 0.0)
+
+    def going(left: Array, term: Array, count: Array) -> Array:
+        return (left > 0.0) & (count < _TERMS)
+
+    def one_more(left: Array, term: Array, count: Array) -> tuple[Array, ...]:
+        count = count + 1.0
+        term = term * few / count
+        return left - term, term, count
+
+    # Lanes of large means end before they begin, and a loop ends with the last of its packet.
+    count = ops.loop((left, term + 0.0 * left, 0.0 * left), going, one_more)[2]
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0
     drawn = many + narrowing * ops.sqrt(many) * deviate + narrowing * skew

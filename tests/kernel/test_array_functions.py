@@ -1,0 +1,41 @@
+"""Functions that numpy and Dr.Jit share and that steer what is computed at all."""
+
+import numpy as np
+import pytest
+
+from lidarscene.arrays import xp
+from lidarscene.physics import counting
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+
+def test_rarely_is_a_choice():
+    """Whether a whole packet of lanes, a single one of it or none needs the dear one."""
+    import mitsuba as mi
+
+    x = np.arange(64, dtype=np.float32)
+    for chosen in (x < -1.0, x == 17.0, (x >= 16.0) & (x < 24.0), x >= 0.0):
+        expected = np.where(chosen, np.sqrt(x) + 1.0, -x), np.where(chosen, 2.0 * x, 7.0)
+        for array, where in ((x, chosen), (mi.Float(x), mi.Bool(chosen))):
+            ops = xp(array)
+            found = ops.rarely(where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array))
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_allclose(np.asarray(one), other, rtol=1e-6)
+
+
+def test_poisson_counts_of_mixed_means():
+    """Lanes of few counts beside lanes of many, which the loop passes over: the same as of numpy, but where the sum of
+    probabilities comes within rounding of the uniform number (1e-6 of it, at some ten steps: 1 in 10,000 lanes).
+    """
+    import mitsuba as mi
+
+    rng = np.random.default_rng(2)
+    count = 20_000
+    mean = np.where(rng.random(count) < 0.5, rng.uniform(0.0, 12.0, count), rng.uniform(10.0, 1e5, count))
+    drawn = {"mean": mean, "uniform": 1.0 - rng.random(count), "deviate": rng.normal(size=count)}
+    single = {name: values.astype(np.float32) for name, values in drawn.items()}
+    expected = counting.poisson_count(**{k: v.astype(float) for k, v in single.items()}, narrowing=1.0)
+    found = counting.poisson_count(**{k: mi.Float(v) for k, v in single.items()}, narrowing=1.0).numpy()
+    few = mean < 10.0
+    assert (found[few] != expected[few]).sum() <= 6
+    assert np.abs(found - expected).max() <= 1.0
