@@ -234,6 +234,11 @@ NUMPY = NumpyOps()
 _drjit: DrjitOps | None = None
 
 
+def uploaded_tables() -> list[Array]:
+    """Values of all tables that are on the device."""
+    return [] if _drjit is None else [one for kinds in _drjit._uploaded.values() for one in kinds.values()]
+
+
 def is_drjit(x: object) -> bool:
     """Whether ``x`` is a Dr.Jit array; does not import Dr.Jit."""
     return type(x).__module__.startswith(("drjit", "mitsuba"))

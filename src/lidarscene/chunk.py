@@ -46,8 +46,7 @@ class Chunk:
             detection.outcome,
             detection.ambient,
         ]
-        if self.goes_on is not None:
-            needed.append(self.goes_on)
+        needed += [one for one in (self.goes_on, detection.source) if one is not None]
         for hits in self.paths:
             needed += needed_of(hits)
         for stop in detection.stops:
@@ -105,7 +104,8 @@ def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bo
 
     ordered  by pulse, or as they are on the lanes, which is enough to count them
     """
-    values, order = getattr(parts[0].detection, name).numpy(), parts[0].order
+    values: Matrix = getattr(parts[0].detection, name).numpy()
+    order = parts[0].order
     if len(parts) > 1:
         values = values.copy()
     for one in parts[1:]:

@@ -31,7 +31,7 @@ from .metadata import metadata_of
 from .scan.tiles import PACKET, Tiling
 from .scene import Scene
 from .sensor import Sensor
-from .stages import Stages
+from .stages import Chain, Stages
 from .summary import Summary as Summary
 from .trajectory import Motion, pose_at
 from .waveforms import Waveforms, check_pulses, sampled_pulses
@@ -94,6 +94,7 @@ class Simulator:
         self._stages = Stages.of(
             scene, sensor, self.world, rays=rays, interactions=interactions, background_rays=background_rays
         )
+        self._chain = Chain(self._stages)
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
@@ -271,8 +272,7 @@ class Simulator:
                 pulse, numbers = device.counter(first, count), numbered(first, count)
             else:
                 pulse, numbers = order.on_device(first), functools.partial(order.pulse_from, first)
-            part = self._stages.chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
-            device.start(part.arrays())
+            part = self._chain(now, pulse, numbers, seed_word, survey=self.interactions > 0)
             summary.spent("record", since)
             return replace(part, order=order)
 
@@ -312,8 +312,7 @@ class Simulator:
             return []
         lanes, twice = collect.more_than_one(lanes)
         pulse = collect.gathered(part.pulse, lanes)
-        whole = self._stages.chain(now, pulse, pulse.numpy, seed)
-        device.start(whole.arrays())
+        whole = self._chain(now, pulse, pulse.numpy, seed)
         if twice is not None:
             whole = left_out(whole.pulse, whole.paths, whole.detection, twice)
             device.start(whole.arrays())

@@ -4,8 +4,9 @@ docs/architecture.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from . import beams, echoes, multi_echo, returns, train
@@ -19,11 +20,17 @@ from .footprint import Footprint, aim, footprint, spread
 from .frame import Frame
 from .hits import Hits
 from .kernel import collect, device
+from .kernel.replay import Replay
 from .kernel.trace import trace
 from .kernel.world import World
+from .motion import Placement
 from .physics import sunlight
+from .scan.vectors import Vector
 from .scene import Scene
 from .sensor import Sensor
+
+Places = Callable[[int], tuple[Placement, list[Placement] | None]]
+"""Where the sensor and each mover are when pulses of so many rays leave, ray by ray; None: nothing moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,12 +82,12 @@ class Stages:
             sun=device.opaque(numbers_of(scene.sun.direction)),
         )
 
-    def chain(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
+    def chain(self, places: Places, pulse: Any, seed: Any, *, survey: bool) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
         survey  leave out the pulses that meet panes or mirrors, and say which these are
         """
-        sensor, lit = self.sensor, self._lit(now, pulse, numbers, seed, survey=survey)
+        sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey)
         if self.rays == len(lit.paths) == 1 and self.air is None and is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return left_out(pulse, lit.paths, detection, lit.goes_on)
@@ -90,12 +97,12 @@ class Stages:
 
     def train(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
-        return self._together(self._lit(now, pulse, numbers, seed), seed)
+        return self._together(self._lit(partial(_places, now, numbers), pulse, seed), seed)
 
-    def _lit(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Lit:
+    def _lit(self, places: Places, pulse: Any, seed: Any, *, survey: bool = False) -> Lit:
         """The optical stages: beams, hits, echoes."""
-        background = None if self.field is None else self._background(now, pulse, numbers, seed, self.field)
-        rays, paths = self._traced(now, pulse, numbers, seed, self.footprint, survey=survey)
+        background = None if self.field is None else self._background(places, pulse, seed, self.field)
+        rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey)
         light = echoes.with_all_background(
             [echoes.receive(rays, one, self.sensor, self.ambient) for one in paths]
         )
@@ -105,11 +112,11 @@ class Stages:
         return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
 
     def _traced(
-        self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint, *, survey: bool = False
+        self, places: Places, pulse: Any, seed: Any, shape: Footprint, *, survey: bool = False
     ) -> tuple[Beams, Sequence[Hits]]:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = (pulse, None) if shape.rays == 1 else device.repeated(pulse, shape.rays)
-        place, movers = now.placements(numbers, rays=shape.rays)
+        place, movers = places(shape.rays)
         axes = beams.fire(
             self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
@@ -119,14 +126,14 @@ class Stages:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         return rays, trace(
             self.world, rays, sun=self.sun, placements=movers,
-            sensor_velocity_m_s=place.velocity_at(rays.origin_m) if now.moves else None,
+            sensor_velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
             interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
             aim=aimed,
         )  # fmt: skip
 
-    def _background(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, shape: Footprint) -> Any:
+    def _background(self, places: Places, pulse: Any, seed: Any, shape: Footprint) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
-        rays, paths = self._traced(now, pulse, numbers, seed, shape)
+        rays, paths = self._traced(places, pulse, seed, shape)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
         device.start([power])
         return power
@@ -145,6 +152,55 @@ class Stages:
             lit.light, lit.rays, self.sensor, self.ambient,
             rays=self.rays, skirt=self.footprint.skirt, air=self.air, seed=seed, pulse=lit.pulse,
         )  # fmt: skip
+
+
+class Chain:
+    """`Stages.chain` for the pulses of frames, started; written down for the device but once where that may be."""
+
+    def __init__(self, stages: Stages) -> None:
+        self._stages = stages
+        self._replays: dict[bool, Replay] = {}
+
+    def __call__(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
+        """Some pulses of a frame."""
+        if self.repeats(now):
+            place, _ = now.placements(numbers)
+            repeated: Chunk = self._replay(survey)(pulse, seed, place.origin_m, place.rotation)
+            return repeated
+        part = self._stages.chain(partial(_places, now, numbers), pulse, seed, survey=survey)
+        device.start(part.arrays())
+        return part
+
+    def repeats(self, now: Frame) -> bool:
+        """Whether the stages may be written down once for all frames.
+
+        With several rays to a pulse the number of lanes becomes part of the kernels, and what moves is somewhere else
+        for each pulse.
+        """
+        return self._stages.rays == 1 and self._stages.field is None and now.paths is None
+
+    @property
+    def recordings(self) -> list[int]:
+        """How often the stages were written down, each way that they are needed."""
+        return [one.recordings for one in self._replays.values()]
+
+    def _replay(self, survey: bool) -> Replay:
+        """The stages of a sensor that stands in a world where nothing moves."""
+        if survey not in self._replays:
+            stages = self._stages
+
+            def standing(pulse: Any, seed: Any, origin_m: Vector, rotation: tuple[Any, ...]) -> Chunk:
+                place = Placement(origin_m=origin_m, rotation=rotation)
+                return stages.chain(lambda _: (place, None), pulse, seed, survey=survey)
+
+            held = (stages.sensor, stages.ambient, stages.footprint, stages.air, stages.sun, stages.world)
+            self._replays[survey] = Replay(standing, Chunk.arrays, held=held)
+        return self._replays[survey]
+
+
+def _places(now: Frame, numbers: Numbers, rays: int) -> tuple[Placement, list[Placement] | None]:
+    """As in `Places`, of these pulses of a frame."""
+    return now.placements(numbers, rays=rays)
 
 
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:

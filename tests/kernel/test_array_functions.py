@@ -18,7 +18,9 @@ def test_rarely_is_a_choice():
         expected = np.where(chosen, np.sqrt(x) + 1.0, -x), np.where(chosen, 2.0 * x, 7.0)
         for array, where in ((x, chosen), (mi.Float(x), mi.Bool(chosen))):
             ops = xp(array)
-            found = ops.rarely(where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array))
+            found = ops.rarely(
+                where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array)
+            )
             for one, other in zip(found, expected, strict=True):
                 np.testing.assert_allclose(np.asarray(one), other, rtol=1e-6)
 

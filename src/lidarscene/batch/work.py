@@ -106,18 +106,28 @@ _scenes, _sensors, _worlds = _Kept(), _Kept(), _Kept()
 
 
 def _simulator(task: FrameTask) -> Simulator:
-    """As `lidarscene render` would make it: of a rig, sensors of one wavelength share the world of the first."""
+    """As `lidarscene render` would make it: of a rig, sensors of one wavelength share the world of the first.
+
+    Kept with its world: it knows how to repeat its stages, and in which order to trace its pulses.
+    """
     choice, sensor = task.scene, task.sensor
     scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
     own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
     centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
-    world = _worlds.get(
+    world, simulators = _worlds.get(
         (choice.world, _wavelength(own.sensor), centre_m.tobytes(), task.interactions > 0),
-        lambda: Simulator(scene, first.sensor, pose=first.pose, interactions=task.interactions).world,
+        lambda: (
+            Simulator(scene, first.sensor, pose=first.pose, interactions=task.interactions).world,
+            _Kept(),
+        ),
     )
-    return Simulator(
-        scene, own.sensor, pose=own.pose, world=world, rays=task.rays, interactions=task.interactions
+    simulator: Simulator = simulators.get(
+        (choice.digest, sensor.digest, task.rays, task.interactions),
+        lambda: Simulator(
+            scene, own.sensor, pose=own.pose, world=world, rays=task.rays, interactions=task.interactions
+        ),
     )
+    return simulator
 
 
 def _scene(choice: SceneChoice) -> Scene:

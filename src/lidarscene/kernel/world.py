@@ -308,7 +308,6 @@ class _FaceTables:
             else None,
         }
 
-
     def _normals(self) -> Any:
         """As World has them."""
         import drjit as dr
@@ -320,7 +319,9 @@ class _FaceTables:
         for shape, start in self._first.values():
             vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
             number = dr.arange(mi.UInt32, len(shape.face_body))
-            a, b, c = (dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3))
+            a, b, c = (
+                dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3)
+            )
             normal = dr.normalize(dr.cross(b - a, c - a))
             dr.scatter(table, mi.Vector4f(*normal, 0.0), number + device.opaque_uint32(start))
         dr.eval(table)
