@@ -54,9 +54,9 @@ class NumpyOps:
         return np.asarray(x).astype(np.int32)
 
     @staticmethod
-    def take(table: Table, index: Array) -> Array:
-        """Entries of a table's flat values."""
-        return table.values.ravel()[index]
+    def take(table: Table | Array, index: Array) -> Array:
+        """Entries of a table's values, or of an array's, one after the other."""
+        return (table.values if isinstance(table, Table) else table).ravel()[index]
 
     @staticmethod
     def full(like: Array, value: Any) -> Array:
@@ -146,9 +146,11 @@ class DrjitOps:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
 
-    def take(self, table: Table, index: Array) -> Array:
-        """Entries of a table's flat values, which go to the device once and stay as long as the table."""
+    def take(self, table: Table | Array, index: Array) -> Array:
+        """Entries of a table's values, which go to the device once and stay as long as the table, or of an array."""
         kind = self._dr.float32_array_t(type(index))
+        if not isinstance(table, Table):
+            return self._dr.gather(kind, table, self.uint32(index))
         uploaded = self._uploaded.setdefault(table, {})
         if kind not in uploaded:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))

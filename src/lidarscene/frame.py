@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -83,7 +83,7 @@ class Frame:
             number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
             place=place, vehicle=pose_at(scene.ego or Course(), start_s),
             origin=at_rest(place, world.centre_m),
-            paths=None if paths is None else device.opaque(paths),
+            paths=None if paths is None else replace(device.opaque(paths), table=device.from_numpy(paths.table)),
             moves=scene.ego is not None, _scanner=sensor.scanner,
         )  # fmt: skip
 
@@ -91,27 +91,41 @@ class Frame:
         """(n,) float64 times since the start of the frame at which these pulses leave."""
         return self._scanner.time_s(pulse) - self.scanner_s
 
+    def times(self, pulse: Callable[[], Matrix]) -> Any:
+        """(n,) when pulses leave after the frame's first one, on the device; None where nothing moves.
+
+        pulse  gives their numbers (n,), if they are needed
+        """
+        # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
+        return None if self.paths is None else device.from_numpy(self.time_s(pulse()))
+
     def placements(
         self, pulse: Callable[[], Matrix], *, rays: int = 1
     ) -> tuple[Placement, list[Placement] | None]:
-        """Of the sensor and of each mover when pulses leave; None: nothing moves.
-
-        pulse  gives their numbers (n,), if they are needed
-        rays  lanes of each pulse, one after the other
-        """
-        if self.paths is None:
-            return self.origin, None
-        # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        times = self.time_s(pulse())
-        on_device = device.from_numpy(np.repeat(times, rays))
-        sensor, *movers = (self.paths.at(on_device, i) for i in range(len(self.paths.table.values)))
-        return sensor if self.moves else self.origin, movers
+        """`placements` of the sensor and of each mover when pulses of so many rays leave."""
+        times = self.times(pulse)
+        if times is not None and rays > 1:
+            times, _ = device.repeated(times, rays)
+        return placements(self.origin, self.paths, times, moves=self.moves)
 
     def goal(self, coordinates: str) -> Pose:
         """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""
         if coordinates == "sensor":
             return Pose()
         return self.place if coordinates == "world" else self.vehicle.inverse() @ self.place
+
+
+def placements(
+    origin: Placement, paths: Paths | None, times: Any, *, moves: bool
+) -> tuple[Placement, list[Placement] | None]:
+    """Of the sensor and of each mover at these times; None: nothing moves.
+
+    origin  of the sensor unless it ``moves``
+    """
+    if paths is None:
+        return origin, None
+    sensor, *movers = (paths.at(times, number) for number in range(paths.count))
+    return sensor if moves else origin, movers
 
 
 def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array, Table, xp
+from .arrays import Array, xp
 from .geometry import rotation_numbers
 from .scan.vectors import Vector
 from .trajectory import Motion
@@ -77,14 +77,16 @@ class Placement:
 class Paths:
     """Several motions over one frame, on an even grid of times.
 
-    table    (motions, instants, 13): place, quaternion (w, x, y, z), velocity, angular velocity
+    table    (motions, instants, 13), flat: place, quaternion (w, x, y, z), velocity, angular velocity
     rate_hz  instants per second
     last     number of the last instant
+    count    of motions
     """
 
-    table: Table
+    table: Array
     rate_hz: Array
     last: Array
+    count: int
 
     @classmethod
     def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Matrix) -> Paths:
@@ -100,7 +102,9 @@ class Paths:
                     [states.position_m - centre_m, turns, states.velocity_m_s, states.turning_rad_s], axis=1
                 )
             )
-        return cls(table=Table(np.stack(rows)), rate_hz=steps / length_s, last=float(steps))
+        return cls(
+            table=np.stack(rows).ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions)
+        )
 
     def at(self, time_s: Array, which: int) -> Placement:
         """Where the ``which``-th motion has come, (n,) seconds after the start."""

@@ -17,15 +17,14 @@ from .chunk import Chunk, Lit, Numbers, is_plain, left_out, needed_of, numbers_o
 from .echoes import Ambient, EchoTrain
 from .field_of_view import background_power_w, field_of_view
 from .footprint import Footprint, aim, footprint, spread
-from .frame import Frame
+from .frame import Frame, placements
 from .hits import Hits
 from .kernel import collect, device
 from .kernel.replay import Replay
 from .kernel.trace import trace
 from .kernel.world import World
-from .motion import Placement
+from .motion import Paths, Placement
 from .physics import sunlight
-from .scan.vectors import Vector
 from .scene import Scene
 from .sensor import Sensor
 
@@ -159,43 +158,55 @@ class Chain:
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
-        self._replays: dict[bool, Replay] = {}
+        self._replays: dict[tuple[bool, ...], Replay] = {}
 
     def __call__(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
         """Some pulses of a frame."""
-        if self.repeats(now):
-            place, _ = now.placements(numbers)
-            repeated: Chunk = self._replay(survey)(pulse, seed, place.origin_m, place.rotation)
+        if self.repeats:
+            moving = (
+                ()
+                if now.paths is None
+                else (now.paths.table, now.paths.rate_hz, now.paths.last, now.times(numbers))
+            )
+            place = now.origin.origin_m, now.origin.rotation
+            repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving)
             return repeated
         part = self._stages.chain(partial(_places, now, numbers), pulse, seed, survey=survey)
         device.start(part.arrays())
         return part
 
-    def repeats(self, now: Frame) -> bool:
+    @property
+    def repeats(self) -> bool:
         """Whether the stages may be written down once for all frames.
 
-        With several rays to a pulse the number of lanes becomes part of the kernels, and what moves is somewhere else
-        for each pulse.
+        With several rays to a pulse the number of lanes becomes part of the kernels.
         """
-        return self._stages.rays == 1 and self._stages.field is None and now.paths is None
+        return self._stages.rays == 1 and self._stages.field is None
 
     @property
     def recordings(self) -> list[int]:
         """How often the stages were written down, each way that they are needed."""
         return [one.recordings for one in self._replays.values()]
 
-    def _replay(self, survey: bool) -> Replay:
-        """The stages of a sensor that stands in a world where nothing moves."""
-        if survey not in self._replays:
+    def _replay(self, now: Frame, survey: bool) -> Replay:
+        """The stages, written down for a sensor that moves or not among bodies that do or do not."""
+        moves, count = now.moves, 0 if now.paths is None else now.paths.count
+        key = survey, moves, count > 0
+        if key not in self._replays:
             stages = self._stages
 
-            def standing(pulse: Any, seed: Any, origin_m: Vector, rotation: tuple[Any, ...]) -> Chunk:
-                place = Placement(origin_m=origin_m, rotation=rotation)
-                return stages.chain(lambda _: (place, None), pulse, seed, survey=survey)
+            def chain(pulse: Any, seed: Any, place: tuple[Any, ...], moving: tuple[Any, ...]) -> Chunk:
+                paths, times = None, None
+                if moving:
+                    table, rate_hz, last, times = moving
+                    paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count)
+                origin_m, rotation = place
+                found = placements(Placement(origin_m=origin_m, rotation=rotation), paths, times, moves=moves)
+                return stages.chain(lambda _: found, pulse, seed, survey=survey)
 
             held = (stages.sensor, stages.ambient, stages.footprint, stages.air, stages.sun, stages.world)
-            self._replays[survey] = Replay(standing, Chunk.arrays, held=held)
-        return self._replays[survey]
+            self._replays[key] = Replay(chain, Chunk.arrays, held=held)
+        return self._replays[key]
 
 
 def _places(now: Frame, numbers: Numbers, rays: int) -> tuple[Placement, list[Placement] | None]:

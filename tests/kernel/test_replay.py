@@ -22,6 +22,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 COARSE = ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-4")
 CASES = {
+    "drive": ("drive", "table1-apd", ()),
     "glass": ("glass", "table1-apd", ()),
     "leaves": ("foliage", "table1-apd", ()),
     "table of cells": ("car", "table1-sipm", ("detector.statistics='time_domain'",)),
@@ -68,7 +69,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     assert all(0 < then <= now <= then + 2 for now, then in zip(later, recordings, strict=True)), later
     assert len(launched) > 8
     assert not [k for k in launched if not k["cache_hit"]]
-    monkeypatch.setattr(Chain, "repeats", lambda self, now: False)
+    monkeypatch.setattr(Chain, "repeats", False)
     plain = Simulator(scene, sensor, world=simulator.world)
     for ours, theirs in zip(found, frames(plain), strict=True):
         assert len(ours) > 100
@@ -79,7 +80,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     assert not plain._chain.recordings
 
 
-def test_what_has_many_lanes_or_moves_is_written_down_each_time():
+def test_what_has_many_lanes_is_written_down_each_time():
     """The number of lanes would become part of its kernels."""
     sensor = chain.sensor("table1-apd", *COARSE, "laser.divergence_mrad=3")
     scene = chain.scene(chain.facing(range_m=30.0, size_m=40.0))
