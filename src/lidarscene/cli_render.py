@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +46,9 @@ SUFFIXES = {
     "keep_missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz"),
     "ambient": (".png", ".npz"), "waveforms": (".npz",),
 }  # fmt: skip
+
+TAKEN_EVERY = 16
+"""Chunks after which `--profile` counts what has run: some 50 MB of kernels' texts. It waits for the device then."""
 
 MOST_FRAMES = 10_000
 """By the four digits of their file names."""
@@ -145,7 +150,7 @@ def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> s
                 number=number, files=wanted[len(written)],
                 summary=Summary(seconds={} if written else before.seconds),
             )  # fmt: skip
-            one.write(_progress)
+            one.write(_progress if history is None else partial(_counted, history))
             written.append(one)
             if history is not None:
                 history.take()
@@ -289,3 +294,18 @@ def _progress(total: int) -> Iterator[Callable[[int], None] | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("tracing", total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def _counted(history: KernelHistory, total: int) -> Iterator[Callable[[int], None] | None]:
+    """`_progress`, and now and then what Dr.Jit has run: until it is taken it keeps the text of every kernel."""
+    chunks = itertools.count(1)
+    with _progress(total) as told:
+
+        def done(pulses: int) -> None:
+            if told is not None:
+                told(pulses)
+            if next(chunks) % TAKEN_EVERY == 0:
+                history.take()
+
+        yield done

@@ -8,7 +8,7 @@ import pytest
 from walls import WALL
 
 from lidarscene import cli, load_scene
-from lidarscene.kernel.profile import kernel_history
+from lidarscene.kernel.profile import KernelHistory, kernel_history
 
 COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
 
@@ -67,6 +67,31 @@ def test_render_prints_it(
     text = capsys.readouterr().out.split("\nprofile\n")[1]
     assert [line.split()[0] for line in text.splitlines()][-3:] == ["kernels", "their", "peak"]
     assert text.count("%") == 6  # load, build, record, trace, collect, write: nothing is assembled
+
+
+def test_texts_of_kernels_do_not_gather(
+    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A frame of very many chunks would hold gigabytes of them: 51 chunks of 100 pulses, counted in four pieces."""
+    monkeypatch.chdir(tmp_path)
+    Path("wall.toml").write_text(WALL)
+    take, lengths = KernelHistory.take, []
+
+    def counted(history: KernelHistory) -> None:
+        before = history.launched
+        take(history)
+        lengths.append(history.launched - before)
+
+    monkeypatch.setattr(KernelHistory, "take", counted)
+    steps = ("--set=scanner.azimuth_step_deg=1", "--set=scanner.elevation_step_deg=0.6")
+    assert (
+        cli.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "100"]) == 0
+    )
+    told = json.loads(capsys.readouterr().out)
+    chunks = -(-told["beams"] // 100)
+    assert len(lengths) == chunks // 16 + 1 >= 3
+    assert sum(lengths) == told["profile"]["kernels"]["launched"] >= chunks
+    assert max(lengths) < 0.5 * sum(lengths)
 
 
 def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

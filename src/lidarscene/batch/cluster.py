@@ -24,6 +24,7 @@ LOCAL = {
     # pages are cleared anew: 17,000 faults and a tenth of the time of a frame of 300,000 pulses.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**30,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,  # the most that glibc takes
+    "distributed.nanny.pre-spawn-environ.RAYON_NUM_THREADS": 1,  # of what compresses LAZ
 }
 """Settings of Dask for workers of this machine."""
 

@@ -35,7 +35,7 @@ VLR_USER, VLR_RECORD, LARGEST_VLR = "lidarscene", 1, 65535
 UNCLASSIFIED, LOW_NOISE, FIRST_OF_USERS, LARGEST_CLASS = 1, 7, 64, 255
 SCAN_ANGLE_STEP_DEG = 0.006
 MOST_RETURNS = 15
-BLOCK_POINTS = 1 << 16
+BLOCK_POINTS = 1 << 18
 PIECE_POINTS = 1 << 20
 """Records that are made at a time, and the points of the last pulse that go with them."""
 
@@ -112,7 +112,7 @@ class _Writer:
             header.vlrs.append(self._record())
         self._writer = self._laspy.LasWriter(
             self._file, header, do_compress=self._compressed, closefd=False,
-            laz_backend=self._laspy.LazBackend.Lazrs if self._compressed else None,
+            laz_backend=self._laspy.LazBackend.LazrsParallel if self._compressed else None,
         )  # fmt: skip
 
     def append(self, cloud: PointCloud, *, peak: float = 0.0) -> None:
