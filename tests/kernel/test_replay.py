@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lidarscene import load_scene, load_sensor
+from lidarscene.errors import InputError
 from lidarscene.geometry import Pose
 from lidarscene.kernel import device
 from lidarscene.simulate import Simulator
@@ -135,6 +136,30 @@ def test_what_cannot_be_recorded_is_called():
         np.testing.assert_array_equal(hiding(x)[0].numpy(), 2.0 * np.arange(size))
         np.testing.assert_array_equal(even(x)[0].numpy(), np.full(size, 7.0))
     assert hiding.recordings == even.recordings == 0
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
+def test_what_the_function_raises_comes_out(error):
+    """Ctrl-C above all; and the next call is recorded as if nothing had been."""
+    import mitsuba as mi
+
+    from lidarscene.kernel.replay import Replay
+
+    errors = [error("of its own")]
+
+    def function(x):
+        if errors:
+            raise errors.pop()
+        return (mi.Float(x) + 1.0,)
+
+    replay = Replay(function, list, held=())
+    with pytest.raises(error, match="of its own"):
+        replay(device.from_numpy(np.arange(5)))
+    for size in (5, 7):
+        np.testing.assert_array_equal(
+            replay(device.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0
+        )
+    assert replay.recordings >= 1
 
 
 def test_tables_that_are_uploaded_while_it_is_recorded():

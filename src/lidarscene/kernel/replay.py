@@ -21,7 +21,6 @@ from .backend import is_cuda
 _RECORDINGS = 4
 """Kept of one function: what looks alike to it is told by types, and by which arrays are of one length."""
 
-
 _PASSES = 10
 """More than enough: three were needed."""
 
@@ -55,7 +54,10 @@ class Replay:
             tables = len(uploaded_tables())
             try:
                 return self._repeated(*arguments)
-            except RuntimeError:
+            except RuntimeError as error:
+                first = _first(error)
+                if not isinstance(first, RuntimeError):  # of the function itself, or Ctrl-C
+                    raise first from None
                 # A table goes to the device when something is first looked up in it; the next time it is handed over.
                 self._records = len(uploaded_tables()) > tables
         found = self._function(*arguments)
@@ -105,6 +107,11 @@ class Replay:
         _settle(handed)
         # What is a number in one recording and an array in the next would be another kernel: all become arrays.
         return dr.freeze(recorded, state_fn=handed, limit=_RECORDINGS, warn_after=1000, auto_opaque=False)
+
+
+def _first(error: BaseException) -> BaseException:
+    """What an error began with."""
+    return error if error.__cause__ is None else _first(error.__cause__)
 
 
 def _settle(handed: Callable[..., Any]) -> None:
