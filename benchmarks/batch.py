@@ -12,7 +12,7 @@ from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import Any
 
-from table import Row, Section
+from table import Row, Section, verdict
 
 from lidarscene.batch import cluster
 from lidarscene.batch.run import run_job
@@ -55,8 +55,8 @@ def measure(scene: Path, *, frames: int, step_deg: float, rounds: int) -> Sectio
             f"for a frame {statistics.median(busy[count]) * 1e3:.0f} ms of a worker's core")
         for count, values in seconds.items()
     ]  # fmt: skip
-    verdict = f"at least {GOAL}: {'met' if statistics.median(ratios) >= GOAL else 'NOT met'}"
-    rows.append(Row("efficiency of two", f"{statistics.median(ratios):.2f}", _spread(ratios), "", verdict))
+    goal = verdict(f"at least {GOAL}", statistics.median(ratios) >= GOAL)
+    rows.append(Row("efficiency of two", f"{statistics.median(ratios):.2f}", _spread(ratios), "", goal))
     text = (
         f"`lidarscene batch`: {frames} frames of {scene.name}, {step_deg} degrees, written as PLY, by workers of one "
         f"thread that stand and have compiled; client and scheduler run beside them. The efficiency is the time of one "

@@ -6,7 +6,7 @@ from typing import Any
 
 import clock
 import numpy as np
-from table import Row, Section
+from table import Row, Section, verdict
 
 from lidarscene import api, beams, echoes, returns
 from lidarscene.errors import LidarSceneError
@@ -101,12 +101,12 @@ def _seconds_row(name: str, values: np.ndarray, beams_each: int) -> Row:
 
 def _ratio_row(seconds: clock.Seconds, slow: str, fast: str) -> Row:
     median, low, high = clock.ratio(seconds, slow, fast)
-    verdict = ""
+    goal = ""
     if slow in JUDGED and fast in SENSORS:
-        verdict = f"at least {GOAL}: {'met' if median >= GOAL else 'NOT met'}"
+        goal = verdict(f"at least {GOAL}", median >= GOAL)
     if slow in SENSORS and fast == BARE:
-        verdict = f"at most {BARE_GOAL}: {'met' if median <= BARE_GOAL else 'NOT met'}"
-    return Row(f"{slow} / {fast}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", OPEN3D.get(slow, ""), verdict)
+        goal = verdict(f"at most {BARE_GOAL}", median <= BARE_GOAL)
+    return Row(f"{slow} / {fast}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", OPEN3D.get(slow, ""), goal)
 
 
 # --- the same work by others ------------------------------------------------------------------------

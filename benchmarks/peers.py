@@ -1,6 +1,7 @@
 """The whole chain against other ray casters: scenes, numbers of beams, one thread and all of them."""
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 import chain
 import clock
 import numpy as np
-from table import Row, Section
+from table import Row, Section, verdict
 
 from lidarscene import api
 from lidarscene.errors import LidarSceneError
@@ -17,10 +18,8 @@ from lidarscene.kernel.onward import START_OFFSET_M
 from lidarscene.scene import Body, Part, Scene
 from lidarscene.simulate import Simulator
 
-OURS, OPEN3D, RAYS = "lidarscene", "Open3D", "Open3D with rays"
-EMBREEX, MUJOCO = "trimesh + embreex", "mujoco-lidar"
+OURS, EMBREEX, MUJOCO = "lidarscene", "trimesh + embreex", "mujoco-lidar"
 MUJOCO_BEAMS, MUJOCO_TRIANGLES = 70_000, 2_000_000
-GOAL = 2.0
 
 TEXT = """`lidarscene` is the whole chain of `table1-apd`, with its detector, from pulse numbers to a `PointCloud`.
 `Open3D` is cast_rays and test_occlusions towards the sun, rays ready as a tensor; `Open3D with rays` begins with
@@ -78,9 +77,9 @@ def _rows(simulator: Simulator, case: str, threads: int, rounds: int) -> Iterato
 
     tasks: dict[str, Callable[[], Any]] = {OURS: simulator.render}
     missing: dict[str, str] = {}
+    open3d = functools.cache(lambda: chain.open3d_tasks(simulator, threads=threads))
     makers: dict[str, Callable[[], Callable[[], Any]]] = {
-        name: lambda name=name: chain.open3d_tasks(simulator, threads=threads)[name]
-        for name in (OPEN3D, RAYS)
+        name: lambda name=name: open3d()[name] for name in chain.JUDGED
     }
     if threads == 1:
         makers[EMBREEX] = lambda: _embreex(simulator)
@@ -106,10 +105,8 @@ def _rows(simulator: Simulator, case: str, threads: int, rounds: int) -> Iterato
             yield Row(f"{case}: {name}", "-", "", missing[name])
             continue
         median, low, high = clock.ratio(seconds, name, OURS)
-        verdict = (
-            f"at least {GOAL}: {'met' if median >= GOAL else 'NOT met'}" if name in (OPEN3D, RAYS) else ""
-        )
-        yield Row(f"{case}: {name}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", "times as long", verdict)
+        goal = verdict(f"at least {chain.GOAL}", median >= chain.GOAL) if name in chain.JUDGED else ""
+        yield Row(f"{case}: {name}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", "times as long", goal)
 
 
 def _embreex(simulator: Simulator) -> Callable[[], Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from table import Row, Section
+from table import Row, Section, verdict
 
 ROOT = Path(__file__).parents[1]
 GOAL_SECONDS = 3.0
@@ -120,8 +120,8 @@ def _large(scene: Path, suffix: str, overrides: Sequence[str], besides: Sequence
         size = target.stat().st_size / 2**30
     also = ", ".join(one[2:] for one in besides if one.startswith("--"))
     title = f"peak memory, {scene.name} to {suffix}{' with ' if also else ''}{also}"
-    verdict = f"under {GOAL_GIB:g} GiB: {'met' if peak < GOAL_GIB else 'NOT met'}"
-    row = Row(title, f"{peak:.2f} GiB", "one run", f"a file of {size:.2f} GiB", verdict)
+    goal = verdict(f"under {GOAL_GIB:g} GiB", peak < GOAL_GIB)
+    row = Row(title, f"{peak:.2f} GiB", "one run", f"a file of {size:.2f} GiB", goal)
     return [row, _time(seconds, json.loads(answer))]
 
 
@@ -149,8 +149,8 @@ def _stages(scene: Path, target: Path) -> dict[str, float]:
 
 def _row(what: str, seconds: Sequence[float], note: str = "", goal: float | None = None) -> Row:
     median = float(np.median(seconds))
-    verdict = "" if goal is None else f"under {goal:g} s: {'met' if median < goal else 'NOT met'}"
-    return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, verdict)
+    told = "" if goal is None else verdict(f"under {goal:g} s", median < goal)
+    return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, told)
 
 
 def _run(arguments: list[str]) -> tuple[float, float, str]:

@@ -7,7 +7,7 @@ from typing import Any
 import chain
 import clock
 import numpy as np
-from table import Row, Section
+from table import Row, Section, verdict
 
 from lidarscene import api, beams, echoes, multi_echo, train
 from lidarscene.chunk import Order
@@ -52,12 +52,12 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
     rows.append(
         Row(
             f"trace of {rays} rays to each pulse / of one", f"{np.median(cost):.1f}", _spread(cost, ".1f"),
-            f"{few.sensor.scanner.pulses:,} pulses", _verdict(np.median(cost) <= most, f"at most {most:g}"),
+            f"{few.sensor.scanner.pulses:,} pulses", verdict(f"at most {most:g}", np.median(cost) <= most),
         )
     )  # fmt: skip
     for name in SAMPLERS:
         share = waveforms[name] / traces[name]
-        met = _verdict(np.median(share) <= MOST_OF_THE_TRACE, f"at most {MOST_OF_THE_TRACE:g}")
+        met = verdict(f"at most {MOST_OF_THE_TRACE:g}", np.median(share) <= MOST_OF_THE_TRACE)
         rows.append(
             Row(f"waveform / trace, {name}", f"{np.median(share):.2f}", _spread(share, ".2f"), "", met)
         )
@@ -69,18 +69,14 @@ def _rate_row(one: Simulator, many: Simulator, rounds: int) -> Row:
     seconds = clock.in_turns({"one": one.render, "many": many.render}, rounds=rounds)
     rates = (counts["many"] / seconds["many"]) / (counts["one"] / seconds["one"])
     note = f"{counts['many'] / float(np.median(seconds['many'])) / 1e6:.2f} million rays a second"
-    verdict = _verdict(np.median(rates) >= LEAST_RATE, f"at least {LEAST_RATE:g}")
+    goal = verdict(f"at least {LEAST_RATE:g}", np.median(rates) >= LEAST_RATE)
     return Row(
         f"rate of {many.rays} rays a pulse / one",
         f"{np.median(rates):.2f}",
         _spread(rates, ".2f"),
         note,
-        verdict,
+        goal,
     )
-
-
-def _verdict(met: Any, goal: str) -> str:
-    return f"{goal}: {'met' if met else 'NOT met'}"
 
 
 def _spread(values: np.ndarray, form: str) -> str:

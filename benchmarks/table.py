@@ -24,6 +24,11 @@ class Section:
     rows: list[Row]
 
 
+def verdict(goal: str, met: object) -> str:
+    """A goal in words, and whether it is reached."""
+    return f"{goal}: {'met' if met else 'NOT met'}"
+
+
 HEAD = Row("what", "median", "lowest to highest", "note", "goal")
 
 

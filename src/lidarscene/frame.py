@@ -100,7 +100,7 @@ class Frame:
         return None if self.paths is None else device.from_numpy(self.time_s(pulse()))
 
     def placements(
-        self, pulse: Callable[[], Matrix], *, rays: int = 1
+        self, pulse: Callable[[], Matrix], rays: int = 1
     ) -> tuple[Placement, list[Placement] | None]:
         """`placements` of the sensor and of each mover when pulses of so many rays leave."""
         times = self.times(pulse)

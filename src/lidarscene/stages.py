@@ -96,7 +96,7 @@ class Stages:
 
     def train(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
-        return self._together(self._lit(partial(_places, now, numbers), pulse, seed), seed)
+        return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
 
     def _lit(self, places: Places, pulse: Any, seed: Any, *, survey: bool = False) -> Lit:
         """The optical stages: beams, hits, echoes."""
@@ -171,7 +171,7 @@ class Chain:
             place = now.origin.origin_m, now.origin.rotation
             repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving)
             return repeated
-        part = self._stages.chain(partial(_places, now, numbers), pulse, seed, survey=survey)
+        part = self._stages.chain(partial(now.placements, numbers), pulse, seed, survey=survey)
         device.start(part.arrays())
         return part
 
@@ -207,11 +207,6 @@ class Chain:
             held = (stages.sensor, stages.ambient, stages.footprint, stages.air, stages.sun, stages.world)
             self._replays[key] = Replay(chain, Chunk.arrays, held=held)
         return self._replays[key]
-
-
-def _places(now: Frame, numbers: Numbers, rays: int) -> tuple[Placement, list[Placement] | None]:
-    """As in `Places`, of these pulses of a frame."""
-    return now.placements(numbers, rays=rays)
 
 
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
