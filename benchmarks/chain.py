@@ -8,16 +8,18 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
-from lidarscene import api, beams, echoes, returns
+from lidarscene.detection import returns
 from lidarscene.errors import LidarSceneError
-from lidarscene.io.open3d_door import open3d
-from lidarscene.kernel import device
-from lidarscene.kernel.backend import mitsuba
-from lidarscene.kernel.onward import START_OFFSET_M
-from lidarscene.kernel.trace import trace
-from lidarscene.scene import Part
-from lidarscene.simulate import Simulator, Summary
-from lidarscene.stages import ambient_of
+from lidarscene.files.open3d_door import open3d
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.device.backend import mitsuba
+from lidarscene.kernel.rays.onward import START_OFFSET_M
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.light import beams, echoes
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.render.stages import ambient_of
+from lidarscene.scene.model import Part
 
 SENSORS = ("table1-apd", "table1-sipm")
 GOAL = 2.0
@@ -117,10 +119,10 @@ def _rays(simulator: Simulator) -> tuple[Any, Any]:
     import drjit as dr
 
     rays = beams.fire(
-        device.opaque(simulator.sensor),
-        pulse=device.counter(0, simulator.sensor.scanner.pulses),
-        origin_m=device.opaque(origin(simulator)),
-        rotation=device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel())),
+        transfer.opaque(simulator.sensor),
+        pulse=transfer.counter(0, simulator.sensor.scanner.pulses),
+        origin_m=transfer.opaque(origin(simulator)),
+        rotation=transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel())),
     )
     mi = mitsuba()
     place, direction = mi.Point3f(*rays.origin_m), mi.Vector3f(*rays.direction)
@@ -141,7 +143,7 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
     mi = mitsuba()
     scene = simulator.world.scene
     place, direction = _rays(simulator)
-    sun = mi.Vector3f(*device.opaque(tuple(float(x) for x in simulator.scene.sun.direction)))
+    sun = mi.Vector3f(*transfer.opaque(tuple(float(x) for x in simulator.scene.sun.direction)))
     context = mi.BSDFContext()
 
     def task() -> Any:
@@ -272,18 +274,18 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     """Shares of the device's time: what the kernel takes longer with each further stage."""
     import drjit as dr
 
-    sensor = device.opaque(simulator.sensor)
-    ambient = device.opaque(ambient_of(simulator.scene, simulator.sensor))
-    sun = device.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
-    place = device.opaque(origin(simulator))
-    rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
-    seed = device.opaque_uint32(0)
+    sensor = transfer.opaque(simulator.sensor)
+    ambient = transfer.opaque(ambient_of(simulator.scene, simulator.sensor))
+    sun = transfer.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
+    place = transfer.opaque(origin(simulator))
+    rotation = transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
+    seed = transfer.opaque_uint32(0)
     order = simulator.order_of(simulator.sensor.scanner.pulses)
 
     def up_to(last: str) -> Callable[[], None]:
         def task() -> None:
             pulse = (
-                device.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
+                transfer.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
             )
             rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
             hits, *_ = trace(simulator.world, rays, sun=sun, interactions=0)

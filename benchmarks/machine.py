@@ -5,7 +5,7 @@ import os
 import platform
 from pathlib import Path
 
-from lidarscene.kernel import backend
+from lidarscene.kernel.device import backend
 
 PACKAGES = (
     "lidarscene", "mitsuba", "drjit", "karellen-llvm-core", "numpy", "trimesh", "scipy", "open3d", "embreex",

@@ -8,11 +8,11 @@ import clock
 import numpy as np
 from table import Row, Section
 
-from lidarscene import api
-from lidarscene.geometry import Pose
-from lidarscene.scene import Scene
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course, Spline
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Spline
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Scene
 
 MOVERS = (1, 5, 10, 20)
 STILL = "still"
@@ -66,7 +66,7 @@ def _row(seconds: clock.Seconds, name: str) -> Row:
 
 def _tables(count: int, rounds: int) -> Row:
     """Numpy's work before a frame: where so many splines and the sensor are, every half millisecond."""
-    from lidarscene.motion import Paths
+    from lidarscene.maths.paths import Paths
 
     times = np.linspace(0.0, 2.0, 21)
     way = tuple(Pose.from_degrees(position_m=(20 * t, math.sin(t), 0.0), yaw_deg=30 * t) for t in times)

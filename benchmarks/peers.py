@@ -12,11 +12,11 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
-from lidarscene import api
 from lidarscene.errors import LidarSceneError
-from lidarscene.kernel.onward import START_OFFSET_M
-from lidarscene.scene import Body, Part, Scene
-from lidarscene.simulate import Simulator
+from lidarscene.kernel.rays.onward import START_OFFSET_M
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Body, Part, Scene
 
 OURS, EMBREEX, MUJOCO = "lidarscene", "trimesh + embreex", "mujoco-lidar"
 MUJOCO_BEAMS, MUJOCO_TRIANGLES = 70_000, 2_000_000

@@ -27,12 +27,12 @@ import pydantic
 mark("import pydantic")
 import trimesh
 mark("import trimesh")
-from lidarscene.kernel.backend import mitsuba
+from lidarscene.kernel.device.backend import mitsuba
 mi = mitsuba()
 mark("import mitsuba, load LLVM")
-from lidarscene import api, cli
-from lidarscene.io import ply
-from lidarscene.simulate import Simulator
+from lidarscene.render import api; from lidarscene.cli import main as cli
+from lidarscene.formats import ply
+from lidarscene.render.simulator import Simulator
 mark("import lidarscene")
 scene = api.load_scene(sys.argv[1])
 sensor = api.load_sensor(scene.sensor_name)
@@ -79,8 +79,8 @@ BESIDES = ("--picture", "p.png", "--labels", "kitti", "--keep-missed", "m.npz")
 
 WHOLE = """
 import json, sys
-from lidarscene import api
-from lidarscene.simulate import Simulator, Summary
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator; from lidarscene.render.simulator import Summary
 scene = api.load_scene(sys.argv[1])
 simulator = Simulator(scene, api.load_sensor(scene.sensor_name, overrides=sys.argv[2:]))
 summary = Summary()
@@ -94,7 +94,7 @@ print(json.dumps(told))
 NO_SCIPY = """
 import sys
 sys.modules["scipy"] = None
-from lidarscene.cli import main
+from lidarscene.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
 

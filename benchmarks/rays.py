@@ -9,15 +9,17 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
-from lidarscene import api, beams, echoes, multi_echo, train
-from lidarscene.chunk import Order
-from lidarscene.footprint import footprint, spread
-from lidarscene.kernel import device
-from lidarscene.kernel.profile import kernel_history
-from lidarscene.kernel.trace import trace
-from lidarscene.scan.tiles import PACKET, Tiling
-from lidarscene.simulate import Simulator
-from lidarscene.stages import ambient_of
+from lidarscene.detection import multi_echo
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.device.profile import kernel_history
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.light import beams, echoes, pulse_train
+from lidarscene.light.footprint import footprint, spread
+from lidarscene.render import api
+from lidarscene.render.chunk import Order
+from lidarscene.render.simulator import Simulator
+from lidarscene.render.stages import ambient_of
+from lidarscene.render.tiles import PACKET, Tiling
 
 LEAST_RATE = 1.0
 MOST_OF_A_RAY = 0.9
@@ -106,29 +108,31 @@ def _device_seconds(simulators: dict[str, Simulator], rounds: int) -> tuple[cloc
 
 def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
     """A frame on the device, its points left there."""
-    sensor = device.opaque(simulator.sensor)
-    ambient = device.opaque(ambient_of(simulator.scene, simulator.sensor))
-    shape = device.opaque(footprint(simulator.sensor.laser, simulator.rays))
-    sun = device.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
-    origin = device.opaque(chain.origin(simulator))
-    rotation = device.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
-    seed, count, pulses = device.opaque_uint32(0), simulator.rays, simulator.sensor.scanner.pulses
+    sensor = transfer.opaque(simulator.sensor)
+    ambient = transfer.opaque(ambient_of(simulator.scene, simulator.sensor))
+    shape = transfer.opaque(footprint(simulator.sensor.laser, simulator.rays))
+    sun = transfer.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
+    origin = transfer.opaque(chain.origin(simulator))
+    rotation = transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
+    seed, count, pulses = transfer.opaque_uint32(0), simulator.rays, simulator.sensor.scanner.pulses
     tiling = Tiling.of(simulator.sensor.scanner) if count < PACKET else None
     order = None if tiling is None else Order.of(tiling.order(pulses))
 
     def task() -> tuple[float, float]:
         with kernel_history() as history:
-            pulse = device.counter(0, pulses) if order is None else order.on_device(0)
-            of_ray, ray = (pulse, None) if count == 1 else device.repeated(pulse, count)
+            pulse = transfer.counter(0, pulses) if order is None else order.on_device(0)
+            of_ray, ray = (pulse, None) if count == 1 else transfer.repeated(pulse, count)
             axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
             rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=rotation)
             paths = trace(simulator.world, rays, sun=sun, interactions=0)
             light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
             for one, hits in zip(light, paths, strict=True):
-                device.start([one.found, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
+                transfer.start([one.found, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
             history.take()
             traced_s = history.device_s
-            whole = train.together(light, rays, sensor, ambient, rays=count, air=None, seed=seed, pulse=pulse)
+            whole = pulse_train.together(
+                light, rays, sensor, ambient, rays=count, air=None, seed=seed, pulse=pulse
+            )
             found = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
             kept = [
                 array
@@ -138,7 +142,7 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
                     stop.detection_probability, stop.source, stop.true_range_m,
                 )
             ]  # fmt: skip
-            device.start([found.outcome, found.snr, found.detection_probability, found.ambient, *kept])
+            transfer.start([found.outcome, found.snr, found.detection_probability, found.ambient, *kept])
             history.take()
             return traced_s, history.device_s - traced_s
 

@@ -14,10 +14,11 @@ from typing import Any
 import clock
 import numpy as np
 
-from lidarscene import api, beams
-from lidarscene.kernel import device
-from lidarscene.kernel.trace import trace
-from lidarscene.simulate import DEFAULT_CHUNK, Simulator
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.light import beams
+from lidarscene.render import api
+from lidarscene.render.simulator import DEFAULT_CHUNK, Simulator
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "scan"))
@@ -34,27 +35,30 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
     scene, sensor = api.load_scene(scene_file), api.load_sensor("table1-apd")
     world = Simulator(scene, sensor)
     place = tuple(float(x) for x in world.pose.position_m - world.world.centre_m)
-    origin, turn = device.opaque(place), device.opaque(tuple(float(x) for x in world.pose.rotation.ravel()))
-    sun = device.opaque(tuple(float(x) for x in scene.sun.direction))
-    seed = device.opaque_uint32(1)
+    origin, turn = (
+        transfer.opaque(place),
+        transfer.opaque(tuple(float(x) for x in world.pose.rotation.ravel())),
+    )
+    sun = transfer.opaque(tuple(float(x) for x in scene.sun.direction))
+    seed = transfer.opaque_uint32(1)
     made = {name: make() for name, make in scanners.ALL.items() if not name.startswith("flash_")}
     made["mid40 with jitter"] = scanners.mid40(jitter_rad=1e-3)
     shares = {}
     for name, scanner in made.items():
-        equipped = device.opaque(dataclasses.replace(sensor, scanner=scanner))
+        equipped = transfer.opaque(dataclasses.replace(sensor, scanner=scanner))
 
         def run(traced: bool, equipped: Any = equipped) -> None:
             for first in range(0, pulses, DEFAULT_CHUNK):
-                pulse = device.counter(first, min(DEFAULT_CHUNK, pulses - first))
+                pulse = transfer.counter(first, min(DEFAULT_CHUNK, pulses - first))
                 rays = beams.fire(equipped, pulse=pulse, origin_m=origin, rotation=turn, seed=seed)
                 if traced:
                     hits, *_ = trace(world.world, rays, sun=sun)
-                    device.start(
+                    transfer.start(
                         [hits.range_m, hits.backscatter_per_sr, hits.sun_scatter_per_sr, rays.aperture_m2]
                     )
                 else:
-                    device.start([*rays.origin_m, *rays.direction, rays.aperture_m2])
-            device.wait()
+                    transfer.start([*rays.origin_m, *rays.direction, rays.aperture_m2])
+            transfer.wait()
 
         tasks: dict[str, Callable[[], Any]] = {"pattern": lambda: run(False), "both": lambda: run(True)}
         seconds = clock.in_turns(tasks, rounds=rounds, warm_up=1)

@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene import Scene, Sensor, beams, echoes, load_sensor, returns
-from lidarscene.footprint import aim, footprint
-from lidarscene.geometry import Pose
-from lidarscene.io.meshes import box_mesh, plane_mesh
-from lidarscene.kernel import device
-from lidarscene.kernel.trace import trace
-from lidarscene.kernel.world import build_world
-from lidarscene.materials import Material, Spectrum
-from lidarscene.scene import Air, Ball, Body, Part, Sky, Sun
-from lidarscene.stages import ambient_of
+from lidarscene import Scene, Sensor, load_sensor
+from lidarscene.detection import returns
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.kernel.world.build import build_world
+from lidarscene.light import beams, echoes
+from lidarscene.light.footprint import aim, footprint
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+from lidarscene.render.stages import ambient_of
+from lidarscene.scene.meshes import box_mesh, plane_mesh
+from lidarscene.scene.model import Air, Ball, Body, Part, Sky, Sun
 
 NARROW = [
     "scanner.azimuth_fov_deg=0.02", "scanner.elevation_fov_deg=0.02",
@@ -92,24 +94,24 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glint
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
-    on_device = device.opaque(equipped)
-    pulse = device.counter(0, equipped.scanner.pulses)
-    rotation = device.opaque(tuple(float(x) for x in place.rotation.ravel()))
+    on_device = transfer.opaque(equipped)
+    pulse = transfer.counter(0, equipped.scanner.pulses)
+    rotation = transfer.opaque(tuple(float(x) for x in place.rotation.ravel()))
     rays = beams.fire(
         on_device,
         pulse=pulse,
-        origin_m=device.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
+        origin_m=transfer.opaque(tuple(float(x) for x in place.position_m - world.centre_m)),
         rotation=rotation,
     )
     if glints:
-        shape = device.opaque(footprint(equipped.laser, 1))
+        shape = transfer.opaque(footprint(equipped.laser, 1))
         tracing["aim"] = aim(rays, shape, profile=equipped.laser.profile, rotation=rotation)
-    sun = device.opaque(tuple(float(x) for x in described.sun.direction))
+    sun = transfer.opaque(tuple(float(x) for x in described.sun.direction))
     ways = trace(world, rays, sun=sun, **tracing)
-    ambient = device.opaque(ambient_of(described, equipped))
+    ambient = transfer.opaque(ambient_of(described, equipped))
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
     light = echoes.with_all_background(light_of_ways)[0]
-    detection = returns.detect(light, on_device, seed=device.opaque_uint32(seed), pulse=pulse)
+    detection = returns.detect(light, on_device, seed=transfer.opaque_uint32(seed), pulse=pulse)
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
         direction, fetched(ways[0]), fetched(light), fetched(detection),

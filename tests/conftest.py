@@ -13,8 +13,8 @@ from types import ModuleType
 import pytest
 
 from lidarscene.errors import BackendError, LidarSceneError
-from lidarscene.io import open3d_door
-from lidarscene.kernel import backend, llvm
+from lidarscene.files import open3d_door
+from lidarscene.kernel.device import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ["LIDARSCENE_CACHE"] = ""  # what an earlier run left must not decide a test

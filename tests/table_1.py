@@ -4,7 +4,7 @@ from math import cos, exp, pi, radians, sqrt
 
 from scipy.constants import c, e, h, k
 
-from lidarscene.physics import apd
+from lidarscene.physics.electronics import apd
 
 PT, RHO, TAU, ETA_R, RA, ESUN, CS, ETA_RS = 45.0, 0.1, 0.98, 0.7206, 0.025, 29.4, cos(pi / 3), 0.7986
 F, BW, RPD, LAMBDA, R, THETA = 0.03, 167e6, 1e-4, 905e-9, 100.0, radians(20.0)

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarscene import load_sensor, multi_echo, noise
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.echoes import EchoTrain, SubEchoes
-from lidarscene.physics import tdc
-from lidarscene.physics.waveform import SIGMAS_PER_FWHM
-from lidarscene.waveform import sampled
+from lidarscene import load_sensor
+from lidarscene.detection import multi_echo
+from lidarscene.light.echoes import EchoTrain, SubEchoes
+from lidarscene.light.waveform import sampled
+from lidarscene.maths import random as noise
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 
 FWHM_S = 6e-9
 SIGMA_S = FWHM_S / SIGMAS_PER_FWHM

@@ -7,7 +7,7 @@ from pathlib import Path
 from PIL import Image
 
 import lidarscene
-from lidarscene.plots import BACKGROUND, INK, frame_picture
+from lidarscene.figures.pictures import BACKGROUND, INK, frame_picture
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "scenes"

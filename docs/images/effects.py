@@ -6,9 +6,9 @@ import numpy as np
 from drawing import BACKGROUND, FINER, INK, SCENES, bar_of, dark, frame, saved
 
 import lidarscene
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.returns import Outcome
-from lidarscene.weather import Weather
+from lidarscene.detection.returns import Outcome
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.scene.weather import Weather
 
 BOARD = "#ffc14d"
 PULSE, SEED = 44_739, 3

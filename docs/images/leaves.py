@@ -9,9 +9,9 @@ from drawing import BACKGROUND, FINER, INK, SCENES, below, dark
 from PIL import Image
 
 import lidarscene
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.io.light_files import AmbientImage
-from lidarscene.plots import frame_picture
+from lidarscene.figures.pictures import frame_picture
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.record.light import AmbientImage
 
 BOARD = "#ffc14d"
 WIDE_BEAM = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]

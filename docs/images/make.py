@@ -13,8 +13,8 @@ from PIL import Image
 
 import lidarscene
 from lidarscene import PointCloud
-from lidarscene.analysis import compare_study
-from lidarscene.deskew import deskewed
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.studies.compare import study
 
 sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
 from chromium import Chromium, executable
@@ -54,7 +54,7 @@ def compare() -> None:
         for name in ("table1-apd", "table1-sipm")
     ]
     with tempfile.TemporaryDirectory() as folder:
-        compare_study.of_sensors(scene, sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
+        study.of_sensors(scene, sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
         top, left, right = (
             Image.open(Path(folder) / f"{name}.png").convert("RGB")
             for name in ("difference-table1-sipm", "rate-range", "illuminance")

@@ -8,7 +8,7 @@ from drawing import FINER, SCENES, below, frame
 from PIL import Image
 
 import lidarscene
-from lidarscene.plots import range_image
+from lidarscene.figures.pictures import range_image
 
 CLIPPING = ["detector.saturation_ua=10000", "detector.recovery_ns=5"]
 

@@ -7,37 +7,37 @@
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from .api import load_rig as load_rig
-    from .api import load_scene as load_scene
-    from .api import load_sensor as load_sensor
-    from .api import render as render
-    from .api import render_frames as render_frames
-    from .cloud import PointCloud as PointCloud
-    from .deskew import deskewed as deskewed
+    from .cloud.deskew import deskewed as deskewed
+    from .cloud.points import PointCloud as PointCloud
     from .errors import BackendError as BackendError
     from .errors import InputError as InputError
     from .errors import LidarSceneError as LidarSceneError
     from .errors import OutputError as OutputError
-    from .geometry import Pose as Pose
-    from .scene import Scene as Scene
-    from .sensor import Sensor as Sensor
-    from .simulate import Simulator as Simulator
+    from .maths.pose import Pose as Pose
+    from .render.api import load_rig as load_rig
+    from .render.api import load_scene as load_scene
+    from .render.api import load_sensor as load_sensor
+    from .render.api import render as render
+    from .render.api import render_frames as render_frames
+    from .render.simulator import Simulator as Simulator
+    from .scene.model import Scene as Scene
+    from .sensor.model import Sensor as Sensor
 
 _HOME = {
-    "render": "api",
-    "render_frames": "api",
-    "load_rig": "api",
-    "deskewed": "deskew",
-    "load_scene": "api",
-    "load_sensor": "api",
-    "PointCloud": "cloud",
-    "Pose": "geometry",
-    "Scene": "scene",
-    "Sensor": "sensor",
-    "Simulator": "simulate",
+    "render": "render.api",
+    "render_frames": "render.api",
+    "load_rig": "render.api",
+    "deskewed": "cloud.deskew",
+    "load_scene": "render.api",
+    "load_sensor": "render.api",
+    "PointCloud": "cloud.points",
+    "Pose": "maths.pose",
+    "Scene": "scene.model",
+    "Sensor": "sensor.model",
+    "Simulator": "render.simulator",
     "LidarSceneError": "errors",
     "InputError": "errors",
     "OutputError": "errors",

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.analysis.budget import budget_of, pulses_of
-from lidarscene.cloud import PointCloud
-from lidarscene.constants import ELEMENTARY_CHARGE_C
-from lidarscene.echoes import Echoes
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.frame import Frame
-from lidarscene.kernel.light import COLUMNS, light_of
-from lidarscene.scene import Scene
-from lidarscene.sensor import Sensor
-from lidarscene.simulate import Simulator
-from lidarscene.stages import ambient_of
+from lidarscene.kernel.rays.relit import COLUMNS, light_of
+from lidarscene.light.echoes import Echoes
+from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
+from lidarscene.render.frame import Frame
+from lidarscene.render.simulator import Simulator
+from lidarscene.render.stages import ambient_of
+from lidarscene.scene.model import Scene
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.budget import budget_of, pulses_of
 
 DETECTORS = ("table1-apd", "table1-sipm")
 

@@ -10,12 +10,13 @@ import pytest
 from scipy import stats
 
 from lidarscene import InputError, load_sensor
-from lidarscene.analysis import compare, compare_clouds, compare_data, ranging
-from lidarscene.analysis.compare_run import Bench, fires_alike, sweep, with_beams_of
-from lidarscene.geometry import Pose
-from lidarscene.returns import Status
-from lidarscene.scene import Air
-from lidarscene.simulate import Simulator, Summary
+from lidarscene.detection.returns import Status
+from lidarscene.maths.pose import Pose
+from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.scene.model import Air
+from lidarscene.studies.compare import clouds, data, numbers
+from lidarscene.studies.compare.run import Bench, fires_alike, sweep, with_beams_of
+from lidarscene.studies.ranging import plane
 
 COARSE = [
     "scanner.azimuth_fov_deg=60", "scanner.azimuth_step_deg=0.5",
@@ -51,11 +52,11 @@ def seen(bench):
 @pytest.mark.parametrize(("found", "total"), [(0, 10), (1, 10), (5, 11), (10, 10), (65429, 71785)])
 def test_wilson_is_scipys(found: int, total: int) -> None:
     ends = stats.binomtest(found, total).proportion_ci(0.95, method="wilson")
-    assert compare.wilson(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
+    assert numbers.wilson(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
 
 
 def test_nothing_has_no_rate() -> None:
-    assert compare.wilson(0, 0) == (0.0, 1.0)
+    assert numbers.wilson(0, 0) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("p", [(0.5, 0.1, 0.05), (0.8, 0.02, 0.15), (0.3, 0.3, 0.3)])
@@ -70,15 +71,15 @@ def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
     rest = 1.0 - only_a - only_b
     for b in range(n + 1):
         for c in range(n + 1 - b):
-            low, high = compare.paired_interval(only_a=b, only_b=c, pulses=n)
+            low, high = numbers.paired_interval(only_a=b, only_b=c, pulses=n)
             if low <= only_a - only_b <= high:
                 covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, rest])
     assert covered == pytest.approx(0.95, abs=0.02)
 
 
-def surfaces(n: int = 400, seed: int = 0) -> compare_data.Surfaces:
+def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
     rng = np.random.default_rng(seed)
-    return compare_data.Surfaces(
+    return data.Surfaces(
         pulse=np.sort(rng.choice(3 * n, n, replace=False)), found=rng.random(n) < 0.6,
         snr=rng.random(n).astype(np.float32), true_range_m=rng.uniform(0.0, 130.0, n).astype(np.float32),
         incidence_angle_rad=rng.uniform(0.0, math.pi / 2, n).astype(np.float32),
@@ -91,15 +92,15 @@ def surfaces(n: int = 400, seed: int = 0) -> compare_data.Surfaces:
 def test_rates_by_brute_force() -> None:
     """Pulse by pulse, bin by bin."""
     of = surfaces()
-    bins = compare_data.range_bins(130.0)
+    bins = data.range_bins(130.0)
     assert (bins.labels[0], bins.labels[-1], len(bins.labels)) == ("0 to 10", "120 to 130", 13)
-    for number, told in enumerate(compare.rates(of, bins)):
+    for number, told in enumerate(numbers.rates(of, bins)):
         inside = [i for i, r in enumerate(of.true_range_m) if 10 * number <= r < 10 * (number + 1)]
         assert told.surfaces == len(inside)
         assert told.found == sum(bool(of.found[i]) for i in inside)
         assert told.expected == pytest.approx(sum(float(of.probability[i]) for i in inside) / len(inside))
-    bodies = compare_data.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
-    assert [r.surfaces for r in compare.rates(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
+    bodies = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
+    assert [r.surfaces for r in numbers.rates(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
 
 
 def test_pairs_by_brute_force() -> None:
@@ -107,11 +108,11 @@ def test_pairs_by_brute_force() -> None:
     of_a = dict(zip(a.pulse.tolist(), a.found.tolist(), strict=True))
     of_b = dict(zip(b.pulse.tolist(), b.found.tolist(), strict=True))
     both = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
-    (told,) = compare.pairs(a, b)
+    (told,) = numbers.pairs(a, b)
     counted = [both.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
     assert [told.both, told.only_a, told.only_b, told.neither] == counted
-    bins = compare_data.range_bins(130.0)
-    by_range = compare.pairs(a, b, bins)
+    bins = data.range_bins(130.0)
+    by_range = numbers.pairs(a, b, bins)
     assert sum(p.only_b for p in by_range) == told.only_b
     assert told.difference == pytest.approx((counted[1] - counted[2]) / len(both))
 
@@ -120,7 +121,7 @@ def test_pairs_by_brute_force() -> None:
     ("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)]
 )
 def test_bins_hold_all(reach: float, step: float) -> None:
-    bins = compare_data.range_bins(reach)
+    bins = data.range_bins(reach)
     assert bins.edges is not None
     assert bins.edges[1] == pytest.approx(step)
     assert 1 <= len(bins.labels) <= 16
@@ -131,7 +132,7 @@ def test_edges_of_bins() -> None:
     """The upper edge belongs to the next bin, that of the last to the last; inf to none."""
     ranges = np.array([0.0, 10.0, 130.0, 131.0, np.inf], dtype=np.float32)
     of = dataclasses.replace(surfaces(5), true_range_m=ranges)
-    assert compare_data.range_bins(130.0).of(of).tolist() == [0, 1, 12, -1, -1]
+    assert data.range_bins(130.0).of(of).tolist() == [0, 1, 12, -1, -1]
 
 
 # --- what the simulation hands out ------------------------------------------------------------------
@@ -164,7 +165,7 @@ def test_observer_sees_every_surface(mi) -> None:
 def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
-    for field in dataclasses.fields(compare_data.Surfaces):
+    for field in dataclasses.fields(data.Surfaces):
         assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.counted, field.name)), (
             field.name
         )
@@ -177,13 +178,13 @@ def test_chunks_change_nothing(bench) -> None:
 def test_equal_sensors_do_not_differ(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     a, b = bench.observe("a", sensor), bench.observe("b", sensor)
-    (told,) = compare.pairs(a.counted, b.counted)
+    (told,) = numbers.pairs(a.counted, b.counted)
     assert (told.only_a, told.only_b, told.difference) == (0, 0, 0.0)
     assert 0 < told.both < told.pulses
-    apart = compare.paired_range_difference(a, b)
+    apart = numbers.paired_range_difference(a, b)
     assert apart is not None
     assert (apart.points, apart.bias_m, apart.sigma_m) == (told.both, 0.0, 0.0)
-    cloud, kinds = compare.difference(a, b)
+    cloud, kinds = numbers.difference(a, b)
     assert len(cloud) == told.both
     assert not kinds.any()
 
@@ -192,13 +193,13 @@ def test_difference_cloud(seen) -> None:
     """By the definition, pulse by pulse; the points of the first where both have one."""
     a, b = seen
     echoes = [set(one.pulse[one.is_echo].tolist()) for one in seen]
-    cloud, kinds = compare.difference(a, b)
+    cloud, kinds = numbers.difference(a, b)
     assert len(cloud) == len(echoes[0] | echoes[1])
     counts = [len(echoes[0] & echoes[1]), len(echoes[0] - echoes[1]), len(echoes[1] - echoes[0])]
     assert np.bincount(kinds, minlength=3).tolist() == counts
     assert counts[0] > 0
     assert counts[1] > 0  # in 100 klux the APD finds more
-    assert np.array_equal(cloud.range_m[kinds < 2], a.cloud.range_m[compare.first_echoes(a)[1]])
+    assert np.array_equal(cloud.range_m[kinds < 2], a.cloud.range_m[numbers.first_echoes(a)[1]])
     assert np.all(np.diff(cloud.time_s) > 0.0)
 
 
@@ -229,14 +230,14 @@ def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
     """Two roads: pulse numbers of the simulation, and times and angles of the points in files."""
     for one in seen:
         one.cloud.save(tmp_path / f"{one.name}.ply")
-    read = compare_clouds.read([tmp_path / f"{one.name}.ply" for one in seen])
-    (by_number,) = compare.pairs(seen[0].counted, seen[1].counted)
-    (by_time,) = compare.pairs(read[0].counted, read[1].counted)
+    read = clouds.read([tmp_path / f"{one.name}.ply" for one in seen])
+    (by_number,) = numbers.pairs(seen[0].counted, seen[1].counted)
+    (by_time,) = numbers.pairs(read[0].counted, read[1].counted)
     assert by_time.neither == 0
     assert by_time == dataclasses.replace(by_number, neither=0)
-    classes = compare_data.groupings(read)[3]
-    assert sum(r.found for r in compare.rates(read[1].counted, classes)) == by_time.both + by_time.only_b
-    assert compare_clouds.disagreeing(*read) == 0.0
+    classes = data.groupings(read)[3]
+    assert sum(r.found for r in numbers.rates(read[1].counted, classes)) == by_time.both + by_time.only_b
+    assert clouds.disagreeing(*read) == 0.0
 
 
 def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
@@ -246,25 +247,23 @@ def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
         materials=tuple(scene().materials.values()),
     )  # fmt: skip
     cloud = Bench(other, seed=3).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
-    a, b = compare_clouds.observations(["x", "x"], [seen[0].cloud, cloud])
+    a, b = clouds.observations(["x", "x"], [seen[0].cloud, cloud])
     assert (a.name, b.name) == ("x", "x (2)")
     assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
-    assert 0.1 < compare_clouds.disagreeing(a, b) < 0.9
-    assert "new" not in {
-        r.group for r in compare.rates(a.counted, compare_data.groupings([a, b])[4]) if r.found
-    }
+    assert 0.1 < clouds.disagreeing(a, b) < 0.9
+    assert "new" not in {r.group for r in numbers.rates(a.counted, data.groupings([a, b])[4]) if r.found}
 
 
 def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
     finer = bench.observe("b", chain.sensor("table1-apd", WEAK, *COARSE, "laser.repetition_rate_khz=49"))
-    observed = compare_clouds.observations(["a", "b"], [seen[0].cloud, finer.cloud])
+    observed = clouds.observations(["a", "b"], [seen[0].cloud, finer.cloud])
     assert all(one.surfaces is None and one.pulse is None for one in observed)
 
 
 def test_clouds_need_truth(seen, tmp_path: Path) -> None:
     seen[0].cloud.without_truth().save(tmp_path / "a.ply")
     with pytest.raises(InputError, match=r"a\.ply: a cloud with ground truth was expected"):
-        compare_clouds.read([tmp_path / "a.ply"] * 2)
+        clouds.read([tmp_path / "a.ply"] * 2)
 
 
 # --- closed forms -----------------------------------------------------------------------------------
@@ -280,26 +279,26 @@ DENSE = [
 def test_rate_on_a_plane(mi, name: str, part: float) -> None:
     """Rationale: 10 201 pulses on a plane at about one range are so many draws with one probability.
 
-    Reference: P_d of `analysis.ranging`, without tracing. Tolerance: 3.9 standard deviations of the binomial, a
+    Reference: P_d of `studies.ranging.plane`, without tracing. Tolerance: 3.9 standard deviations of the binomial, a
     false-alarm rate of 1e-4 for each of six cases at a fixed seed; the half degree to each side makes ranges and
     cosines differ by 8e-5, which changes P_d by less than a tenth of a standard deviation. For the expected rate that
     part counts alone: 1e-3.
     """
     sensor = chain.sensor(name, *DENSE)
-    target = ranging.Target()
-    limit, _ = ranging.maximum_range_m(sensor, target)
+    target = plane.Target()
+    limit, _ = plane.maximum_range_m(sensor, target)
     range_m = part * float(limit)
     one = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
-    p = float(ranging.detection_probability(sensor, target, range_m)[0])
-    told = compare.rate(one.counted)
+    p = float(plane.detection_probability(sensor, target, range_m)[0])
+    told = numbers.rate(one.counted)
     assert told.surfaces == 101 * 101
     assert told.expected == pytest.approx(p, abs=1e-3)
     assert abs(told.found - p * told.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * told.surfaces)
-    apart = compare.deviation(one.counted)
+    apart = numbers.deviation(one.counted)
     assert apart is not None
     assert abs(apart) < 3.9
-    for grouping in compare_data.groupings([one]):
-        (alone,) = [r for r in compare.rates(one.counted, grouping) if r.surfaces]
+    for grouping in data.groupings([one]):
+        (alone,) = [r for r in numbers.rates(one.counted, grouping) if r.surfaces]
         assert (alone.surfaces, alone.found) == (told.surfaces, told.found), grouping.key
 
 
@@ -307,12 +306,12 @@ def test_range_errors_by_hand(seen) -> None:
     one = seen[0]
     echo = one.cloud.status == Status.ECHO
     error = (one.cloud.range_m - one.cloud.true_range_m)[echo].astype(np.float64)
-    (told,) = compare.range_errors(one)
+    (told,) = numbers.range_errors(one)
     # float32 ranges of 40 m: differences rounded to 4 um, their mean far less.
     assert told.points == int(echo.sum())
     assert told.bias_m == pytest.approx(error.mean(), abs=1e-6)
     assert told.sigma_m == pytest.approx(error.std(ddof=1), abs=1e-6)
-    by_range = compare.range_errors(one, compare_data.groupings(seen)[0])
+    by_range = numbers.range_errors(one, data.groupings(seen)[0])
     assert sum(e.points for e in by_range) == told.points
     assert sum(e.points * e.bias_m for e in by_range) == pytest.approx(told.points * told.bias_m)
 
@@ -321,12 +320,12 @@ def test_crossing_agrees_with_the_range_analysis(mi) -> None:
     """Rationale: at the illuminance at which two sensors reach equally far each finds a plane at that range half of the
     time, so that over a scene of that plane alone their expected rates cross there.
 
-    Reference: `analysis.ranging`, by bisection on ranges, without tracing. Tolerance: 1e-3 for probabilities in single
+    Reference: `ranging.plane`, by bisection on ranges, without tracing. Tolerance: 1e-3 for probabilities in single
     precision and the last bracket of 3e-4.
     """
     sensors = [(name, chain.sensor(name, *chain.NARROW)) for name in ("table1-apd", "table1-sipm")]
-    lux = ranging.equal_range_illuminance_klux(*(s for _, s in sensors), ranging.Target())
-    range_m = float(ranging.maximum_range_m(sensors[0][1], ranging.Target(illuminance_klux=lux))[0])
+    lux = plane.equal_range_illuminance_klux(*(s for _, s in sensors), plane.Target())
+    range_m = float(plane.maximum_range_m(sensors[0][1], plane.Target(illuminance_klux=lux))[0])
     bench = Bench(chain.scene(chain.facing(range_m=range_m), air=Air(transmittance=0.98)))
     swept = sweep(bench, sensors, (1.0, 10.0))
     (crossing,) = swept.crossings["table1-sipm"]

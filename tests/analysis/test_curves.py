@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog, load_sensor
-from lidarscene.analysis import aperture, ranging
-from lidarscene.analysis.aperture import LAWS
-from lidarscene.analysis.axes import condition_axis, numeric_keys, parameter_axis
-from lidarscene.analysis.curves import Question, curves, is_flat
-from lidarscene.analysis.ranging import RangeStatus, Target
-from lidarscene.analysis.subjects import subjects
 from lidarscene.errors import InputError
+from lidarscene.studies.ranging import aperture, plane
+from lidarscene.studies.ranging.aperture import LAWS
+from lidarscene.studies.ranging.axes import condition_axis, numeric_keys, parameter_axis
+from lidarscene.studies.ranging.curves import Question, curves, is_flat
+from lidarscene.studies.ranging.plane import RangeStatus, Target
+from lidarscene.studies.ranging.subjects import subjects
 
 PRINTED = ("table1-sipm:detector.statistics=published", "table1-sipm:detector.cell_floor=0")
 BOTH = subjects(["table1-apd", "table1-sipm"], PRINTED)
@@ -38,7 +38,7 @@ def test_equal_ranges_of_table_1(count):
     (crossing,) = over("illuminance", count=count).crossings
     assert crossing.at == pytest.approx(3.22191, rel=1e-5)
     assert crossing.at == pytest.approx(
-        ranging.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
+        plane.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
     )
     assert (crossing.first, crossing.second) == ("table1-apd", "table1-sipm")
     assert not crossing.falls  # the APD rises over the SiPM as the light grows
@@ -109,7 +109,7 @@ def test_a_jump_is_no_crossing():
 
 def test_distance_is_the_snr_of_ranging():
     swept = over("distance", count=9)
-    expected = ranging.snr(load_sensor("table1-apd"), Target(), swept.question.axis.values)
+    expected = plane.snr(load_sensor("table1-apd"), Target(), swept.question.axis.values)
     assert swept.curves[0].values == pytest.approx(expected, rel=1e-12)
 
 
@@ -125,12 +125,12 @@ def test_parameters_are_those_of_the_file(key, start, stop):
         sensor = load_sensor(
             "table1-apd", overrides=[f"{key}={value!r}".replace("np.float64(", "").replace(")", "")]
         )
-        from lidarscene.physics import air
+        from lidarscene.physics.optics import air
 
         alpha = air.extinction_from_visibility_per_m(
             visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m
         )
-        expected = ranging.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
+        expected = plane.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
         assert found == pytest.approx(expected, rel=1e-9)
 
 

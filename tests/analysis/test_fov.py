@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from lidarscene import load_sensor, scan
-from lidarscene.analysis import fov_figures, fov_pattern, fov_range, fov_spacing
-from lidarscene.analysis.fov_cells import Cells, convex_outline
-from lidarscene.analysis.ranging import Target, maximum_range_m
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose
+from lidarscene.maths.pose import Pose
+from lidarscene.studies.field_of_view import figures, pattern, reach
+from lidarscene.studies.field_of_view import spacing as fov_spacing
+from lidarscene.studies.field_of_view.cells import Cells, convex_outline
+from lidarscene.studies.ranging.plane import Target, maximum_range_m
 
 DEG = math.pi / 180.0
 
@@ -41,8 +42,8 @@ def vlp16():
 
 
 def studied(scanner, cells, time_s, kind="outline"):
-    mask, _ = fov_pattern.field(scanner, cells, time_s, kind=kind)
-    return fov_pattern.maps(fov_pattern.fired(scanner, time_s), cells, mask)
+    mask, _ = pattern.field(scanner, cells, time_s, kind=kind)
+    return pattern.maps(pattern.fired(scanner, time_s), cells, mask)
 
 
 # --- cells ------------------------------------------------------------------------------------------
@@ -120,7 +121,7 @@ def test_visits_are_told_apart_by_time():
 
 
 def test_spacing_of_a_raster():
-    spacing = fov_spacing.nearest_deg(fov_pattern.fired(raster(), 1.0).until(raster().frame_s).direction)
+    spacing = fov_spacing.nearest_deg(pattern.fired(raster(), 1.0).until(raster().frame_s).direction)
     # In a row off the horizon the columns are closer than the rows by the cosine.
     assert spacing.max() == pytest.approx(0.2, rel=1e-4)
     assert spacing.min() == pytest.approx(0.2 * math.cos(5.0 * DEG), rel=1e-3)
@@ -150,7 +151,7 @@ def test_coverage_of_the_mid40_does_not_hang_on_the_mask():
 
 def test_point_rate_and_plateau_of_the_vlp16():
     """289 352 points a second by the manual; 16 lines plateau at about 14 % by Livox."""
-    assert fov_pattern.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
+    assert pattern.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
     first, last = studied(vlp16(), Cells.of_size(0.28), 1.0).coverage(np.array([0.101, 1.0]))
     assert last == first
     assert first == pytest.approx(0.14, abs=0.015)
@@ -161,7 +162,7 @@ def test_point_rate_and_plateau_of_the_vlp16():
 
 @pytest.mark.parametrize("scanner", [mid40(), vlp16(), raster()], ids=["mid40", "vlp16", "raster"])
 def test_nearest_neighbours_are_a_trees(scanner):
-    direction = fov_pattern.fired(scanner, 0.1).direction
+    direction = pattern.fired(scanner, 0.1).direction
     lanes = np.unique(np.linspace(0, len(direction) - 1, 3000).astype(int))
     away = cKDTree(direction).query(direction[lanes], k=2)[0][:, 1]
     np.testing.assert_allclose(
@@ -187,7 +188,7 @@ def equipped(scanner, **changes):
 def test_range_map_is_the_range_at_each_cells_aperture():
     sensor = equipped(mid40())
     found = studied(sensor.scanner, Cells.of_size(0.5), 1.0)
-    limit = fov_range.range_map_m(sensor, found, Target())
+    limit = reach.range_map_m(sensor, found, Target())
     seen = np.flatnonzero(np.isfinite(found.share))
     for place in seen[:: len(seen) // 5]:
         expected, _ = maximum_range_m(sensor, Target(aperture_share=float(found.share[place])))
@@ -204,7 +205,7 @@ def test_ground_around_a_spinning_head():
     cells = Cells.of_size(0.28)
     found = studied(sensor.scanner, cells, 0.2)
     lying = equipped(vlp16())
-    view = fov_range.ground([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
+    view = reach.ground([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
     assert view.nearest_blind_m() == pytest.approx(1.9 / math.tan(15.0 * DEG), abs=0.2)
     assert set(np.unique(view.count)) == {0, 2}
     assert view.square_metres[2] == 0.0
@@ -216,7 +217,7 @@ def test_ground_around_a_spinning_head():
 def test_an_image_shows_each_cell():
     cells = Cells.of_size(1.0)
     found = studied(raster(), cells, 0.2)
-    shown, outside, (left, right, low, high) = fov_figures.image(cells, found.cell, found.cell.astype(float))
+    shown, outside, (left, right, low, high) = figures.image(cells, found.cell, found.cell.astype(float))
     assert set(np.unique(shown[~outside]).astype(int)) == set(found.cell.tolist())
     assert left < -10.0 < 10.0 < right
     assert low < -5.0 < 5.0 < high
@@ -224,4 +225,4 @@ def test_an_image_shows_each_cell():
 
 def test_too_many_pulses_are_refused():
     with pytest.raises(InputError, match="--time: 1000 s of this scanner are"):
-        fov_pattern.fired(mid40(), 1000.0)
+        pattern.fired(mid40(), 1000.0)

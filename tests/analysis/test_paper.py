@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.constants import c, e, h, k
 
-from lidarscene.analysis import paper, paper_case, paper_figures
-from lidarscene.analysis.paper_claims_model import FAILS, HOLDS, claims_of_the_model
-from lidarscene.analysis.paper_claims_results import claims_of_the_results
-from lidarscene.analysis.paper_errata import closed_forms, errata
-from lidarscene.analysis.paper_page import Page
+from lidarscene.figures.page import Page
+from lidarscene.studies.paper import case, figures, study
+from lidarscene.studies.paper.claims_model import FAILS, HOLDS, claims_of_the_model
+from lidarscene.studies.paper.claims_results import claims_of_the_results
+from lidarscene.studies.paper.errata import closed_forms, errata
 
 PHOTON = h * c / 905e-9
 
@@ -35,7 +35,7 @@ def at(figure, name, x):
 
 def test_fig_4e_by_hand():
     """(19) typed out again."""
-    figure = paper_figures.fig_4e()
+    figure = figures.fig_4e()
     gain = figure.columns[0]
     aperture = math.pi * 0.025**2
     echo = 0.98**2 * 0.7206 * 0.1 * 45 * aperture / (math.pi * 100**2)
@@ -53,7 +53,7 @@ def test_fig_4e_by_hand():
 
 
 def test_fig_5_by_hand():
-    five_a, five_b, five_c = paper_figures.fig_5a(), paper_figures.fig_5b(), paper_figures.fig_5c()
+    five_a, five_b, five_c = figures.fig_5a(), figures.fig_5b(), figures.fig_5c()
     n = five_a.columns[0]
     assert column(five_a, "PDE 40%") == pytest.approx(
         100 * (1 - np.exp(n * (math.exp(-0.4 / 100) - 1))), abs=1e-9
@@ -74,14 +74,14 @@ def test_fig_5_by_hand():
 
 def test_fig_6a_meets_the_table():
     """PHYSICS.md: 61.4618 and 22.7009 at 100 m. Tolerance: interpolation between 300 points."""
-    figure = paper_figures.fig_6a()
+    figure = figures.fig_6a()
     assert at(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
     assert at(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
     assert [mark.x for mark in figure.chart.marks] == pytest.approx([350.605, 280.871], rel=1e-5)
 
 
 def test_fig_6b_says_which_law():
-    figure = paper_figures.fig_6b()
+    figure = figures.fig_6b()
     for name in ("APD, A cos θ", "SiPM, A cos θ"):
         curve = column(figure, name)
         assert curve[0] == pytest.approx(curve[-1], rel=1e-9)
@@ -93,7 +93,7 @@ def test_fig_6b_says_which_law():
 
 
 def test_fig_6c_meets_the_table():
-    figure = paper_figures.fig_6c()
+    figure = figures.fig_6c()
     for klux, apd_m, sipm_m in (
         (100, 350.605, 280.871),
         (50, 414.464, 347.782),
@@ -108,7 +108,7 @@ def test_fig_6c_meets_the_table():
 
 
 def test_figures_have_axes_with_units_and_columns_with_names():
-    for figure in paper_figures.figures():
+    for figure in figures.figures():
         assert len(figure.header) == len(figure.columns) == len(figure.chart.lines) + 1
         assert len({len(values) for values in figure.columns}) == 1
         assert all(np.isfinite(values).all() for values in figure.columns)
@@ -187,11 +187,11 @@ def test_closed_forms_of_table_1():
 
 def test_case_is_table_1():
     """PHYSICS.md section 2."""
-    counts = paper_case.sipm_counts()
+    counts = case.sipm_counts()
     assert (counts.background_photons, counts.busy, counts.signal_photons) == pytest.approx(
         (686.093, 125.701, 2660.31), rel=1e-5
     )
-    noise = paper_case.apd_noise()
+    noise = case.apd_noise()
     assert noise.snr(80.0) == pytest.approx(61.4618, rel=1e-5)
 
 
@@ -214,5 +214,5 @@ def test_page_escapes_what_it_is_told():
 
 
 def test_scanner_is_named_and_explained():
-    assert "A(0) cos(theta)" in paper.SCANNER
-    assert "fixed in the housing" in paper.SCANNER
+    assert "A(0) cos(theta)" in study.SCANNER
+    assert "fixed in the housing" in study.SCANNER

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarscene import load_sensor
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import RangeStatus, Target
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import RangeStatus, Target
 
 APD = load_sensor("table1-apd")
 SIPM = load_sensor("table1-sipm")
@@ -27,7 +27,7 @@ def of(name, **changes):
 
 
 def reach(sensor, **target):
-    return ranging.maximum_range_m(sensor, Target(**target))[0]
+    return plane.maximum_range_m(sensor, Target(**target))[0]
 
 
 # --- arrays -----------------------------------------------------------------------------------------
@@ -37,7 +37,7 @@ def reach(sensor, **target):
 def test_arrays_are_many_scalars(sensor):
     """Reference: the scalar call. Tolerance: the bisection's own 1e-12."""
     klux, share = np.array([0.0, 0.1, 30.0]), np.array([[0.0], [0.1], [0.9]])
-    limit, status = ranging.maximum_range_m(
+    limit, status = plane.maximum_range_m(
         sensor, Target(illuminance_klux=klux, reflectivity=share, extinction_per_m=1e-4)
     )
     assert limit.shape == status.shape == (3, 3)
@@ -46,7 +46,7 @@ def test_arrays_are_many_scalars(sensor):
             one = Target(
                 illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4
             )
-            alone, alone_status = ranging.maximum_range_m(sensor, one)
+            alone, alone_status = plane.maximum_range_m(sensor, one)
             assert limit[row, column] == pytest.approx(alone, rel=1e-11)
             assert status[row, column] == alone_status
 
@@ -54,21 +54,21 @@ def test_arrays_are_many_scalars(sensor):
 def test_sensors_stack():
     gains = [10.0, 80.0, 300.0]
     sensors = [of("table1-apd", detector__gain=gain) for gain in gains]
-    stack = ranging.stacked(sensors)
+    stack = plane.stacked(sensors)
     assert stack is not None
-    assert ranging.conditions_shape(stack, Target()) == (3,)
-    limit, status = ranging.maximum_range_m(stack, Target())
+    assert plane.conditions_shape(stack, Target()) == (3,)
+    limit, status = plane.maximum_range_m(stack, Target())
     assert limit == pytest.approx([reach(one) for one in sensors], rel=1e-11)
     assert (status == RangeStatus.FOUND).all()
 
 
 def test_what_differs_in_words_does_not_stack():
-    assert ranging.stacked([APD, SIPM]) is None
-    assert ranging.stacked([SIPM, of("table1-sipm", detector__statistics="published")]) is None
+    assert plane.stacked([APD, SIPM]) is None
+    assert plane.stacked([SIPM, of("table1-sipm", detector__statistics="published")]) is None
 
 
 def test_scalars_stay_scalars():
-    limit, status = ranging.maximum_range_m(APD, Target())
+    limit, status = plane.maximum_range_m(APD, Target())
     assert isinstance(limit, float)
     assert status is RangeStatus.FOUND
 
@@ -78,24 +78,24 @@ def test_scalars_stay_scalars():
 
 def test_every_status_has_its_case():
     quiet = of("table1-sipm", detector__cell_floor=0, detector__dark_count_rate_hz=0)
-    limit, status = ranging.maximum_range_m(quiet, Target(illuminance_klux=np.array([0.0, 10.0])))
+    limit, status = plane.maximum_range_m(quiet, Target(illuminance_klux=np.array([0.0, 10.0])))
     assert list(status) == [RangeStatus.NO_LIMIT, RangeStatus.FOUND]
     assert limit[0] == math.inf
     hazy = Target(illuminance_klux=0.0, extinction_per_m=1e-3)  # an echo of e^-600 is still an echo
-    assert ranging.maximum_range_m(quiet, hazy) == (math.inf, RangeStatus.NO_LIMIT)
-    limit, status = ranging.maximum_range_m(APD, Target(reflectivity=np.array([0.0, 0.1])))
+    assert plane.maximum_range_m(quiet, hazy) == (math.inf, RangeStatus.NO_LIMIT)
+    limit, status = plane.maximum_range_m(APD, Target(reflectivity=np.array([0.0, 0.1])))
     assert list(status) == [RangeStatus.NEVER_DETECTED, RangeStatus.FOUND]
     assert limit[0] == 0.0
 
 
 def test_a_threshold_above_all_free_cells_is_saturated():
     """10 cells under 100 klux: 0.6 are free on average, and five sigma are 3.8."""
-    assert ranging.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (
+    assert plane.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (
         0.0,
         RangeStatus.SATURATED,
     )
     level = of("table1-sipm", tdc__threshold_to_noise=40.0)
-    assert ranging.maximum_range_m(level, Target())[1] == RangeStatus.SATURATED
+    assert plane.maximum_range_m(level, Target())[1] == RangeStatus.SATURATED
 
 
 def test_what_is_blinded_close_by_may_see_farther_off():
@@ -104,12 +104,12 @@ def test_what_is_blinded_close_by_may_see_farther_off():
         of("table1-sipm", detector__cells=10, optics__efficiency_laser=1.0),
         Target(transmittance=1.0, extinction_per_m=0.5),
     )
-    margin = ranging.detection_margin(few, fog, [1.0, 8.0])
+    margin = plane.detection_margin(few, fog, [1.0, 8.0])
     assert margin[0] < 1.0 < margin[1]
-    limit, status = ranging.maximum_range_m(few, fog)
+    limit, status = plane.maximum_range_m(few, fog)
     assert status == RangeStatus.FOUND
-    assert ranging.detection_margin(few, fog, [limit * 0.999])[0] > 1.0
-    assert (ranging.detection_margin(few, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
+    assert plane.detection_margin(few, fog, [limit * 0.999])[0] > 1.0
+    assert (plane.detection_margin(few, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
 
 
 @steady
@@ -133,17 +133,17 @@ def test_never_nan(name, reflectivity, klux, cosine, sun, extinction, aperture):
         extinction_per_m=extinction, aperture_share=aperture,
     )  # fmt: skip
     sensor = APD if name == "table1-apd" else SIPM
-    limit, status = ranging.maximum_range_m(sensor, target)
+    limit, status = plane.maximum_range_m(sensor, target)
     assert limit >= 0.0
     assert (limit == 0.0) == (status in (RangeStatus.NEVER_DETECTED, RangeStatus.SATURATED))
     assert (limit == math.inf) == (status == RangeStatus.NO_LIMIT)
     ranges = np.geomspace(0.01, 1e6, 50)
     for values in (
-        ranging.snr(sensor, target, ranges),
-        ranging.detection_probability(sensor, target, ranges),
+        plane.snr(sensor, target, ranges),
+        plane.detection_probability(sensor, target, ranges),
     ):
         assert not np.isnan(values).any()
-    assert not np.isnan(ranging.closed_form_range_m(sensor, target))
+    assert not np.isnan(plane.closed_form_range_m(sensor, target))
 
 
 # --- monotonicity -----------------------------------------------------------------------------------
@@ -208,7 +208,7 @@ def test_a_higher_threshold_shortens_the_range(name, more, light):
 def test_detection_falls_with_distance(name, near, more):
     sensor = APD if name == "table1-apd" else SIPM
     target = Target(illuminance_klux=10.0)
-    for quantity in (ranging.snr, ranging.detection_probability, ranging.detection_margin):
+    for quantity in (plane.snr, plane.detection_probability, plane.detection_margin):
         first, second = quantity(sensor, target, [near, near * more])
         assert second <= first * (1.0 + 1e-9)
 
@@ -236,7 +236,7 @@ def test_many_cells_are_the_approximation(statistics):
         detector__dark_count_rate_hz=0.0,
         detector__statistics=statistics,
     )
-    assert reach(many) == pytest.approx(ranging.closed_form_range_m(many, Target()), rel=1e-4)
+    assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=1e-4)
 
 
 def test_no_sun_is_a_limit_not_a_jump():
@@ -245,7 +245,7 @@ def test_no_sun_is_a_limit_not_a_jump():
         assert reach(sensor, illuminance_klux=1e-9) == pytest.approx(
             reach(sensor, illuminance_klux=0.0), rel=1e-4
         )
-    assert ranging.closed_form_range_m(APD, Target(illuminance_klux=0.0)) == math.inf
+    assert plane.closed_form_range_m(APD, Target(illuminance_klux=0.0)) == math.inf
 
 
 def test_a_diffuse_sky_is_more_background():
@@ -314,27 +314,25 @@ def test_extinction_is_the_transmittance_at_the_limit(name):
 def test_closed_form_with_extinction(name, alpha):
     """R = R_0 exp(-3/4 alpha R). Tolerance: rounding."""
     sensor = load_sensor(name)
-    clear = ranging.closed_form_range_m(sensor, Target(transmittance=0.9))
-    limit = ranging.closed_form_range_m(sensor, Target(transmittance=0.9, extinction_per_m=alpha))
+    clear = plane.closed_form_range_m(sensor, Target(transmittance=0.9))
+    limit = plane.closed_form_range_m(sensor, Target(transmittance=0.9, extinction_per_m=alpha))
     assert limit == pytest.approx(clear * math.exp(-0.75 * alpha * limit), rel=1e-12)
 
 
 def test_closed_form_of_arrays():
-    found = ranging.closed_form_range_m(
-        APD, Target(illuminance_klux=np.array([0.0, 100.0]), reflectivity=0.1)
-    )
+    found = plane.closed_form_range_m(APD, Target(illuminance_klux=np.array([0.0, 100.0]), reflectivity=0.1))
     assert found[0] == math.inf
     assert found[1] == pytest.approx(352.751, rel=1e-5)
-    assert ranging.closed_form_range_m(APD, Target(reflectivity=0.0)) == 0.0
+    assert plane.closed_form_range_m(APD, Target(reflectivity=0.0)) == 0.0
     with pytest.raises(ValueError, match="fixed threshold"):
-        ranging.closed_form_range_m(replace(APD, tdc=replace(APD.tdc, threshold_to_noise=None)), Target())
+        plane.closed_form_range_m(replace(APD, tdc=replace(APD.tdc, threshold_to_noise=None)), Target())
 
 
 @BOTH
 @pytest.mark.parametrize("light", [1.0, 10.0, 100.0])
 def test_closed_form_is_an_upper_bound(name, light):
     sensor, target = load_sensor(name), Target(illuminance_klux=light)
-    assert ranging.closed_form_range_m(sensor, target) > ranging.maximum_range_m(sensor, target)[0]
+    assert plane.closed_form_range_m(sensor, target) > plane.maximum_range_m(sensor, target)[0]
 
 
 def test_effective_aperture_counts_as_aperture():
@@ -345,14 +343,14 @@ def test_effective_aperture_counts_as_aperture():
 
 def test_equal_ranges_need_a_change_of_places():
     with pytest.raises(ValueError, match="do not change places between 10 and 100"):
-        ranging.equal_range_illuminance_klux(APD, SIPM, Target(), low_klux=10, high_klux=100)
+        plane.equal_range_illuminance_klux(APD, SIPM, Target(), low_klux=10, high_klux=100)
 
 
 def test_nothing_of_it_needs_llvm_or_mitsuba(run_python):
     code = """
 import sys
 from lidarscene import load_sensor
-from lidarscene.analysis import ranging
+from lidarscene.studies.ranging import plane as ranging
 print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
 print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.modules])
 """

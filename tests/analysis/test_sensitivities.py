@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.analysis import derivatives, gain, ranging, sensitivities, statistics
-from lidarscene.analysis.ranging import Target
 from lidarscene.errors import InputError
-from lidarscene.physics import range_limit
+from lidarscene.physics.electronics import range_limit
+from lidarscene.studies.ranging import derivatives, gain, plane, sensitivities, statistics
+from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
 HAZE = Target(extinction_per_m=2e-4, diffuse_share=0.1, transmittance=1.0, cos_incidence=0.8)
@@ -27,7 +27,7 @@ EVERY = pytest.mark.parametrize(
 
 
 def limit_m(sensor, target):
-    return float(ranging.maximum_range_m(sensor, target)[0])
+    return float(plane.maximum_range_m(sensor, target)[0])
 
 
 def moved(sensor, target, name, value):
@@ -138,8 +138,8 @@ def test_exponents_are_those_of_the_closed_form():
 
 def test_gradient_is_exact(mi):
     """Dr.Jit in double precision against a derivative known by heart."""
-    from lidarscene.arrays import xp
-    from lidarscene.kernel import gradients
+    from lidarscene.kernel.device import gradients
+    from lidarscene.maths.arrays import xp
 
     value, slopes = gradients.gradient(
         lambda n: xp(n["a"]).exp(n["a"]) * n["b"], {"a": 0.3, "b": 2.0, "c": 1.0}

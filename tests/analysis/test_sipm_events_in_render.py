@@ -8,10 +8,11 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.analysis.sipm_cells import CellArray, Light
-from lidarscene.analysis.sipm_table import (
+from lidarscene.physics.electronics import sipm, sipm_response
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
+from lidarscene.studies.sipm_events.cells import CellArray, Light
+from lidarscene.studies.sipm_events.table import (
     GRID_BACKGROUND,
     GRID_PULSE_TO_DEAD_TIME,
     GRID_SIGNAL,
@@ -21,8 +22,7 @@ from lidarscene.analysis.sipm_table import (
     response_by_events,
     where_published_is_off,
 )
-from lidarscene.analysis.sipm_working_point import measure
-from lidarscene.physics import sipm, sipm_response
+from lidarscene.studies.sipm_events.working_point import measure
 
 PAGE = Path(__file__).parents[2] / "docs" / "sipm.md"
 
@@ -92,7 +92,7 @@ def test_limits_of_the_table():
 def test_table_1_against_events():
     """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 2 %."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'")
-    light = ranging.echoes_of_plane(sensor, Target(), 100.0)
+    light = plane.echoes_of_plane(sensor, Target(), 100.0)
     point = sensor.working_point(light.background_power_w)
     background = sipm.background_photons(
         power_w=light.background_power_w[0], dead_time_s=6e-9, photon_energy_j=sensor.laser.photon_energy_j
@@ -108,9 +108,9 @@ def test_table_1_against_events():
     assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
     assert found.noise == pytest.approx(point.noise[0], rel=0.02)
     assert found.snr == pytest.approx(24.23, abs=0.5)
-    assert ranging.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
+    assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
-    assert ranging.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
+    assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
 
 
 def test_published_error_by_events():

@@ -12,9 +12,9 @@ import math
 import numpy as np
 import pytest
 
-from lidarscene.analysis.sipm_cells import CellArray, Light
-from lidarscene.analysis.sipm_events import simulate
-from lidarscene.analysis.sipm_waveform import waveforms
+from lidarscene.studies.sipm_events.cells import CellArray, Light
+from lidarscene.studies.sipm_events.events import simulate
+from lidarscene.studies.sipm_events.output import waveforms
 
 SiPM = pytest.importorskip("SiPM", reason="SimSiPM is not installed: pip install SiPM")
 

@@ -11,9 +11,9 @@ import pytest
 from scipy.stats import binom, norm
 
 from lidarscene import load_sensor
-from lidarscene.analysis import ranging, statistics
-from lidarscene.analysis.ranging import Target
-from lidarscene.physics import tdc
+from lidarscene.physics.electronics import tdc
+from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
 
@@ -34,7 +34,7 @@ def test_detection_curve(sensor):
     if sensor is APD:  # a SiPM's busy cells are quieter, not noisier, above the middle
         assert (own[1:10] > plain[1:10]).all()
         assert (own[11:] < plain[11:]).all()
-    limit, _ = ranging.maximum_range_m(sensor, Target())
+    limit, _ = plane.maximum_range_m(sensor, Target())
     assert statistics.detection_probability(sensor, Target(), float(limit)) == pytest.approx(0.5, rel=1e-6)
 
 
@@ -46,8 +46,8 @@ def test_operating_curve():
     p_false = norm.sf(ratios)
     np.testing.assert_allclose(curve.quiet_probability, (1.0 - p_false) ** m, rtol=1e-6)
     np.testing.assert_allclose(curve.false_alarms_per_shot, -m * np.log1p(-p_false), rtol=1e-6)
-    point = APD.working_point(ranging.echoes_of_plane(APD, Target(), 340.0).background_power_w)
-    signal = ranging.snr(APD, Target(), 340.0) * point.noise
+    point = APD.working_point(plane.echoes_of_plane(APD, Target(), 340.0).background_power_w)
+    signal = plane.snr(APD, Target(), 340.0) * point.noise
     sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal)
     np.testing.assert_allclose(
         curve.detection_probability, norm.sf((ratios * point.noise - signal) / sigma), rtol=1e-8
@@ -64,7 +64,7 @@ def test_operating_curve_of_counted_cells():
     sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
     curve = statistics.operating_curve(sensor, Target(illuminance_klux=1.0), 300.0, np.array([3.0, 5.0]))
     point = sensor.working_point(
-        ranging.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w
+        plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w
     )
     busy, noise = float(point.busy[0]), float(point.noise[0])
     for i, ratio in enumerate((3.0, 5.0)):
@@ -76,9 +76,9 @@ def test_operating_curve_of_counted_cells():
 @pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
 @pytest.mark.parametrize("tnr", [3.2, 3.8])
 def test_correct_probability_by_shots(tnr, tail):
-    """(10) through `returns.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
+    """(10) through `detection.returns.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
-    limit = float(ranging.maximum_range_m(sensor, Target())[0])
+    limit = float(plane.maximum_range_m(sensor, Target())[0])
     sensor = statistics.end_of_window(sensor, limit)
     found = statistics.simulated_shots(sensor, Target(), limit, shots=200_000, seed=3)
     p_false = statistics.false_alarm_probability(sensor, Target())
@@ -114,7 +114,7 @@ def test_tails_of_the_avalanche():
 
 def test_electrons_hold_the_variance_of_18():
     """Electrons in 1 / (2 B): their variance is that of (18), to rounding."""
-    background = float(ranging.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
+    background = float(plane.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
     own = statistics.electrons(APD, background)
     variance = own["primaries"] * own["gain"] ** 2 * own["excess_noise"] + own["amplifier"] ** 2
     noise = float(APD.working_point(np.array([background])).noise[0])

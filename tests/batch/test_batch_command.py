@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from lidarscene import cli
 from lidarscene.batch import cluster
+from lidarscene.cli import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -92,7 +92,7 @@ def test_mistakes(
 ) -> None:  # fmt: skip
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["batch", *argv]) != 0
+    assert main.main(["batch", *argv]) != 0
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("lidarscene: error: ")
@@ -108,6 +108,6 @@ def test_without_dask(
     monkeypatch.setattr(
         cluster.importlib.util, "find_spec", lambda name: None if name == "distributed" else find(name)
     )
-    assert cli.main(["batch", str(job_file), "-o", str(tmp_path / "out")]) == 1
+    assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out")]) == 1
     told = capsys.readouterr().err
     assert told.startswith("lidarscene: error: batch needs distributed; try: pip install 'lidarscene[batch]'")

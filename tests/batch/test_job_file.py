@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from lidarscene.batch.file import read_job
 from lidarscene.errors import InputError
-from lidarscene.io.job_file import read_job
 
 SCENES = 'scenes = ["a.toml"]\n'
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from lidarscene import cli
 from lidarscene.batch import cluster
 from lidarscene.batch.run import Progress, run_job
 from lidarscene.batch.tasks import Job
+from lidarscene.cli import main
 from lidarscene.errors import LidarSceneError
 
 ROOT = Path(__file__).parents[2]
@@ -90,10 +90,10 @@ def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> 
     with standing(tmp_path / "dask") as dask:
         for _ in range(2):
             dask.start_worker()
-        assert cli.main([*argv, "--scheduler", dask.address]) == 0
+        assert main.main([*argv, "--scheduler", dask.address]) == 0
         first = capsys.readouterr()
         assert "dashboard     http://127.0.0.1:" in first.err
-        assert cli.main([*argv, "--scheduler", dask.address]) == 0
+        assert main.main([*argv, "--scheduler", dask.address]) == 0
     again = json.loads(capsys.readouterr().out)
     assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
     assert [again[name] for name in ("rendered", "reused")] == [0, 4]
@@ -101,7 +101,7 @@ def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> 
         alone = tmp_path / "alone.ply"
         changes = [f"--scene-set={one}" for one in task.scene.overrides]
         changes += [f"--set={one}" for one in task.sensor.overrides]
-        assert cli.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.seed}", *changes]) == 0
+        assert main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.seed}", *changes]) == 0
         (written,) = out.rglob(f"{task.key}.ply")
         assert written.read_bytes() == alone.read_bytes()
 
@@ -149,7 +149,7 @@ def test_workers_that_do_not_fit(
     with standing(tmp_path / "dask") as dask:
         dask.start_worker(first=tmp_path / "path")
         argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", dask.address]
-        assert cli.main(argv) == 1
+        assert main.main(argv) == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed")]
     assert len(lines) == 4
     assert all(line.endswith(told) for line in lines)
@@ -167,7 +167,7 @@ def test_a_wrong_address(
         if listens:
             taken.listen()
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        assert cli.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
+        assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
     told = capsys.readouterr().err
     # A machine that is busy may spend the second before the first refusal comes.
     reasons = ("no answer\n",) if listens else ("Connection refused\n", "no answer\n")

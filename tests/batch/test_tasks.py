@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from lidarscene import api, catalog
+from lidarscene import catalog
 from lidarscene.batch import tasks
 from lidarscene.batch.tasks import Job
 from lidarscene.errors import InputError
+from lidarscene.render import api
 
 WALL = """
 [sensor]

@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
-from lidarscene import catalog, cli
+from lidarscene import catalog
 from lidarscene.batch import work
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
-from lidarscene.io import files
-from lidarscene.simulate import Simulator
+from lidarscene.cli import main
+from lidarscene.files import atomic
+from lidarscene.render.simulator import Simulator
 
 COARSE = [
     f"--set=scanner.{axis}_{key}_deg={value}"
@@ -56,7 +57,7 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
         alone = tmp_path / "alone.ply"
         klux = task.parameters["scene.sun.illuminance_klux"]
         argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.seed)]
-        assert cli.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
+        assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
         assert done(task, store).read_bytes() == alone.read_bytes()
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
 
@@ -69,7 +70,7 @@ def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
     job_file.write_text("rays = 4\ninteractions = 1\n" + job_file.read_text())
     alone = tmp_path / "alone.ply"
     argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
-    assert cli.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
+    assert main.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
     first = next(Job.read(job_file).tasks())
     assert done(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
 
@@ -87,7 +88,7 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
         str(tmp_path / "rig"),
     ]
     argv += [*COARSE, "--frames", "2", "--seed", "7", "--scene-set", "sun.illuminance_klux=1"]
-    assert cli.main(argv) == 0
+    assert main.main(argv) == 0
     store, compared = Store(tmp_path / "out"), 0
     for task in reversed(list(Job.read(job_file).tasks())):  # the second sensor comes first
         if task.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
@@ -163,7 +164,7 @@ def test_a_full_disk_loses_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(*((files, "_sync") if what == "cloud" else (Path, "write_text")), full)
+        patch.setattr(*((atomic, "_sync") if what == "cloud" else (Path, "write_text")), full)
         told = work._told(task, store, 1)
     assert told.endswith("cannot be written: No space left on device")
     assert "\n" not in told

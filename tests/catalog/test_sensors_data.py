@@ -8,11 +8,12 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import Simulator, catalog, cli
-from lidarscene.analysis import catalog_check
+from lidarscene import Simulator, catalog
+from lidarscene.cli import main
 from lidarscene.errors import InputError
-from lidarscene.io.published_file import PublishedFile
-from lidarscene.io.toml_file import validated
+from lidarscene.files.toml import validated
+from lidarscene.sensor.published_file import PublishedFile
+from lidarscene.studies import catalogue
 
 SENSORS = {
     "vlp-16", "hdl-32e", "hdl-64e", "vls-128", "os0-128", "os1-128", "os2-128", "pandar64",
@@ -72,7 +73,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_fitted_range_is_the_published(name: str) -> None:
     """To 1 %, in the lidar equation with everything else as assumed."""
-    deviation = catalog_check.check(name).range_m.deviation
+    deviation = catalogue.check(name).range_m.deviation
     assert deviation is not None
     assert abs(deviation) < 0.01
 
@@ -86,7 +87,7 @@ def test_points_per_second_round_to_the_published(name: str) -> None:
         assert name == "sony-spad-189x600"
         return
     digits = len(f"{published.points_per_second:.0f}".rstrip("0"))
-    simulated = catalog_check.points_per_second(catalog.sensor(name))
+    simulated = catalogue.points_per_second(catalog.sensor(name))
     step = 10.0 ** (math.floor(math.log10(published.points_per_second)) + 1 - digits)
     assert abs(simulated - published.points_per_second) <= 0.5 * step + 1.0
 
@@ -94,7 +95,7 @@ def test_points_per_second_round_to_the_published(name: str) -> None:
 def test_ranges_that_were_not_fitted() -> None:
     """Same order; R goes with rho^0.25 under the sun and with its root without, makers have 0.25 to 0.53 (docs)."""
     for name in OF_MAKERS:
-        for further in catalog_check.check(name).also:
+        for further in catalogue.check(name).also:
             assert further.deviation is not None
             assert abs(further.deviation) < 0.5, name
 
@@ -193,7 +194,7 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 
 
 def test_check_prints_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["catalog", "check"]) == 0
+    assert main.main(["catalog", "check"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert {line.split()[0] for line in lines[1:-2] if not line.startswith(" ")} == set(
         catalog.names("sensors")
@@ -202,7 +203,7 @@ def test_check_prints_every_sensor(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["catalog", "check", "livox-mid-40", "--json"]) == 0
+    assert main.main(["catalog", "check", "livox-mid-40", "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)
     assert told["range_m"]["published"] == 90.0
     assert told["range_m"]["condition"] == "10%, 100 klux"
@@ -213,7 +214,7 @@ def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["catalog", "check", "mems-1550", "--json"]) == 0
+    assert main.main(["catalog", "check", "mems-1550", "--json"]) == 0
     (told,) = json.loads(capsys.readouterr().out)
     assert told["range_m"]["published"] is None
     assert told["range_m"]["deviation"] is None
@@ -222,9 +223,9 @@ def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["catalog", "check", "vlp16"]) == 2
+    assert main.main(["catalog", "check", "vlp16"]) == 2
     assert "did you mean vlp-16" in capsys.readouterr().err
-    assert cli.main(["catalog", "sensors", "--json"]) == 2
+    assert main.main(["catalog", "sensors", "--json"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from command_line import WALL, Ran, Run
 
-from lidarscene import cli
+from lidarscene.cli import main
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     def command(*argv: str) -> Ran:
         capsys.readouterr()
         try:
-            code = cli.main(argv)
+            code = main.main(argv)
         except SystemExit as end:  # argparse after -h and --version
             code = int(end.code or 0)
         return Ran(code, *capsys.readouterr())

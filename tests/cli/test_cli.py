@@ -13,7 +13,7 @@ import pytest
 from command_line import BEAMS, COARSE, WALL, Run
 
 from lidarscene import __version__, catalog
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 
 ROOT = Path(__file__).parents[2]
 RIGS = [ROOT / "scenes" / "rig.toml"]
@@ -79,7 +79,9 @@ def test_catalog(run: Run) -> None:
 
 
 def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
-    code = "from lidarscene.cli import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
+    code = (
+        "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
+    )
     done = run_python(code, PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -10,8 +10,9 @@ import pytest
 import trimesh
 from command_line import BEAMS, COARSE, WALL, Run
 
-from lidarscene import PointCloud, cli
-from lidarscene.analysis import compare_page
+from lidarscene import PointCloud
+from lidarscene.cli import main
+from lidarscene.studies.compare import page as compare_page
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
@@ -28,7 +29,7 @@ def folder(mi, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (base / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
     where = base / "new" / "out"
     argv = ["compare", str(base / "wall.toml"), *PAIR, "-o", str(where), *WEAK, *SWEPT]
-    assert cli.main(argv) == 0
+    assert main.main(argv) == 0
     return where
 
 

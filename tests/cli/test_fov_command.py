@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from command_line import COARSE, WALL, Run
 
-from lidarscene import cli
-from lidarscene.analysis import fov
+from lidarscene.cli import main
+from lidarscene.studies.field_of_view import study
 
 FAST = (*COARSE, "--time", "0.001,0.01", "--cell", "2")
 RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
@@ -20,11 +20,11 @@ RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command run once."""
     where = tmp_path_factory.mktemp("fov") / "new" / "out"
-    assert cli.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
+    assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
     return where
 
 
-NAMES = fov.file_names(["table1-apd", "table1-sipm"], with_ground=True, with_scene=False)
+NAMES = study.file_names(["table1-apd", "table1-sipm"], with_ground=True, with_scene=False)
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
@@ -69,7 +69,7 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> N
 def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
     code = f"""
 import sys
-from lidarscene.cli import main
+from lidarscene.cli.main import main
 code = main(["fov", "table1-apd", "-o", r"{tmp_path / "out"}", *{FAST!r}])
 print([name for name in ("mitsuba", "drjit", "scipy", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
@@ -149,7 +149,7 @@ def test_a_rig(mi, run: Run, tmp_path: Path) -> None:
 
 
 def test_equal_names_get_files_of_their_own() -> None:
-    assert fov.slugs(["a b", "a-b", "A B", "ü"]) == ["a-b", "a-b-2", "a-b-3", "sensor"]
+    assert study.slugs(["a b", "a-b", "A B", "ü"]) == ["a-b", "a-b-2", "a-b-3", "sensor"]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import COARSE, WALL, Ran, Run
 
-from lidarscene.simulate import Simulator
+from lidarscene.render.simulator import Simulator
 
 NOISE = np.random.default_rng(7).bytes(2000)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -320,7 +320,7 @@ def test_output_that_cannot_be(
 ) -> None:
     """It is told before anything is computed."""
     (tmp_path / "folder.ply").mkdir()
-    monkeypatch.setattr("lidarscene.api.load_scene", lambda scene: pytest.fail("the scene was read"))
+    monkeypatch.setattr("lidarscene.render.api.load_scene", lambda scene: pytest.fail("the scene was read"))
     assert told in refused(run, tmp_path, "render", wall, "-o", output)
 
 
@@ -350,10 +350,10 @@ def _full_disk(*_: Any, **__: Any) -> None:
 @pytest.mark.parametrize(
     ("target", "argv", "told", "kept"),
     [
-        ("lidarscene.io.files._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
+        ("lidarscene.files.atomic._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
         ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"],
          "new/m.npz: cannot be written: No space left on device", set()),
-        ("lidarscene.io.spool.Spool.append", ["--keep-missed", "new/m.npz"],
+        ("lidarscene.files.spool.Spool.append", ["--keep-missed", "new/m.npz"],
          "new/m.npz: cannot be written: No space left on device", set()),
     ],
 )  # fmt: skip
@@ -373,7 +373,7 @@ def test_full_disk_behind_standard_output(run_python: Any) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full on this system")
     code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"
-    code += "from lidarscene.cli import main; sys.exit(main(['catalog']))"
+    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog']))"
     done = run_python(code)
     assert done.returncode == 2
     assert done.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
@@ -381,7 +381,7 @@ def test_full_disk_behind_standard_output(run_python: Any) -> None:
 
 def test_reader_that_has_gone_is_no_mistake(run_python: Any) -> None:
     code = "import sys, os; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
-    code += "from lidarscene.cli import main; sys.exit(main(['catalog']))"
+    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog']))"
     done = run_python(code)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -393,7 +393,7 @@ def test_interrupt_leaves_nothing(
         raise KeyboardInterrupt
 
     before = files_in(tmp_path)
-    for target in ("lidarscene.simulate.Simulator.stream", "lidarscene.io.files._sync"):
+    for target in ("lidarscene.render.simulator.Simulator.stream", "lidarscene.files.atomic._sync"):
         with monkeypatch.context() as patch:
             patch.setattr(target, interrupted)
             ran = run("render", wall, "-o", "new/o.ply", *COARSE)

@@ -8,8 +8,8 @@ import pytest
 from command_line import BEAMS, COARSE, WALL, Run
 from walls import LEFT_AND_RIGHT
 
-from lidarscene.cloud import PointCloud
-from lidarscene.simulate import Simulator
+from lidarscene.cloud.points import PointCloud
+from lidarscene.render.simulator import Simulator
 
 DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"
 FRAME_S = BEAMS / 50e3  # of the coarse raster
@@ -200,10 +200,10 @@ def test_the_view_rides_with_the_vehicle(
     mi, run: Run, drive: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """[picture] is in the vehicle's frame: in the world it is where the vehicle is when the frame begins."""
-    from lidarscene import plots
+    from lidarscene.figures import pictures
 
     seen: list[dict] = []
-    monkeypatch.setattr(plots, "frame_picture", lambda cloud, path, **view: seen.append(view))
+    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **view: seen.append(view))
     (tmp_path / "drive.toml").write_text(
         "[picture]\neye_m = [-5, 0, 3]\ntarget_m = [10, 0, 0]\n"
         + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from command_line import COARSE, Run
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import LidarSceneError
-from lidarscene.formats import FORMATS, LABELS
+from lidarscene.formats.registry import FORMATS, LABELS
 
 pytestmark = pytest.mark.usefixtures("mi")
 

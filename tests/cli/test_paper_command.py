@@ -9,22 +9,22 @@ from pathlib import Path
 import pytest
 from command_line import Run
 
-from lidarscene import cli
-from lidarscene.analysis import paper
+from lidarscene.cli import main
+from lidarscene.studies.paper import study
 
-PICTURES = [name for name in paper.file_names() if name.endswith((".png", ".svg"))]
+PICTURES = [name for name in study.file_names() if name.endswith((".png", ".svg"))]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command run once."""
     where = tmp_path_factory.mktemp("paper") / "new" / "out"
-    assert cli.main(["paper", "-o", str(where)]) == 0
+    assert main.main(["paper", "-o", str(where)]) == 0
     return where
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
-    assert sorted(path.name for path in folder.iterdir()) == sorted(paper.file_names())
+    assert sorted(path.name for path in folder.iterdir()) == sorted(study.file_names())
     assert len(PICTURES) == 14
 
 
@@ -94,7 +94,7 @@ def test_the_same_again(folder: Path, run: Run, tmp_path: Path) -> None:
     """No dates, no random numbers."""
     ran = run("paper", "-o", "again")
     assert (ran.code, ran.err) == (0, "")
-    for name in paper.file_names():
+    for name in study.file_names():
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
     assert "at the best gain optical noise equals electrical noise" in ran.out.lower()
 
@@ -102,7 +102,7 @@ def test_the_same_again(folder: Path, run: Run, tmp_path: Path) -> None:
 def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
     code = f"""
 import sys
-from lidarscene.cli import main
+from lidarscene.cli.main import main
 code = main(["paper", "-o", r"{tmp_path / "out"}"])
 print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)

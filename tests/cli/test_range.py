@@ -11,7 +11,7 @@ import pytest
 from command_line import Ran, Run
 
 from lidarscene import catalog
-from lidarscene.analysis import range_report
+from lidarscene.studies.ranging import report
 
 APD, SIPM = "table1-apd", "table1-sipm"
 PRINTED = (f"--set={SIPM}:detector.statistics=published", f"--set={SIPM}:detector.cell_floor=0")
@@ -209,7 +209,7 @@ def test_extreme_plots_do_not_fail(run: Run) -> None:
 def test_runs_without_tracing(run_python: Any, tmp_path: Path) -> None:
     code = f"""
 import sys
-from lidarscene.cli import main
+from lidarscene.cli.main import main
 code = main(["range", "{APD}", "{SIPM}", "--over", "illuminance", "--plot", r"{tmp_path / "o.png"}"])
 print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
@@ -229,7 +229,7 @@ def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:
 
 def test_every_aperture_law_is_told_in_a_line() -> None:
     for law in ("scanner", "constant", "cosine", "mirror"):
-        assert re.match(r"A\(theta\) (= A\(0\)|as )", range_report.law_text(law))
+        assert re.match(r"A\(theta\) (= A\(0\)|as )", report.law_text(law))
 
 
 # --- mistakes ---------------------------------------------------------------------------------------

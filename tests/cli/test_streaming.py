@@ -16,13 +16,15 @@ import pytest
 from command_line import BEAMS, COARSE, Run
 from walls import LEFT_AND_RIGHT
 
-from lidarscene import api, thinning
-from lidarscene.cloud import PointCloud
-from lidarscene.deskew import deskewed
-from lidarscene.io import kitti_dataset, parquet
-from lidarscene.io.label_files import write_labels
-from lidarscene.rig import merged, simulators
-from lidarscene.simulate import Simulator
+from lidarscene.cloud import thinning
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats import parquet
+from lidarscene.labels import kitti_dataset
+from lidarscene.labels.files import write_labels
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator
+from lidarscene.sensor.rig import merged, simulators
 
 SENSOR = "table1-apd"
 MOVING = """

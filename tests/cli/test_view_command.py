@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from command_line import COARSE, Run
 
-from lidarscene.cli_view import clouds_in
+from lidarscene.cli.view import clouds_in
 
 
 @pytest.fixture

@@ -18,14 +18,14 @@ from documentation import PAGES, README, ROOT, Block, blocks, code_spans, make_w
 from pydantic_core import PydanticUndefined
 
 import lidarscene
-from lidarscene import cli
-from lidarscene.cloud import COLUMNS
-from lidarscene.io.job_file import JobFile
-from lidarscene.io.material_file import MaterialFile
-from lidarscene.io.rig_file import RigFile
-from lidarscene.io.scene_file import SceneFile
-from lidarscene.io.sensor_file import SensorFile
-from lidarscene.io.toml_file import FileModel
+from lidarscene.batch.file import JobFile
+from lidarscene.cli import main
+from lidarscene.cloud.points import COLUMNS
+from lidarscene.files.toml import FileModel
+from lidarscene.materials.file import MaterialFile
+from lidarscene.scene.file import SceneFile
+from lidarscene.sensor.file import SensorFile
+from lidarscene.sensor.rig_file import RigFile
 
 CONVENTIONS, THEORY, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "theory", "architecture", "validation")
@@ -98,7 +98,7 @@ def test_readme_summary(
         return [(re.sub(r"[\d,\s]+", " ", row), n) for row, n in zip(rows, numbers, strict=True)]
 
     make_workplace(tmp_path, README, monkeypatch)
-    assert cli.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
+    assert main.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
     excerpt = next(re.finditer(r"```text\n(beams .*?)```", text_of(README), re.DOTALL))[1]
     came, told = lines(capsys.readouterr().out), lines(excerpt)
     assert [words for words, _ in came] == [words for words, _ in told]
@@ -113,7 +113,7 @@ DOTTED = re.compile(r"[a-z_]\w*(\.\w+)+")
 
 
 def dotted_names(page: Path) -> list[str]:
-    """Code spans that are names below lidarscene: `physics.tdc.crossing_level`, not `scene.toml`."""
+    """Code spans that are names below lidarscene: `physics.electronics.tdc.crossing_level`, not `scene.toml`."""
     spans = [span for span in code_spans(page) if DOTTED.fullmatch(span)]
     files = (".py", ".toml", ".xml", ".ply")
     return [span for span in spans if span.split(".")[0] in MODULES and not span.endswith(files)]

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from lidarscene.cloud import SENSOR_TO_WORLD, PointCloud
-from lidarscene.geometry import Pose
-from lidarscene.io.meshes import box_mesh, plane_mesh
-from lidarscene.scene import Body, Part, Scene
+from lidarscene.cloud.points import SENSOR_TO_WORLD, PointCloud
+from lidarscene.maths.pose import Pose
+from lidarscene.scene.meshes import box_mesh, plane_mesh
+from lidarscene.scene.model import Body, Part, Scene
 
 SENSOR = Pose.from_degrees(position_m=(3.0, -2.0, 1.8), yaw_deg=20.0, pitch_deg=-2.0)
 CLASSES = ("road", "car", "barrier", "gantry")
@@ -83,7 +83,7 @@ def cloud(
 
 def everything(n: int) -> dict[str, np.ndarray]:
     """Zeros for every attribute of a cloud, whatever columns there are."""
-    from lidarscene.cloud import MEASURED, TRUTH
+    from lidarscene.cloud.points import MEASURED, TRUTH
 
     return {a: np.zeros((n, 3) if a == "xyz_m" else n) for a in (*MEASURED, *TRUTH)}
 

@@ -12,10 +12,11 @@ import pytest
 import street
 from unit.test_cloud import assert_same, small_cloud, small_columns
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError, OutputError
-from lidarscene.formats import FORMATS, format_of
-from lidarscene.io import las, optional
+from lidarscene.files import optional
+from lidarscene.formats import las
+from lidarscene.formats.registry import FORMATS, format_of
 
 READ = [name for name, one in FORMATS.items() if one.reader]
 EXACT = [name for name in READ if name not in ("las", "laz")]

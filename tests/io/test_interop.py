@@ -15,11 +15,11 @@ import trimesh
 from unit.test_cloud import small_cloud
 
 import lidarscene
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.geometry import Pose
-from lidarscene.materials import Material, Spectrum
-from lidarscene.scene import Scene
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+from lidarscene.scene.model import Scene
 
 
 def test_structured() -> None:
@@ -87,7 +87,7 @@ def test_notebooks_show_a_picture(street_cloud: PointCloud) -> None:
 
 def test_nothing_heavy_is_imported_to_save_and_show(run_python: Any) -> None:
     code = (
-        "import sys, numpy as np\nfrom lidarscene.cloud import CloudBuilder\n"
+        "import sys, numpy as np\nfrom lidarscene.cloud.points import CloudBuilder\n"
         "c = CloudBuilder().build()\nc._repr_png_(); c.to_structured(); c.save('/dev/null/x.npz') if 0 else None\n"
         "print(*(n for n in ('matplotlib', 'mitsuba', 'open3d', 'pandas', 'PIL') if n in sys.modules))"
     )

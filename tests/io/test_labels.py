@@ -12,16 +12,17 @@ import pytest
 import street
 from test_readers import osi_messages, rotated, value_at
 
-from lidarscene import labels
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats import LABELS
-from lidarscene.geometry import Pose
-from lidarscene.io import gathered_boxes, kitti_dataset, spool
-from lidarscene.io.label_files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
-from lidarscene.rig import merged
-from lidarscene.scene import Ball, Body, Scene
-from lidarscene.trajectory import Course, pose_at
+from lidarscene.files import spool
+from lidarscene.formats.registry import LABELS
+from lidarscene.labels import gathered, kitti_dataset
+from lidarscene.labels import points as labels
+from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, pose_at
+from lidarscene.scene.model import Ball, Body, Scene
+from lidarscene.sensor.rig import merged
 
 CAR = (4.0, 2.0, 1.5)
 
@@ -289,7 +290,7 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
 
 
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:
-    from lidarscene.io.label_files import _in_picture
+    from lidarscene.labels.files import _in_picture
 
     box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
     assert _in_picture(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
@@ -419,7 +420,7 @@ def test_labels_do_not_show_how_the_frame_was_cut(
     """Pieces that end within blocks, against one piece and one block."""
     cloud, scene = driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
     write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
-    monkeypatch.setattr(gathered_boxes, "PIECE_POINTS", 700)
+    monkeypatch.setattr(gathered, "PIECE_POINTS", 700)
     monkeypatch.setattr(spool, "BLOCK_ROWS", 300)
     with labels_stream(tmp_path / "pieces.ply", scene, format=format) as append:
         for first in range(0, len(cloud), 1000):

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarscene import api
-from lidarscene.io import spool
-from lidarscene.io.missed_pulses import missed_stream
-from lidarscene.returns import OUTCOME_TEXT
+from lidarscene.detection.returns import OUTCOME_TEXT
+from lidarscene.files import spool
+from lidarscene.record.missed import missed_stream
+from lidarscene.render import api
 
 SENSOR = api.load_sensor("table1-apd")
 FRAME = 2

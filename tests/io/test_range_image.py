@@ -8,10 +8,10 @@ import PIL.Image
 import pytest
 import street
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.io import png
-from lidarscene.io.range_image import images, write_range_image
+from lidarscene.files import png
+from lidarscene.record.range_image import images, write_range_image
 
 
 def test_png_in_pillow(tmp_path: Path) -> None:

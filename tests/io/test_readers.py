@@ -12,10 +12,11 @@ import pytest
 from test_formats import PLACED, file_of, need
 from unit.test_cloud import small_cloud
 
-from lidarscene.cloud import PointCloud
-from lidarscene.formats import FORMATS
-from lidarscene.io import pcd, rotations
-from lidarscene.io.described import LARGEST
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats import pcd
+from lidarscene.formats.described import LARGEST
+from lidarscene.formats.registry import FORMATS
+from lidarscene.maths import rotations
 
 N = 50
 
@@ -325,7 +326,7 @@ def rotated(quaternion: tuple[float, ...], vectors: np.ndarray) -> np.ndarray:
 def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
     need("mcap")
     reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
-    from lidarscene.io.ros import write_ros
+    from lidarscene.formats.ros import write_ros
 
     frames = [small_cloud(n, metadata={"frame_start_s": repr(0.1 * n)}) for n in (3, 5)]
     write_ros(tmp_path / "a.mcap", iter(frames))

@@ -10,10 +10,10 @@ import pytest
 from test_formats import need
 from unit.test_cloud import assert_same, small_cloud
 
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.formats import FORMATS
-from lidarscene.io import las, parquet
+from lidarscene.formats import las, parquet
+from lidarscene.formats.registry import FORMATS
 
 STREAMED = [name for name, one in FORMATS.items() if one.appender]
 CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lidarscene.arrays import xp
-from lidarscene.physics import counting
+from lidarscene.maths.arrays import xp
+from lidarscene.physics.electronics import counting
 
 pytestmark = pytest.mark.usefixtures("mi")
 

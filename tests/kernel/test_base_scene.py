@@ -9,7 +9,7 @@ import pytest
 import lidarscene
 from lidarscene import PointCloud, Pose, catalog
 from lidarscene.errors import InputError
-from lidarscene.kernel.base_scene import load_shapes
+from lidarscene.kernel.world.mitsuba_xml import load_shapes
 
 COARSE = (
     "scanner.azimuth_fov_deg=40", "scanner.azimuth_step_deg=1",

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.kernel import bsdfs
-from lidarscene.materials import Material, Spectrum
+from lidarscene.kernel.world import bsdfs
+from lidarscene.materials.material import Material, Spectrum
 
 pytestmark = pytest.mark.usefixtures("mi")
 

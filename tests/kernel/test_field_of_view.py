@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose
-from lidarscene.scene import Sun
-from lidarscene.simulate import Simulator
+from lidarscene.maths.pose import Pose
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -6,11 +6,11 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.kernel import device
-from lidarscene.kernel.gaps import Draws
-from lidarscene.materials import Material, Spectrum
-from lidarscene.scene import Sun
-from lidarscene.simulate import Simulator
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.gaps import Draws
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -80,8 +80,8 @@ def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
     would be off by up to 5 sigma = 2.5 sqrt(N), 20 of 64 rays.
     """
     pulses = 500
-    lanes = device.counter(0, pulses * rays)
-    draws = Draws(seed=device.opaque_uint32(3), pulse=lanes // rays, ray=lanes % rays)
+    lanes = transfer.counter(0, pulses * rays)
+    draws = Draws(seed=transfer.opaque_uint32(3), pulse=lanes // rays, ray=lanes % rays)
     steps = [draws.uniform(step).numpy().reshape(pulses, rays) for step in range(8)]
     for level in (0.1, 0.3, 0.5, 0.9):
         for numbers in steps:
@@ -118,7 +118,7 @@ def test_a_pulse_of_many_rays_has_both_echoes():
 def roof(height_m):
     import dataclasses
 
-    from lidarscene.geometry import Pose
+    from lidarscene.maths.pose import Pose
 
     body = chain.facing(range_m=0.0, size_m=40.0, material="fence")
     return dataclasses.replace(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from test_specular import INDEX, MATERIALS, MIDDLE, both_sides, pane
 
-from lidarscene.physics import radiometry
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course
+from lidarscene.maths.trajectory import Course
+from lidarscene.physics.optics import radiometry
+from lidarscene.render.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 import trains
 
-from lidarscene import beams, echoes, multi_echo
-from lidarscene import train as trains_of
-from lidarscene.arrays import xp
-from lidarscene.beams import Beams
-from lidarscene.echoes import Ambient
-from lidarscene.footprint import footprint, spread
-from lidarscene.hits import Hits
-from lidarscene.kernel import device
-from lidarscene.kernel.trace import trace
-from lidarscene.kernel.world import build_world
-from lidarscene.stages import ambient_of
+from lidarscene.detection import multi_echo
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.kernel.world.build import build_world
+from lidarscene.light import beams, echoes
+from lidarscene.light import pulse_train as trains_of
+from lidarscene.light.beams import Beams
+from lidarscene.light.echoes import Ambient
+from lidarscene.light.footprint import footprint, spread
+from lidarscene.light.hits import Hits
+from lidarscene.maths.arrays import xp
+from lidarscene.render.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -30,7 +31,7 @@ RAYS = 3
 
 
 def light_of(numbers, equipped):
-    """`echoes.receive` of Lambertian surfaces under the sun: numpy or device arrays by name."""
+    """`light.echoes.receive` of Lambertian surfaces under the sun: numpy or device arrays by name."""
     ops = xp(numbers["range_m"])
     hits = Hits(
         found=numbers["range_m"] > 0.0, range_m=numbers["range_m"], cos_incidence=1.0,
@@ -76,7 +77,7 @@ def test_power_of_an_echo(mi):
     equipped = chain.sensor("table1-apd")
     numbers = numbers_at()
     power, slope = differentiated(
-        numbers, lambda at: light_of(at, device.opaque(equipped))[2].peak_power_w, mi
+        numbers, lambda at: light_of(at, transfer.opaque(equipped))[2].peak_power_w, mi
     )
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
     falling = -power * (2.0 / RANGES_M + 2.0 * EXTINCTION_PER_M)
@@ -88,7 +89,7 @@ def test_background_of_a_surface(mi):
     """(8) is linear in the sun, and in rho: all of it is the surface's."""
     equipped = chain.sensor("table1-apd")
     power, slope = differentiated(
-        numbers_at(), lambda at: light_of(at, device.opaque(equipped))[2].background_power_w, mi
+        numbers_at(), lambda at: light_of(at, transfer.opaque(equipped))[2].background_power_w, mi
     )
     np.testing.assert_allclose(slope["sun"], power / 10.0, rtol=SINGLE)
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
@@ -121,8 +122,8 @@ def test_many_rays_on_one_pulse(case, name, mi):
 
     def result(at, name=name):
         on_device = not isinstance(at["range_m"], np.ndarray)
-        sensor = device.opaque(equipped) if on_device else equipped
-        pulse = device.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
+        sensor = transfer.opaque(equipped) if on_device else equipped
+        pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
         rays, ambient, light = light_of(at, sensor)
         whole = trains_of.together([light], rays, sensor, ambient, rays=RAYS, air=None, seed=0, pulse=pulse)
         return getattr(multi_echo.detect(whole, sensor, seed=0, pulse=pulse), name)
@@ -158,18 +159,18 @@ def test_reflectivity_of_a_traced_plane(mi):
     (key,) = (one for one in parameters.keys() if one.endswith("reflectance.value"))  # noqa: SIM118
     dr.enable_grad(parameters[key])
     parameters.update()
-    sensor, rotation = device.opaque(equipped), device.opaque(tuple(np.eye(3).ravel().tolist()))
-    pulse = device.counter(0, 9)
-    of_ray, ray = device.repeated(pulse, 7)
-    axes = beams.fire(sensor, pulse=of_ray, origin_m=device.opaque((0.0, 0.0, 0.0)), rotation=rotation)
+    sensor, rotation = transfer.opaque(equipped), transfer.opaque(tuple(np.eye(3).ravel().tolist()))
+    pulse = transfer.counter(0, 9)
+    of_ray, ray = transfer.repeated(pulse, 7)
+    axes = beams.fire(sensor, pulse=of_ray, origin_m=transfer.opaque((0.0, 0.0, 0.0)), rotation=rotation)
     fan = spread(axes, footprint(equipped.laser, 7), ray=ray, rotation=rotation)
-    hits, *_ = trace(world, fan, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
-    ambient = device.opaque(ambient_of(described, equipped))
+    hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))
+    ambient = transfer.opaque(ambient_of(described, equipped))
     light = echoes.receive(fan, hits, sensor, ambient)
     whole = trains_of.together(
-        [light], fan, sensor, ambient, rays=7, air=None, seed=device.opaque_uint32(0), pulse=pulse
+        [light], fan, sensor, ambient, rays=7, air=None, seed=transfer.opaque_uint32(0), pulse=pulse
     )  # fmt: skip
-    snr = multi_echo.detect(whole, sensor, seed=device.opaque_uint32(0), pulse=pulse).snr
+    snr = multi_echo.detect(whole, sensor, seed=transfer.opaque_uint32(0), pulse=pulse).snr
     dr.backward(dr.sum(snr))
     total = float(np.sum(dr.detach(snr).numpy()))
     assert float(np.sum(dr.grad(parameters[key]).numpy())) == pytest.approx(total / 0.1, rel=1e-4)
@@ -188,7 +189,7 @@ def test_what_a_converter_reports_has_none(mi):
     (part,) = light.parts
     light = replace(light, parts=(replace(part, peak_power_w=part.peak_power_w * scale),))
     found = multi_echo.detect(
-        light, device.opaque(equipped), seed=device.opaque_uint32(0), pulse=device.counter(0, 1)
+        light, transfer.opaque(equipped), seed=transfer.opaque_uint32(0), pulse=transfer.counter(0, 1)
     )
     assert dr.grad_enabled(found.snr)
     for one in (found.stops[0].range_m, found.stops[0].amplitude, found.stops[0].snr):

@@ -7,12 +7,12 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.kernel.world import build_world
-from lidarscene.materials import Material, Spectrum
-from lidarscene.physics import radiometry
-from lidarscene.scene import Sun
-from lidarscene.stages import ambient_of
-from lidarscene.trajectory import Course
+from lidarscene.kernel.world.build import build_world
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.trajectory import Course
+from lidarscene.physics.optics import radiometry
+from lidarscene.render.stages import ambient_of
+from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -6,14 +6,15 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.air_light import overlap_of
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import radiometry, soft_target
-from lidarscene.physics.pulse import gaussian_pulse
-from lidarscene.returns import Status
-from lidarscene.scene import Air
-from lidarscene.simulate import Simulator, Summary
-from lidarscene.weather import Weather
+from lidarscene.detection.returns import Status
+from lidarscene.light.air_light import overlap_of
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.optics import radiometry
+from lidarscene.physics.optics.pulse import gaussian_pulse
+from lidarscene.physics.weather import soft_target
+from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.scene.model import Air
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -6,14 +6,14 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.cloud import PointCloud
-from lidarscene.deskew import deskewed
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose, direction_from_angles
+from lidarscene.maths.pose import Pose, direction_from_angles
+from lidarscene.maths.trajectory import Course, Motion, Riding, Spline, States, pose_at
+from lidarscene.render.simulator import Simulator
 from lidarscene.scan import Pattern
-from lidarscene.scene import Body, Scene
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course, Motion, Riding, Spline, States, pose_at
+from lidarscene.scene.model import Body, Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 

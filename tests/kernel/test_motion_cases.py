@@ -10,15 +10,15 @@ import pytest
 from test_motion import EGO, SENSOR, direction, frozen, traffic
 
 from lidarscene import catalog
-from lidarscene.cloud import PointCloud
-from lidarscene.deskew import deskewed
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose
-from lidarscene.io.scene_file import read_scene
-from lidarscene.rig import Mounted, merged, require_common_frames, simulators
-from lidarscene.scene import Ball, Body, Scene
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.file import read_scene
+from lidarscene.scene.model import Ball, Body, Scene
+from lidarscene.sensor.rig import Mounted, merged, require_common_frames, simulators
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene import api, beams
-from lidarscene.geometry import Pose
-from lidarscene.kernel import device
-from lidarscene.kernel.onward import START_OFFSET_M
-from lidarscene.kernel.trace import trace
-from lidarscene.scene import Part, Scene
-from lidarscene.simulate import Simulator
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.onward import START_OFFSET_M
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.light import beams
+from lidarscene.maths.pose import Pose
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Part, Scene
 
 Array = np.ndarray[Any, Any]
 
@@ -133,11 +134,11 @@ def view(request: pytest.FixtureRequest, simulator: Simulator, road: Road) -> Vi
     sun = tuple(float(v) for v in simulator.scene.sun.direction)
     rays = beams.fire(
         simulator.sensor,
-        pulse=device.counter(0, simulator.sensor.scanner.pulses),
-        origin_m=device.opaque(origin),
-        rotation=device.opaque(tuple(float(v) for v in place.rotation.ravel())),
+        pulse=transfer.counter(0, simulator.sensor.scanner.pulses),
+        origin_m=transfer.opaque(origin),
+        rotation=transfer.opaque(tuple(float(v) for v in place.rotation.ravel())),
     )
-    hits, *_ = trace(simulator.world, rays, sun=device.opaque(sun), interactions=0)
+    hits, *_ = trace(simulator.world, rays, sun=transfer.opaque(sun), interactions=0)
     direction = np.stack([np.array(axis) for axis in rays.direction], axis=1)
     origin_m = np.array([origin], dtype=np.float32)
     names = ("found", "range_m", "cos_incidence", "cos_sun", "lit", "face")

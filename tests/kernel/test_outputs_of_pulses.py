@@ -7,12 +7,12 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.errors import InputError
-from lidarscene.physics import radiometry
-from lidarscene.scene import Air
-from lidarscene.simulate import Simulator
-from lidarscene.weather import Weather
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.optics import radiometry
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Air
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 

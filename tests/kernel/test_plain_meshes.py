@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from test_specular import MATERIALS, pane
 
-from lidarscene.geometry import Pose
-from lidarscene.kernel import device
-from lidarscene.kernel.gaps import Draws
-from lidarscene.kernel.meeting import Moment
-from lidarscene.kernel.world import build_world
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.gaps import Draws
+from lidarscene.kernel.rays.meeting import Moment
+from lidarscene.kernel.world.build import build_world
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course
+from lidarscene.render.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -49,7 +49,7 @@ def test_surface_is_mitsubas():
     directions = rng.normal(size=(3, 20_000)) * [[1.0], [0.3], [0.05]]
     directions /= np.linalg.norm(directions, axis=0)
     ray = mi.Ray3f(mi.Point3f(0.0, 0.0, 0.1), mi.Vector3f(*directions.astype(np.float32)))
-    zero = device.opaque_uint32(0)
+    zero = transfer.opaque_uint32(0)
     met = [
         Moment(
             world=one, moving=[], sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from walls import WALL
 
-from lidarscene import cli, load_scene
-from lidarscene.kernel.profile import KernelHistory, kernel_history
+from lidarscene import load_scene
+from lidarscene.cli import main
+from lidarscene.kernel.device.profile import KernelHistory, kernel_history
 
 COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
 
@@ -34,7 +35,7 @@ def test_launched_and_compiled(mi: Any) -> None:
 def test_peak_memory_is_that_of_the_largest_moment(run_python: Any) -> None:
     """Rationale: 512 MB written and given back still count; a bare Python with numpy holds less than 200 MB."""
     code = (
-        "import numpy as np\nfrom lidarscene.kernel.profile import peak_memory_bytes as peak\n"
+        "import numpy as np\nfrom lidarscene.kernel.device.profile import peak_memory_bytes as peak\n"
         "before = peak()\nheld = np.ones(2**26)\ndel held\nprint(before, peak())"
     )
     done = run_python(code)
@@ -54,7 +55,7 @@ def test_render_prints_it(
     Path("wall.toml").write_text(WALL)
 
     def profile(*argv: str) -> dict[str, Any]:
-        assert cli.main(["render", "wall.toml", *COARSE, "--profile", "--json", *argv]) == 0
+        assert main.main(["render", "wall.toml", *COARSE, "--profile", "--json", *argv]) == 0
         told: dict[str, Any] = json.loads(capsys.readouterr().out)
         return told["profile"]
 
@@ -63,7 +64,7 @@ def test_render_prints_it(
     assert four["kernels"]["launched"] > one["kernels"]["launched"] > 0
     assert four["kernels"]["compiled"] == 0
     assert four["peak_memory_bytes"] is None or four["peak_memory_bytes"] > 1e7
-    assert cli.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
+    assert main.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
     text = capsys.readouterr().out.split("\nprofile\n")[1]
     assert [line.split()[0] for line in text.splitlines()][-3:] == ["kernels", "their", "peak"]
     assert text.count("%") == 6  # load, build, record, trace, collect, write: nothing is assembled
@@ -85,7 +86,8 @@ def test_texts_of_kernels_do_not_gather(
     monkeypatch.setattr(KernelHistory, "take", counted)
     steps = ("--set=scanner.azimuth_step_deg=1", "--set=scanner.elevation_step_deg=0.6")
     assert (
-        cli.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "100"]) == 0
+        main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "100"])
+        == 0
     )
     told = json.loads(capsys.readouterr().out)
     chunks = -(-told["beams"] // 100)
@@ -100,7 +102,7 @@ def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     Path("wall.toml").write_text(WALL)
     Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 0]", "[8.5, 0, 0]"))
     moved = "bodies.wall.position_m=[8.5, 0, 0]"
-    assert cli.main(["render", "wall.toml", *COARSE, "-o", "a.ply", "--scene-set", moved]) == 0
-    assert cli.main(["render", "near.toml", *COARSE, "-o", "b.ply"]) == 0
+    assert main.main(["render", "wall.toml", *COARSE, "-o", "a.ply", "--scene-set", moved]) == 0
+    assert main.main(["render", "near.toml", *COARSE, "-o", "b.ply"]) == 0
     assert Path("a.ply").read_bytes() == Path("b.ply").read_bytes()
     assert load_scene("wall.toml", overrides=[moved]).bodies[0].pose.position_m.tolist() == [8.5, 0.0, 0.0]

@@ -4,9 +4,11 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import Pose, Simulator, beams, echoes, returns
-from lidarscene.hits import Hits
-from lidarscene.stages import ambient_of
+from lidarscene import Pose, Simulator
+from lidarscene.detection import returns
+from lidarscene.light import beams, echoes
+from lidarscene.light.hits import Hits
+from lidarscene.render.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -12,10 +12,10 @@ import pytest
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose
-from lidarscene.kernel import device
-from lidarscene.simulate import Simulator
-from lidarscene.stages import Chain
+from lidarscene.kernel.device import transfer
+from lidarscene.maths.pose import Pose
+from lidarscene.render.simulator import Simulator
+from lidarscene.render.stages import Chain
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -96,7 +96,7 @@ def test_only_what_is_wanted_comes_out():
     import drjit as dr
     import mitsuba as mi
 
-    from lidarscene.kernel.replay import LEFT_OUT, Replay
+    from lidarscene.kernel.device.replay import LEFT_OUT, Replay
 
     @dataclasses.dataclass(frozen=True)
     class Pair:
@@ -113,7 +113,7 @@ def test_only_what_is_wanted_comes_out():
 
     replay = Replay(function, lambda pair: [pair.first], held=held)
     for call, size in enumerate((3, 3, 5, 2)):
-        x = device.from_numpy(np.arange(size) % 3)
+        x = transfer.from_numpy(np.arange(size) % 3)
         found = replay(x, (dr.opaque(mi.Float, float(call)),))
         np.testing.assert_array_equal(found.first.numpy(), np.arange(size) % 3 + 1.0 + call)
         assert found.name == "pair"
@@ -126,13 +126,13 @@ def test_what_cannot_be_recorded_is_called():
     import drjit as dr
     import mitsuba as mi
 
-    from lidarscene.kernel.replay import Replay
+    from lidarscene.kernel.device.replay import Replay
 
     hidden = dr.opaque(mi.Float, 2.0)
     hiding = Replay(lambda x: (x * hidden,), list, held=())
     even = Replay(lambda x: (dr.full(mi.Float, 7.0, dr.width(x)),), list, held=())
     for size in (9, 4, 5):
-        x = device.from_numpy(np.arange(size))
+        x = transfer.from_numpy(np.arange(size))
         np.testing.assert_array_equal(hiding(x)[0].numpy(), 2.0 * np.arange(size))
         np.testing.assert_array_equal(even(x)[0].numpy(), np.full(size, 7.0))
     assert hiding.recordings == even.recordings == 0
@@ -143,7 +143,7 @@ def test_what_the_function_raises_comes_out(error):
     """Ctrl-C above all; and the next call is recorded as if nothing had been."""
     import mitsuba as mi
 
-    from lidarscene.kernel.replay import Replay
+    from lidarscene.kernel.device.replay import Replay
 
     errors = [error("of its own")]
 
@@ -154,10 +154,10 @@ def test_what_the_function_raises_comes_out(error):
 
     replay = Replay(function, list, held=())
     with pytest.raises(error, match="of its own"):
-        replay(device.from_numpy(np.arange(5)))
+        replay(transfer.from_numpy(np.arange(5)))
     for size in (5, 7):
         np.testing.assert_array_equal(
-            replay(device.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0
+            replay(transfer.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0
         )
     assert replay.recordings >= 1
 
@@ -166,15 +166,15 @@ def test_tables_that_are_uploaded_while_it_is_recorded():
     """They are not among what it is handed: it is recorded once more."""
     import mitsuba as mi
 
-    from lidarscene.arrays import Table
-    from lidarscene.kernel.replay import Replay
+    from lidarscene.kernel.device.replay import Replay
+    from lidarscene.maths.arrays import Table
 
     table = Table(np.linspace(0.0, 1.0, 11) ** 2)
     replay = Replay(lambda x: (table.at(mi.Float(x)),), list, held=())
     for size in (5, 5, 8, 3):
         x = np.linspace(0.0, 1.0, size)
         expected = np.interp(x, np.linspace(0.0, 1.0, 11), table.values)
-        np.testing.assert_allclose(replay(device.from_numpy(x))[0].numpy(), expected, atol=1e-6)
+        np.testing.assert_allclose(replay(transfer.from_numpy(x))[0].numpy(), expected, atol=1e-6)
     assert 1 <= replay.recordings <= 3
 
 

@@ -4,8 +4,10 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import Simulator, beams, echoes, returns
-from lidarscene.stages import ambient_of
+from lidarscene import Simulator
+from lidarscene.detection import returns
+from lidarscene.light import beams, echoes
+from lidarscene.render.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

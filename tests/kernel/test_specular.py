@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.geometry import Pose
-from lidarscene.materials import Material, Spectrum
-from lidarscene.scene import Body, Sun
-from lidarscene.simulate import Simulator
-from lidarscene.trajectory import Course, Motion
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Motion
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.model import Body, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

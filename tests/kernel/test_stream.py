@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from unit.test_cloud import assert_same
 
-from lidarscene import api
-from lidarscene.cloud import PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats import FORMATS
-from lidarscene.simulate import Simulator, Summary
+from lidarscene.formats.registry import FORMATS
+from lidarscene.render import api
+from lidarscene.render.simulator import Simulator, Summary
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
 CHUNK = 5_000

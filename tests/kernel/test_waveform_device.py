@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import trains
 
-from lidarscene import beams, echoes, multi_echo
-from lidarscene.footprint import footprint, spread
-from lidarscene.kernel import device
-from lidarscene.kernel.trace import trace
-from lidarscene.kernel.world import build_world
-from lidarscene.physics import radiometry
-from lidarscene.stages import ambient_of
+from lidarscene.detection import multi_echo
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.kernel.world.build import build_world
+from lidarscene.light import beams, echoes
+from lidarscene.light.footprint import footprint, spread
+from lidarscene.physics.optics import radiometry
+from lidarscene.render.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -36,8 +37,8 @@ def fetched(light, equipped, mi, *, seed=0):
     """What the device makes of a train, as numpy."""
     count = len(light.background_power_w)
     found = multi_echo.detect(
-        trains.on_device(light, mi), device.opaque(equipped),
-        seed=device.opaque_uint32(seed), pulse=device.counter(0, count),
+        trains.on_device(light, mi), transfer.opaque(equipped),
+        seed=transfer.opaque_uint32(seed), pulse=transfer.counter(0, count),
     )  # fmt: skip
     return chain.fetched(found)
 
@@ -53,7 +54,7 @@ def test_device_and_numpy_agree(case, mi):
     wanted, found = trains.detect(light, equipped), fetched(light, equipped, mi)
     assert np.mean(found.outcome != wanted.outcome) < 1e-3
     np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-5)
-    # The binomial tail's own single-precision error is some 1e-4 (`physics.special.binomial_tail`).
+    # The binomial tail's own single-precision error is some 1e-4 (`maths.special.binomial_tail`).
     close = 3e-4 if case == "counted cells" else 1e-5
     np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=close)
     sampled = equipped.sampler is not None and hasattr(equipped.sampler, "samples")
@@ -129,15 +130,15 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     described = chain.scene(chain.facing(range_m=60.0))
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=np.zeros(3))
     shape = footprint(equipped.laser, rays)
-    lane = device.counter(0, 9 * rays)
-    rotation = device.opaque((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
-    on_device = device.opaque(equipped)
+    lane = transfer.counter(0, 9 * rays)
+    rotation = transfer.opaque((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+    on_device = transfer.opaque(equipped)
     fired = beams.fire(
-        on_device, pulse=lane // rays, origin_m=device.opaque((0.0, 0.0, 0.0)), rotation=rotation
+        on_device, pulse=lane // rays, origin_m=transfer.opaque((0.0, 0.0, 0.0)), rotation=rotation
     )
     fan = spread(fired, shape, ray=lane % rays, rotation=rotation)
-    hits, *_ = trace(world, fan, sun=device.opaque(tuple(float(x) for x in described.sun.direction)))
-    light = echoes.receive(fan, hits, on_device, device.opaque(ambient_of(described, equipped)))
+    hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))
+    light = echoes.receive(fan, hits, on_device, transfer.opaque(ambient_of(described, equipped)))
     power = np.array(light.peak_power_w.numpy()).reshape(9, rays).astype(float) * shape.weight
     range_m = np.array(light.range_m.numpy()).reshape(9, rays)
     wanted = radiometry.lambertian_echo_power_w(

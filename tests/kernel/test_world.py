@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lidarscene import InputError, Pose, Simulator
-from lidarscene.kernel.onward import START_OFFSET_M
-from lidarscene.kernel.world import build_world
-from lidarscene.scene import Body, Part, Sun
+from lidarscene.kernel.rays.onward import START_OFFSET_M
+from lidarscene.kernel.world.build import build_world
+from lidarscene.scene.model import Body, Part, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -7,8 +7,8 @@ from scipy.constants import e
 from scipy.stats import norm, poisson
 from table_1 import DCR, DEAD, HNU, IDB, P_RS, PDE, QE, N
 
-from lidarscene import ambient
-from lidarscene.physics import counting
+from lidarscene.detection import ambient
+from lidarscene.physics.electronics import counting
 
 DRAWS = 400_000
 WINDOW_S = 4e-6

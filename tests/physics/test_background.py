@@ -7,8 +7,8 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.physics import sunlight
-from lidarscene.scene import Air, Sun
+from lidarscene.physics.optics import sunlight
+from lidarscene.scene.model import Air, Sun
 
 ESUN, APERTURE_M2, ETA = 29.4, math.pi * 0.025**2, 0.7986
 FIELD_RAD = 1e-4 / 0.03

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trains
 
-from lidarscene import returns
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.echoes import Echoes
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
 from lidarscene.errors import InputError
-from lidarscene.physics import tdc
-from lidarscene.returns import Outcome, Status
+from lidarscene.light.echoes import Echoes
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
 
 BLANKING_NS = 40.0
 SHORTEST_M = 0.5 * SPEED_OF_LIGHT_M_S * BLANKING_NS * 1e-9  # 5.996 m

@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import binom, norm
 
 from lidarscene import Simulator
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import tdc
-from lidarscene.returns import Outcome
-from lidarscene.simulate import Summary
+from lidarscene.detection.returns import Outcome
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+from lidarscene.render.simulator import Summary
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -39,7 +39,7 @@ def agrees(count, trials, probability):
 
 def expected_detection(sensor, range_m):
     """P_d = Q((U - peak) / sigma), sigma with the echo's own shot noise, by SciPy; and P_f."""
-    light = ranging.echoes_of_plane(sensor, Target(), range_m)
+    light = plane.echoes_of_plane(sensor, Target(), range_m)
     point = sensor.working_point(light.background_power_w)
     level, peak = sensor.threshold(point), point.signal(light.peak_power_w)
     sigma = np.sqrt(point.noise**2 + point.kappa_1 * peak + point.kappa_2 * peak**2)
@@ -50,7 +50,7 @@ def expected_detection(sensor, range_m):
 @pytest.mark.parametrize("margin", [0.9, 1.0, 1.1])
 def test_share_of_kept_points(name, margin):
     sensor = chain.sensor(name, *MILLION)
-    limit, _ = ranging.maximum_range_m(sensor, Target())
+    limit, _ = plane.maximum_range_m(sensor, Target())
     range_m = margin * limit
     cloud, summary = frame(chain.scene(chain.facing(range_m=range_m)), sensor)
     p_detect, p_false = expected_detection(sensor, range_m)
@@ -84,7 +84,7 @@ def test_correct_probability():
     """(10): a target at the end of the window with P_d 0.5, at a low threshold so that alarms matter."""
     tnr = 3.2
     trial = chain.sensor("table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}")
-    range_m, _ = ranging.maximum_range_m(trial, Target())
+    range_m, _ = plane.maximum_range_m(trial, Target())
     end_us = 2e6 * range_m / SPEED_OF_LIGHT_M_S + 0.003
     sensor = chain.sensor(
         "table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}", f"tdc.window_us={end_us}", "tdc.walk='none'"
@@ -128,7 +128,7 @@ def test_exact_counting_of_cells():
     tune = ["detector.counting='binomial'", "tdc.threshold_to_noise=3.0"]
     sensor = chain.sensor("table1-sipm", *MILLION, *tune)
     _, summary = frame(chain.scene(chain.facing(range_m=300.0), klux=1.0), sensor)
-    light = ranging.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0)
+    light = plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0)
     point = sensor.working_point(light.background_power_w)
     busy, signal = point.busy[0], point.signal(light.peak_power_w)[0]
     least = np.ceil(max(3.0 * point.noise[0], 1.0) + busy)

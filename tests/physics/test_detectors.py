@@ -5,8 +5,9 @@ import pytest
 from scipy.constants import e, k
 
 from lidarscene import load_sensor
-from lidarscene.detectors import Apd
-from lidarscene.physics import air, apd, pulse, radiometry, sipm, sunlight
+from lidarscene.physics.electronics import apd, sipm
+from lidarscene.physics.optics import air, pulse, radiometry, sunlight
+from lidarscene.sensor.detectors import Apd
 
 
 def test_thermal_noise_of_a_textbook_resistor():

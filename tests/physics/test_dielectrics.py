@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.physics import dielectrics
+from lidarscene.physics.optics import dielectrics
 
 
 def test_fresnel_reflectance():

@@ -42,7 +42,8 @@ from table_1 import (
     sigma_18,
 )
 
-from lidarscene.physics import apd, radiometry, range_limit, sipm
+from lidarscene.physics.electronics import apd, range_limit, sipm
+from lidarscene.physics.optics import radiometry
 
 # --- dimensions: a change of units changes nothing but the unit ---------------------------------------
 

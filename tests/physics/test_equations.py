@@ -53,7 +53,8 @@ from table_1 import (
     sigma_18,
 )
 
-from lidarscene.physics import apd, pulse, radiometry, range_limit, sipm, tdc
+from lidarscene.physics.electronics import apd, range_limit, sipm, tdc
+from lidarscene.physics.optics import pulse, radiometry
 
 CASES = {
     "1": (radiometry.range_from_time_of_flight_m(time_of_flight_s=1e-6), c * 1e-6 / 2),

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lidarscene.physics import air, fog, mie
+from lidarscene.physics.optics import air
+from lidarscene.physics.weather import fog, mie
 
 
 @pytest.mark.parametrize("kind", fog.TYPES)

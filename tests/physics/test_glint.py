@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from lidarscene.physics import glint, radiometry
+from lidarscene.physics.optics import glint, radiometry
 
 A_M = 12.5e-3
 

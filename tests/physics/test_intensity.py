@@ -6,13 +6,14 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import load_sensor, returns
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
+from lidarscene import load_sensor
+from lidarscene.detection import returns
 from lidarscene.errors import InputError
-from lidarscene.materials import Material, Spectrum
-from lidarscene.physics import intensity
-from lidarscene.scene import Air
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.physics.electronics import intensity
+from lidarscene.scene.model import Air
+from lidarscene.studies.ranging import plane as ranging
+from lidarscene.studies.ranging.plane import Target
 
 SHOTS = 4000
 REFLECTIVITY = ["intensity.kind='reflectivity'"]

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp, norm
 
-from lidarscene import returns
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.echoes import Interference
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
 from lidarscene.errors import InputError
-from lidarscene.io.scene_file import read_scene
-from lidarscene.physics import interference
-from lidarscene.returns import Outcome, Status
-from lidarscene.scene import Interferer
-from lidarscene.stages import ambient_of
+from lidarscene.light.echoes import Interference
+from lidarscene.physics.electronics import crosstalk
+from lidarscene.render.stages import ambient_of
+from lidarscene.scene.file import read_scene
+from lidarscene.scene.model import Interferer
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 SHOTS = 200_000
 SIGMAS = 4.0  # two-sided 6e-5 for each count
@@ -25,7 +25,7 @@ MEDIAN_W, SPREAD_DB = 4e-8, 6.0
 
 def empty(sensor, *sources, range_m=None):
     """Light of shots at nothing, or at a wall, with these lidars about."""
-    light = ranging.echoes_of_plane(sensor, Target(), np.full(SHOTS, range_m or 100.0))
+    light = plane.echoes_of_plane(sensor, Target(), np.full(SHOTS, range_m or 100.0))
     if range_m is None:
         light = replace(light, found=np.zeros(SHOTS, bool), peak_power_w=np.zeros(SHOTS))
     return replace(light, interference=sources)
@@ -124,11 +124,11 @@ def test_without_lidars_the_bits_stay():
 
 def test_tail_formulas():
     """Q of the decibels, and its inverse at the ends of the draw."""
-    q = interference.tripping_probability(
+    q = crosstalk.tripping_probability(
         needed_power_w=np.array([1e-8, 1e-7]), median_power_w=1e-8, spread_db=5.0
     )
     np.testing.assert_allclose(q, norm.sf([0.0, 2.0]), rtol=1e-8)
-    least = interference.tripping_power_w(
+    least = crosstalk.tripping_power_w(
         uniform=np.array([1.0]), probability=q[1], median_power_w=1e-8, spread_db=5.0
     )
     assert least[0] == pytest.approx(1e-7, rel=1e-6)

@@ -10,10 +10,10 @@ from scipy.special import gammaln
 from scipy.stats import invgauss, nbinom, norm, poisson
 
 from lidarscene import Simulator, load_sensor
-from lidarscene.analysis import statistics
-from lidarscene.analysis.ranging import Target
-from lidarscene.physics import apd, mcintyre
-from lidarscene.simulate import Summary
+from lidarscene.physics.electronics import apd, mcintyre
+from lidarscene.render.simulator import Summary
+from lidarscene.studies.ranging import statistics
+from lidarscene.studies.ranging.plane import Target
 
 TABLE_1 = {"primaries": 241.0, "gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
 

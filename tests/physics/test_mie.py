@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import spherical_jn, spherical_yn
 
-from lidarscene.physics import mie
+from lidarscene.physics.weather import mie
 
 
 def by_bessel_functions(x, m):

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import dblquad, quad
 from scipy.stats import chi2, kstest, norm, poisson
 
-from lidarscene.physics import particle_hits, precipitation
+from lidarscene.physics.weather import particles, precipitation
 
 WAVELENGTH_M, RATE_MM_H, NEAR_M, FAR_M = 905e-9, 10.0, 2.0, 150.0
 SIZES = precipitation.marshall_palmer(rate_mm_h=RATE_MM_H)
@@ -33,7 +33,7 @@ def spread(r):
 
 
 def made(count):
-    return particle_hits.strengths(
+    return particles.strengths(
         sizes=SIZES, backscatter_m2_sr=SIGMA, beam_area_m2=beam_area_m2, overlap=overlap,
         extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M, count=count,
     )  # fmt: skip
@@ -47,7 +47,7 @@ def tables():
 @pytest.fixture(scope="module")
 def drawn(tables):
     """(4, pulses) range and strength."""
-    hits = particle_hits.hits(tables, seed=5, pulse=np.arange(PULSES, dtype=np.uint32))
+    hits = particles.hits(tables, seed=5, pulse=np.arange(PULSES, dtype=np.uint32))
     return np.stack([hit[0] for hit in hits]), np.stack([hit[1] for hit in hits])
 
 
@@ -71,7 +71,7 @@ def above(tables, power):
     return quad(per_m, NEAR_M, FAR_M, epsabs=0, limit=400)[0]
 
 
-@pytest.mark.parametrize(("count", "mean"), particle_hits.MEAN_HITS.items())
+@pytest.mark.parametrize(("count", "mean"), particles.MEAN_HITS.items())
 def test_so_many_drops_a_pulse_are_strong(count, mean):
     """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables."""
     assert above(made(count), 0) == pytest.approx(mean, rel=2e-3)
@@ -82,7 +82,7 @@ def test_so_many_drops_a_pulse_are_strong(count, mean):
 def test_more_of_them():
     """The power of 16 a pulse, as below of 4, with the same slack."""
     tables = made(16)
-    hits = particle_hits.hits(tables, seed=6, pulse=np.arange(200_000, dtype=np.uint32))
+    hits = particles.hits(tables, seed=6, pulse=np.arange(200_000, dtype=np.uint32))
     sums = sum(hit[1].astype(float) for hit in hits)
     error = sums.std() / math.sqrt(len(sums))
     assert abs(sums.mean() - above(tables, 1)) < norm.isf(FALSE_ALARM / 2) * error + 0.01 * above(tables, 1)
@@ -167,8 +167,8 @@ def test_against_a_box_of_drops(tables, drawn):
 def test_on_the_device(mi, tables):
     """The same drops from Dr.Jit. Tolerance: float32 logarithms, of numbers up to 30."""
     pulse = np.arange(20_000, dtype=np.uint32)
-    here = particle_hits.hits(tables, seed=9, pulse=pulse)
-    there = particle_hits.hits(tables, seed=mi.UInt32(9), pulse=mi.UInt32(pulse))
+    here = particles.hits(tables, seed=9, pulse=pulse)
+    there = particles.hits(tables, seed=mi.UInt32(9), pulse=mi.UInt32(pulse))
     for mine, theirs in zip(here, there, strict=True):
         np.testing.assert_allclose(theirs[0].numpy(), mine[0], rtol=2e-3)
         both = (mine[1] > 0) & (theirs[1].numpy() > 0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lidarscene.physics import mie, precipitation
+from lidarscene.physics.weather import mie, precipitation
 
 DB_PER_KM = math.log(10) / 1e4
 RATES_MM_H = [1.0, 5.0, 25.0, 100.0]

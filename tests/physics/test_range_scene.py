@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from lidarscene import Simulator, load_scene
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import tdc
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -39,7 +39,7 @@ def test_boards_of_the_range_scene(name):
             here &= np.abs(lanes.hits.reflectivity - rho) < 0.01
             assert here.sum() > 300
             facing = here & (lanes.hits.cos_incidence > 0.9999)
-            expected = ranging.snr(sensor, target, board_m)[0]
+            expected = plane.snr(sensor, target, board_m)[0]
             np.testing.assert_allclose(snr[facing], expected, rtol=4e-3)
             np.testing.assert_allclose(lanes.hits.cos_sun[here], 0.5, atol=1e-5)
             probability = lanes.detection.detection_probability[here].astype(float)

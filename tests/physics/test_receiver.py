@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
 from lidarscene.errors import InputError
-from lidarscene.overlap import Overlap
-from lidarscene.physics import receiver
+from lidarscene.physics.optics import receiver
+from lidarscene.sensor.overlap import Overlap
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 RAYS = 400_000
 SIGMAS = 4.5  # of a share counted among RAYS: 7e-6 false alarms, times some 60 comparisons
@@ -120,7 +120,7 @@ def test_rays_through_a_thin_lens(range_m):
 
 
 def test_table_against_the_formula():
-    """Tolerance: as `overlap._PLACES` states, wider where the axes cross and the share has a peak."""
+    """Tolerance: as `sensor.overlap._PLACES` states, wider where the axes cross and the share has a peak."""
     optics = {"half_divergence_rad": 1.5e-3, "exit_radius_m": 2e-3}
     ranges = np.geomspace(0.05, 1000.0, 3001)
     for offset, crossing in ((0.0, math.inf), (0.02, math.inf), (0.02, 10.0)):
@@ -174,7 +174,7 @@ def test_the_echo_has_the_factor(mi):
     share = with_overlap.optics.overlap.share(np.array([5.0]))[0]
     assert share < 0.5
     assert seen / all_of_it == pytest.approx(share, rel=1e-5)
-    by_hand = ranging.echoes_of_plane(with_overlap, Target(), 5.0).peak_power_w[0]
+    by_hand = plane.echoes_of_plane(with_overlap, Target(), 5.0).peak_power_w[0]
     assert seen == pytest.approx(by_hand, rel=1e-5)
 
 

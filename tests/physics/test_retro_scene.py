@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene import Simulator, load_scene
-from lidarscene.physics import saturation
+from lidarscene.physics.electronics import saturation
 
 pytestmark = pytest.mark.usefixtures("mi")
 

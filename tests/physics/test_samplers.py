@@ -8,9 +8,9 @@ import trains
 from scipy.stats import chi2, norm
 from trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.errors import InputError
-from lidarscene.physics import sampling
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import sampling
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 SHOTS = 20_000

@@ -6,11 +6,11 @@ import pytest
 import trains
 from scipy.stats import norm
 
-from lidarscene import multi_echo, returns
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.physics import saturation, tdc
-from lidarscene.returns import Outcome
+from lidarscene.detection import multi_echo, returns
+from lidarscene.detection.returns import Outcome
+from lidarscene.physics.electronics import saturation, tdc
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 FWHM_S, RECOVERY_S = 6e-9, 2e-9
 SHOTS = 20_000
@@ -19,7 +19,7 @@ RISING = "tdc.edges='rising'"
 
 
 def shots(sensor, range_m, reflectivity=0.8):
-    light = ranging.echoes_of_plane(sensor, Target(reflectivity=reflectivity), np.full(SHOTS, range_m))
+    light = plane.echoes_of_plane(sensor, Target(reflectivity=reflectivity), np.full(SHOTS, range_m))
     return light, returns.detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
 
 
@@ -51,7 +51,7 @@ def test_width_grows_with_the_logarithm():
 
 @pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0])
 def test_walk_bias_of_shots(range_m):
-    """Reference: the mean of a frame's ranges, through `returns.detect`.
+    """Reference: the mean of a frame's ranges, through `detection.returns.detect`.
 
     The same frame without clipping has its own small bias, from noise on a curved edge, taken off; what is left
     is counted, four standard errors.
@@ -128,7 +128,7 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
     """
     keys = [CLIPPED] + ([] if recovery_ns is None else [f"detector.recovery_ns={recovery_ns}"])
     sensor = chain.sensor("table1-apd", *keys)
-    light = ranging.echoes_of_plane(sensor, Target(reflectivity=0.8), np.full(SHOTS, range_m))
+    light = plane.echoes_of_plane(sensor, Target(reflectivity=0.8), np.full(SHOTS, range_m))
     pulse = np.arange(SHOTS, dtype=np.uint32)
     if rays == "several":
         whole = trains.train(
@@ -156,7 +156,7 @@ def test_one_sub_echo_is_several(name):
     keys = [CLIPPED, "detector.recovery_ns=5"] if name == "table1-apd" else []
     sensor = chain.sensor(name, *keys)
     range_m = np.geomspace(2.0, 250.0, 4000)
-    light = ranging.echoes_of_plane(sensor, Target(), range_m)
+    light = plane.echoes_of_plane(sensor, Target(), range_m)
     pulse = np.arange(len(range_m), dtype=np.uint32)
     whole = trains.train(
         range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0]
@@ -181,7 +181,7 @@ def test_ranges_of_a_full_sipm(range_m):
     bias_m = {}
     for edges in ("rising", "both"):
         sensor = chain.sensor("table1-sipm", f"tdc.edges='{edges}'")
-        light = ranging.echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
+        light = plane.echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
         stop = returns.detect(light, sensor, seed=3, pulse=pulse).stops[0]
         bias_m[edges] = (stop.range_m - range_m)[stop.status == 0].mean()
     point = sensor.working_point(light.background_power_w[:1])

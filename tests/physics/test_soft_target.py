@@ -7,9 +7,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import expn
 
-from lidarscene.arrays import Table
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import pulse, soft_target
+from lidarscene.maths.arrays import Table
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.optics import pulse
+from lidarscene.physics.weather import soft_target
 
 ALPHA_PER_M, BETA, NEAR_M, FWHM_S = 0.02, 1e-3, 1.5, 6e-9
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarscene.physics import solar_spectrum as sun
-from lidarscene.physics.solar_spectrum import Curve
+from lidarscene.physics.optics import solar_spectrum as sun
+from lidarscene.physics.optics.solar_spectrum import Curve
 
 NM = 1e-9
 
@@ -27,7 +27,7 @@ def flat(value: float = 1.0) -> Curve:
 
 def spectrum(name: str) -> Curve:
     pytest.importorskip("pvlib")
-    from lidarscene.io.pvlib_door import reference_spectrum
+    from lidarscene.files.pvlib import reference_spectrum
 
     return reference_spectrum(name)
 

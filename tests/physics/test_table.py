@@ -5,9 +5,10 @@ import math
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import RangeStatus, Target
-from lidarscene.physics import radiometry, range_limit, sipm, tdc
+from lidarscene.physics.electronics import range_limit, sipm, tdc
+from lidarscene.physics.optics import radiometry
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import RangeStatus, Target
 
 SIX_DIGITS = 1.0e-5  # the table prints six digits: half a unit of the last is 5e-6 at worst, for a leading 1
 TABLE_1 = Target()
@@ -22,7 +23,7 @@ def six(value):
 
 
 def light():
-    return ranging.echoes_of_plane(APD, TABLE_1, 100.0)
+    return plane.echoes_of_plane(APD, TABLE_1, 100.0)
 
 
 def test_photon_energy():
@@ -71,7 +72,7 @@ def test_sipm_counts():
 
 @pytest.mark.parametrize(("sensor", "expected"), [(APD, 61.4618), (SIPM, 22.7009)])
 def test_snr_at_100_m(sensor, expected):
-    assert ranging.snr(sensor, TABLE_1, 100.0)[0] == six(expected)
+    assert plane.snr(sensor, TABLE_1, 100.0)[0] == six(expected)
 
 
 # PHYSICS.md prints 414.434 m for the APD at 50 klux; (19) written out with SciPy's constants and root finder
@@ -83,13 +84,13 @@ def test_snr_at_100_m(sensor, expected):
 def test_maximum_range(klux, apd_m, sipm_m):
     target = Target(illuminance_klux=klux)
     for sensor, expected in ((APD, apd_m), (SIPM, sipm_m)):
-        found, status = ranging.maximum_range_m(sensor, target)
+        found, status = plane.maximum_range_m(sensor, target)
         assert status == RangeStatus.FOUND
         assert found == six(expected)
 
 
 def test_illuminance_of_equal_range():
-    assert ranging.equal_range_illuminance_klux(APD, SIPM, TABLE_1) == six(3.22191)
+    assert plane.equal_range_illuminance_klux(APD, SIPM, TABLE_1) == six(3.22191)
 
 
 def test_false_alarms_and_correct_probability():
@@ -132,7 +133,7 @@ def test_size_of_the_errata_in_the_closed_forms():
 def test_closed_forms_are_upper_bounds():
     """They leave out every noise but the background's, so the exact range is shorter."""
     for sensor, bound in zip((APD, SIPM), closed_forms(), strict=True):
-        assert 0.8 * bound < ranging.maximum_range_m(sensor, TABLE_1)[0] < bound
+        assert 0.8 * bound < plane.maximum_range_m(sensor, TABLE_1)[0] < bound
 
 
 def test_steady_state_cells_of_table_1():
@@ -153,22 +154,22 @@ def test_one_cell_floor_at_no_light():
     """(27) alone would have the SiPM see 4105 m in the dark; a comparator cannot see less than one cell."""
     dark = Target(illuminance_klux=0.0)
     floored = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
-    assert ranging.maximum_range_m(SIPM, dark)[0] == pytest.approx(4105.0, rel=2e-3)
-    assert ranging.maximum_range_m(floored, dark)[0] < 2600.0
+    assert plane.maximum_range_m(SIPM, dark)[0] == pytest.approx(4105.0, rel=2e-3)
+    assert plane.maximum_range_m(floored, dark)[0] < 2600.0
 
 
 def test_claims_of_figure_6():
     """At 100 klux the APD is ahead at every range; SNR falls as 1/R^2 far out; the SiPM saturates close in."""
     ranges = [5.0 * 1.2**k for k in range(25)]
-    assert (ranging.snr(APD, TABLE_1, ranges) > ranging.snr(SIPM, TABLE_1, ranges)).all()
+    assert (plane.snr(APD, TABLE_1, ranges) > plane.snr(SIPM, TABLE_1, ranges)).all()
     for sensor in (APD, SIPM):
-        near, far = ranging.snr(sensor, TABLE_1, [1000.0, 2000.0])
+        near, far = plane.snr(sensor, TABLE_1, [1000.0, 2000.0])
         assert near / far == pytest.approx(4.0, rel=7e-3)  # the SiPM is 0.5 % short of linear at 1 km
-    close = ranging.snr(SIPM, TABLE_1, [1.0, 5.0])
+    close = plane.snr(SIPM, TABLE_1, [1.0, 5.0])
     assert close[0] / close[1] < 1.01
 
 
 def test_range_without_light_or_limit_is_a_status():
-    assert ranging.maximum_range_m(APD, Target(reflectivity=0.0))[1] == RangeStatus.NEVER_DETECTED
+    assert plane.maximum_range_m(APD, Target(reflectivity=0.0))[1] == RangeStatus.NEVER_DETECTED
     silent = load_sensor("table1-sipm", overrides=["detector.cell_floor=0", "detector.dark_count_rate_hz=0"])
-    assert ranging.maximum_range_m(silent, Target(illuminance_klux=0.0))[1] == RangeStatus.NO_LIMIT
+    assert plane.maximum_range_m(silent, Target(illuminance_klux=0.0))[1] == RangeStatus.NO_LIMIT

@@ -8,8 +8,8 @@ from scipy.constants import c, e, h, k
 from scipy.optimize import brentq
 
 from lidarscene import load_sensor
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 PHOTON = h * c / 905e-9
 APERTURE = math.pi * 0.025**2
@@ -61,6 +61,6 @@ def test_snr_and_range(sensor, by_hand, klux):
     target = Target(illuminance_klux=klux)
     ranges = np.geomspace(1.0, 1000.0, 17)
     expected = [by_hand(r, klux) for r in ranges]
-    np.testing.assert_allclose(ranging.snr(sensor, target, ranges), expected, rtol=1e-9)
+    np.testing.assert_allclose(plane.snr(sensor, target, ranges), expected, rtol=1e-9)
     limit = brentq(lambda r: by_hand(r, klux) - 5.0, 10.0, 5000.0, xtol=1e-9)
-    assert ranging.maximum_range_m(sensor, target)[0] == pytest.approx(limit, rel=1e-9)
+    assert plane.maximum_range_m(sensor, target)[0] == pytest.approx(limit, rel=1e-9)

@@ -7,10 +7,11 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from lidarscene import Simulator
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import pulse, tdc
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+from lidarscene.physics.optics import pulse
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -31,7 +32,7 @@ def range_errors(range_m, *overrides, name="table1-apd"):
 
 
 def working_point(sensor, range_m):
-    light = ranging.echoes_of_plane(sensor, Target(), range_m)
+    light = plane.echoes_of_plane(sensor, Target(), range_m)
     point = sensor.working_point(light.background_power_w)
     return point, float(sensor.threshold(point)[0]), float(point.signal(light.peak_power_w)[0])
 
@@ -56,7 +57,7 @@ def test_slope_formula(range_m, tnr):
     """
     sensor, error = range_errors(range_m, f"tdc.threshold_to_noise={tnr}", "tdc.walk='raw'")
     mean, deviation = slope_formula(sensor, range_m)
-    assert ranging.snr(sensor, Target(), range_m)[0] > 30.0
+    assert plane.snr(sensor, Target(), range_m)[0] > 30.0
     assert abs(error.mean() - mean) < CHECK_4 * abs(mean)
     assert error.std() == pytest.approx(deviation, rel=CHECK_4)
 

@@ -6,9 +6,9 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.analysis import ranging
-from lidarscene.analysis.ranging import Target
-from lidarscene.scene import Sun
+from lidarscene.scene.model import Sun
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -38,13 +38,13 @@ def test_powers_and_snr_through_the_tracer(kind, theta_deg):
     for range_m in RANGES_M:
         scene = chain.scene(chain.facing(range_m=range_m, theta_deg=theta_deg), sun=sun_at(theta_deg))
         lanes = chain.run(scene, sensor)
-        expected = ranging.echoes_of_plane(sensor, target, range_m)
+        expected = plane.echoes_of_plane(sensor, target, range_m)
         assert lanes.hits.found[MIDDLE]
         assert lanes.hits.lit[MIDDLE]
         assert lanes.light.peak_power_w[MIDDLE] == pytest.approx(expected.peak_power_w[0], rel=CHECK_1)
         background = lanes.light.background_power_w[MIDDLE]
         assert background == pytest.approx(expected.background_power_w[0], rel=CHECK_1)
-        snr = ranging.snr(sensor, target, range_m)[0]
+        snr = plane.snr(sensor, target, range_m)[0]
         assert lanes.detection.snr[MIDDLE] == pytest.approx(snr, rel=CHECK_1)
 
 

@@ -4,7 +4,7 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene.geometry import Pose
+from lidarscene.maths.pose import Pose
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -84,8 +84,8 @@ def test_box(range_m, place):
 
 def test_large_ground_close_by():
     """A 400 m road under a sensor 1.8 m up: primitives are cut up so that near hits keep their digits."""
-    from lidarscene.io.meshes import plane_mesh
-    from lidarscene.scene import Body, Part
+    from lidarscene.scene.meshes import plane_mesh
+    from lidarscene.scene.model import Body, Part
 
     vertices, faces = plane_mesh(size_m=(400.0, 400.0))
     road = Body(

@@ -10,15 +10,15 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 from trains import FWHM_S, SIGMA_M, SIGMA_S, detect, power_at_snr, sensor, train
 
-from lidarscene import returns
-from lidarscene.arrays import Table
-from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.echoes import Echoes, Volume, hump_of
-from lidarscene.footprint import points
-from lidarscene.physics import pulse as pulse_shape
-from lidarscene.physics import waveform
-from lidarscene.returns import Outcome, Status
-from lidarscene.waveform import sampled
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
+from lidarscene.light.echoes import Echoes, Volume, hump_of
+from lidarscene.light.footprint import points
+from lidarscene.light.waveform import sampled
+from lidarscene.maths.arrays import Table
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import pulse_sums
+from lidarscene.physics.optics import pulse as pulse_shape
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 PICOSECOND_M = HALF_C * 1e-12
@@ -149,7 +149,7 @@ def test_a_dip_needs_two_sigma():
     """Just below 2 sigma there is one peak, just above there are two, which the search may still take for one."""
     for separation, peaks in ((1.99, 1), (2.2, 2)):
         place = np.linspace(-1.0, separation + 1.0, 200_001)
-        value, slope, _ = waveform.sum_of_pulses(at=place, centres=[0.0, separation], heights=[1.0, 1.0])
+        value, slope, _ = pulse_sums.sum_of_pulses(at=place, centres=[0.0, separation], heights=[1.0, 1.0])
         assert np.count_nonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0)) == peaks
         assert value.max() == pytest.approx(np.interp(place[np.argmax(value)], place, value))
 
@@ -157,7 +157,9 @@ def test_a_dip_needs_two_sigma():
 def test_derivatives_of_the_sum():
     place = np.linspace(-3.0, 6.0, 91)
     centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
-    at = [waveform.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
+    at = [
+        pulse_sums.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)
+    ]
     # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
     np.testing.assert_allclose(at[1][1], (at[2][0] - at[0][0]) / 2e-4, atol=1e-7)
     np.testing.assert_allclose(at[1][2], (at[2][1] - at[0][1]) / 2e-4, atol=1e-7)
@@ -193,10 +195,10 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     )[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
-    wanted = waveform.broadened_fwhm_s(
+    wanted = pulse_sums.broadened_fwhm_s(
         pulse_fwhm_s=FWHM_S, radius_m=radius, tangent=tangent, light_m_s=SPEED_OF_LIGHT_M_S
     )
-    assert math.sqrt(variance) * waveform.SIGMAS_PER_FWHM == pytest.approx(wanted, rel=1e-9)
+    assert math.sqrt(variance) * pulse_sums.SIGMAS_PER_FWHM == pytest.approx(wanted, rel=1e-9)
     over = time_s[watts >= 0.5 * watts.max()]
     assert np.ptp(over) == pytest.approx(wanted, rel=0.1 if rays < 64 else 0.03)
 
@@ -367,7 +369,7 @@ def test_even_places_by_factors(kind, samples, good_to):
     each of the multiplications rounds by half a unit, 6e-8 in single precision, and a factor's own error adds up.
     Places some 50 sigma_p off are good to 2e-6 there, which is 1e-5 of a flank, with factors or without.
     """
-    random, spread = np.random.default_rng(3), 4.0 * waveform.SIGMAS_PER_FWHM
+    random, spread = np.random.default_rng(3), 4.0 * pulse_sums.SIGMAS_PER_FWHM
     pulses, count = 500, 12
     start = random.uniform(-40.0, 40.0, pulses).astype(kind)
     spacing = np.asarray(spread / (samples - 1), dtype=kind)
@@ -376,14 +378,14 @@ def test_even_places_by_factors(kind, samples, good_to):
     centres[:4] = (middle + random.uniform(-5.0, 5.0, (4, pulses))).astype(kind)
     heights = (1e-7 * random.uniform(0.0, 1.0, (count, pulses)) ** 3).astype(kind)
     heights[1], centres[1] = 0.0, 0.0
-    parts, growths = waveform.evenly(
+    parts, growths = pulse_sums.evenly(
         start=start, spacing=spacing, middle=middle, centres=list(centres), heights=list(heights)
     )
     for number in range(samples):
         at = (start + np.asarray(number, dtype=kind) * spacing).astype(kind)
-        found = waveform.even_sum(at=at, middle=middle, parts=parts)
+        found = pulse_sums.even_sum(at=at, middle=middle, parts=parts)
         exact = start.astype(float) + number * spacing.astype(float)
-        wanted = waveform.sum_of_pulses(
+        wanted = pulse_sums.sum_of_pulses(
             at=exact, centres=list(centres.astype(float)), heights=list(heights.astype(float))
         )[0]
         scale = np.maximum(wanted, 1e-3 * heights.max(axis=0))

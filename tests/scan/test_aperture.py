@@ -65,8 +65,8 @@ def test_shares_are_1_on_the_axis_and_never_negative(name):
 
 
 def test_the_mirror_law_of_the_range_curves_is_this_one():
-    """`analysis.aperture.mirror` is `MirrorPair`'s or `Gimbal`'s share in the plane of incidence, at 45 degrees."""
-    from lidarscene.analysis import aperture
+    """`ranging.aperture.mirror` is `MirrorPair`'s or `Gimbal`'s share in the plane of incidence, at 45 degrees."""
+    from lidarscene.studies.ranging import aperture
 
     angle_deg = np.linspace(-40.0, 40.0, 9)
     gimbal = scanners.gimbal(incidence_rad=math.radians(45.0), side="right")

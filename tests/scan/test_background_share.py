@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scanners
 
-from lidarscene.scene import Sun
+from lidarscene.scene.model import Sun
 
 
 def test_prisms_keep_aperture_times_solid_angle():

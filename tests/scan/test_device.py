@@ -10,17 +10,17 @@ import scanners
 from scanners import ALL, DEG
 
 from lidarscene import scan
-from lidarscene.kernel import device
+from lidarscene.kernel.device import transfer
 
 pytestmark = pytest.mark.usefixtures("mi")
 
 
 def on_device(scanner, pulse):
     """Direction, angles, channel, share and offset of these pulses, as numpy arrays."""
-    scanner = device.opaque(scanner)
+    scanner = transfer.opaque(scanner)
     arrays = [*scanner.direction(pulse), *scanner.angles(pulse), scanner.channel(pulse)]
     arrays += [scanner.aperture_share(pulse), *(scanner.offset_m(pulse) or ())]
-    device.start([a for a in arrays if not isinstance(a, float)])
+    transfer.start([a for a in arrays if not isinstance(a, float)])
     return [np.array(a) if isinstance(a, float) else np.array(a.numpy()) for a in arrays]
 
 
@@ -31,7 +31,7 @@ def test_numpy_and_device_agree(name):
     pulse = scanners.frame(scanner)
     expected = [*scanner.direction(pulse), *scanner.angles(pulse), scanner.channel(pulse)]
     expected += [scanner.aperture_share(pulse), *(scanner.offset_m(pulse) or ())]
-    got = on_device(scanner, device.counter(0, scanner.pulses))
+    got = on_device(scanner, transfer.counter(0, scanner.pulses))
     for there, here in zip(got, expected, strict=True):
         off = np.abs(there.astype(float) - here)
         off = np.minimum(off, np.abs(off - 2 * math.pi))  # plus and minus 180 degrees are one azimuth
@@ -41,15 +41,15 @@ def test_numpy_and_device_agree(name):
 def test_phases_of_ten_million_pulses(mi):
     """A Lissajous at 2 MHz and prisms, pulse 9 999 000 and on, against float64: the turns themselves to 1e-6 rad."""
     first = 9_999_000
-    pulse = device.counter(first, 1000)
+    pulse = transfer.counter(first, 1000)
     t = np.arange(first, first + 1000)
     risley = scanners.mid40()
-    for wedge, f in zip(device.opaque(risley).wedges, (-121.5657, 77.7430), strict=True):
+    for wedge, f in zip(transfer.opaque(risley).wedges, (-121.5657, 77.7430), strict=True):
         expected = 2 * math.pi * np.remainder(t * (f / 100e3), 1.0)
         error = wedge.turns.angle_rad(pulse).numpy() - expected
         assert np.abs(np.remainder(error + math.pi, 2 * math.pi) - math.pi).max() < 1e-6
     fast = scanners.lissajous(rate_hz=2e6)
-    azimuth, elevation = device.opaque(fast)._mechanism(pulse)
+    azimuth, elevation = transfer.opaque(fast)._mechanism(pulse)
     for got, amplitude, f, p in ((azimuth, 12, 1310.0, 0.3), (elevation, 8, 1190.0, 1.2)):
         expected = amplitude * DEG * np.sin(2 * math.pi * np.remainder(t * (f / 2e6), 1.0) + p)
         assert np.abs(got.numpy() - expected).max() < 1e-6
@@ -82,21 +82,21 @@ def test_other_numbers_compile_nothing(name):
     """Other angles, rates, counts, even other tables are data; only the kind of scanner chooses code."""
     import drjit as dr
 
-    pulse = device.counter(0, 1000)
+    pulse = transfer.counter(0, 1000)
     on_device(dataclasses.replace(ALL[name](), encoder_rad=1e-3), pulse)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
-        on_device(dataclasses.replace(CHANGED[name](), encoder_rad=2e-3), device.counter(5000, 1000))
+        on_device(dataclasses.replace(CHANGED[name](), encoder_rad=2e-3), transfer.counter(5000, 1000))
         launched = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
     assert launched
     assert all(k["cache_hit"] for k in launched)
 
 
 def test_tables_go_to_the_device_once():
-    from lidarscene.arrays import xp
+    from lidarscene.maths.arrays import xp
 
     scanner = scanners.pattern()
-    pulse = device.counter(0, 10)
+    pulse = transfer.counter(0, 10)
     uploaded = xp(pulse)._uploaded
     on_device(scanner, pulse)
     (there,) = uploaded[scanner.azimuth_rad].values()

@@ -9,7 +9,7 @@ import scanners
 from scanners import DEG
 
 from lidarscene import scan
-from lidarscene.scan.vectors import across, angles_of
+from lidarscene.maths.vectors import across, angles_of
 
 PULSES = np.array([0, 1, 17, 130, 1201, 2077, 2400, 2999], dtype=np.uint32)
 

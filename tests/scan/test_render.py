@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import scanners
 
-from lidarscene import Simulator, beams
-from lidarscene.geometry import direction_from_angles
-from lidarscene.scene import Air
+from lidarscene import Simulator
+from lidarscene.light import beams
+from lidarscene.maths.pose import direction_from_angles
+from lidarscene.scene.model import Air
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -9,8 +9,8 @@ from scanners import DEG
 
 from lidarscene import catalog, scan
 from lidarscene.errors import InputError
-from lidarscene.io.sensor_file import sensor_from_tables
-from lidarscene.io.toml_file import read_toml
+from lidarscene.files.toml import read_toml
+from lidarscene.sensor.file import sensor_from_tables
 
 SCANNERS = {
     "spinning": {

@@ -9,9 +9,10 @@ import pytest
 from scipy.constants import c
 
 from lidarscene import load_scene, load_sensor, render
-from lidarscene.physics import fog, receiver
-from lidarscene.returns import Status
-from lidarscene.weather import Weather
+from lidarscene.detection.returns import Status
+from lidarscene.physics.optics import receiver
+from lidarscene.physics.weather import fog
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 

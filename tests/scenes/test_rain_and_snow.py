@@ -10,11 +10,13 @@ from scipy.constants import c
 from scipy.special import gammainc
 from scipy.stats import norm
 
-from lidarscene import air_light, load_scene, load_sensor, render
-from lidarscene.physics import precipitation, receiver
-from lidarscene.returns import Status
-from lidarscene.simulate import Simulator
-from lidarscene.weather import Weather
+from lidarscene import load_scene, load_sensor, render
+from lidarscene.detection.returns import Status
+from lidarscene.light import air_light
+from lidarscene.physics.optics import receiver
+from lidarscene.physics.weather import precipitation
+from lidarscene.render.simulator import Simulator
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 

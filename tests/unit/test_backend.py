@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from lidarscene.errors import BackendError, LidarSceneError
-from lidarscene.kernel import backend, llvm
+from lidarscene.kernel.device import backend, llvm
 
 OPEN = """
 from lidarscene.errors import BackendError
-from lidarscene.kernel import backend
+from lidarscene.kernel.device import backend
 try:
     mi = backend.mitsuba()
 except BackendError as error:
@@ -289,7 +289,7 @@ def test_a_driver_without_a_gpu_leaves_llvm(mi, run_python) -> None:
     if backend.is_cuda():
         pytest.skip("for machines without a GPU")
     code = """
-from lidarscene.kernel import backend
+from lidarscene.kernel.device import backend
 backend.cuda_problem = lambda: ""  # the cheap look finds a driver
 report = backend.probe()
 print(report.variant, report.cuda)
@@ -303,7 +303,7 @@ def test_a_gpu_that_fails_at_work_leaves_llvm(mi, run_python) -> None:
     if backend.is_cuda():
         pytest.skip("for machines without a GPU")
     code = """
-from lidarscene.kernel import backend
+from lidarscene.kernel.device import backend
 backend.cuda_problem = lambda: ""
 check = backend._require_backend
 backend._require_backend = lambda name: name.startswith("cuda") or check(name)
@@ -315,7 +315,9 @@ print(report.variant, report.cuda)
 
 
 def test_probe_never_raises(run_python) -> None:
-    code = "from lidarscene.kernel.backend import probe; r = probe(); print(r.variant, r.llvm, r.error)"
+    code = (
+        "from lidarscene.kernel.device.backend import probe; r = probe(); print(r.variant, r.llvm, r.error)"
+    )
     done = run_python(
         code, DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="", LIDARSCENE_VARIANT=None
     )

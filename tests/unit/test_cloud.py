@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.cloud import COLUMNS, MEASURED, TRUTH, CloudBuilder, PointCloud
+from lidarscene.cloud.points import COLUMNS, MEASURED, TRUTH, CloudBuilder, PointCloud
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.io import open3d_door
+from lidarscene.files import open3d_door
 
 NAMES: dict[str, tuple[str, ...]] = {
     "sensor_names": ("roof", "left"),

@@ -2,12 +2,10 @@
 
 import platform
 
-from lidarscene.doctor import run_doctor
-from lidarscene.kernel import backend
+from lidarscene.cli.doctor import run_doctor
+from lidarscene.kernel.device import backend
 
-REPORT = (
-    "from lidarscene.doctor import run_doctor; text, ok = run_doctor(); print(text); raise SystemExit(not ok)"
-)
+REPORT = "from lidarscene.cli.doctor import run_doctor; text, ok = run_doctor(); print(text); raise SystemExit(not ok)"
 
 
 def test_a_healthy_machine(mi) -> None:
@@ -47,6 +45,6 @@ def test_a_back_end_that_is_wrong(mi, monkeypatch) -> None:
 
 def test_doctor_does_not_import_what_it_names(run_python) -> None:
     done = run_python(
-        "import sys; from lidarscene.doctor import run_doctor; run_doctor(); print('open3d' in sys.modules)"
+        "import sys; from lidarscene.cli.doctor import run_doctor; run_doctor(); print('open3d' in sys.modules)"
     )
     assert done.stdout.strip() == "False"

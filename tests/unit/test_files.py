@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from lidarscene.errors import OutputError
-from lidarscene.io import files
-from lidarscene.io.files import atomic_output, require_writable
+from lidarscene.files import atomic
+from lidarscene.files.atomic import atomic_output, require_writable
 
 
 def write(path: Path | str, text: str = "new") -> None:
@@ -143,7 +143,7 @@ def test_two_at_once_in_one_process(tmp_path: Path) -> None:
             write(tmp_path / "a.txt")
         write(tmp_path / "b.txt")
     assert (tmp_path / "a.txt").read_text() == "first"
-    assert not files._ours
+    assert not atomic._ours
 
 
 def test_require_writable_changes_nothing(tmp_path: Path) -> None:

@@ -8,14 +8,14 @@ import pytest
 from scipy.stats import ncx2, norm
 
 from lidarscene import load_sensor
-from lidarscene.beams import Beams
-from lidarscene.echoes import Echoes
 from lidarscene.errors import InputError
-from lidarscene.footprint import footprint, points, spread
-from lidarscene.physics import beam
+from lidarscene.light.beams import Beams
+from lidarscene.light.echoes import Echoes
+from lidarscene.light.footprint import footprint, points, spread
+from lidarscene.light.pulse_train import together
 from lidarscene.physics.eye_safety import beam_diameter_m
-from lidarscene.sensor import Halo
-from lidarscene.train import together
+from lidarscene.physics.optics import beam
+from lidarscene.sensor.model import Halo
 
 PROFILES = ("gaussian", "top_hat")
 MANY = (3, 5, 7, 16, 19, 64, 256)

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarscene.io import mesh_cache, meshes
-from lidarscene.io.submesh import SubMesh
+from lidarscene.scene import mesh_cache, meshes
+from lidarscene.scene.submesh import SubMesh
 
 CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
 
 IN_A_FRESH_PYTHON = """
 import json, sys
 from pathlib import Path
-from lidarscene.io.meshes import read_mesh
+from lidarscene.scene.meshes import read_mesh
 pieces = read_mesh(Path(sys.argv[1] if len(sys.argv) > 1 else {path!r}))
 print(json.dumps(["trimesh" in sys.modules, sum(len(p.faces) for p in pieces)]))
 """

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from lidarscene.errors import InputError
-from lidarscene.io import meshes
-from lidarscene.io.meshes import read_mesh
+from lidarscene.scene import meshes
+from lidarscene.scene.meshes import read_mesh
 
 PENTAGON = """ply
 format ascii 1.0
@@ -124,7 +124,7 @@ def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
     """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
-    done = run_python(f"from lidarscene.io.meshes import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
+    done = run_python(f"from lidarscene.scene.meshes import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_trajectory import BEND, MOTIONS, SPLINE, START
 
-from lidarscene.kernel import device
-from lidarscene.motion import STEP_S, Paths, Placement, _quaternion
-from lidarscene.trajectory import Course, Motion
+from lidarscene.kernel.device import transfer
+from lidarscene.maths.paths import STEP_S, Paths, Placement, _quaternion
+from lidarscene.maths.trajectory import Course, Motion
 
 FRAME_S = 0.1
 
@@ -110,10 +110,10 @@ def test_placements_there_and_back() -> None:
 def test_numpy_and_device_agree(mi) -> None:
     """The same source; single precision of 20 m, of unit vectors, and of 20 m/s."""
     paths = Paths.of([BEND, SPLINE], start_s=0.5, length_s=FRAME_S, centre_m=np.array([4.0, 1.0, 0.0]))
-    on_device = replace(device.opaque(paths), table=device.from_numpy(paths.table))
+    on_device = replace(transfer.opaque(paths), table=transfer.from_numpy(paths.table))
     time_s = np.linspace(0.0, FRAME_S, 333)
     for which in (0, 1):
-        here, there = paths.at(time_s, which), on_device.at(device.from_numpy(time_s), which)
+        here, there = paths.at(time_s, which), on_device.at(transfer.from_numpy(time_s), which)
         for name, tolerance in (
             ("origin_m", 1e-5),
             ("rotation", 1e-6),

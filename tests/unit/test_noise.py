@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lidarscene import noise
+from lidarscene.maths import random
 
 # Random123's kat_vectors for threefry2x32, 20 rounds (Salmon et al., SC11): counter, key, result.
 KNOWN = [
@@ -21,18 +21,18 @@ def words_of(pair):
 
 @pytest.mark.parametrize(("counter", "key", "expected"), KNOWN)
 def test_published_vectors(counter, key, expected):
-    first, second = noise.threefry2x32(words_of(key), words_of(counter))
+    first, second = random.threefry2x32(words_of(key), words_of(counter))
     assert (int(first[0]), int(second[0])) == expected
 
 
 def test_same_bits_on_the_device(mi):
     pulse = np.arange(5000, dtype=np.uint32) * np.uint32(858_993)
     for seed, stage, draw in ((0, 1, 0), (4_294_967_295, 3, 7)):
-        here = noise.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
-        there = noise.words(seed=mi.UInt32(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
+        here = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
+        there = random.words(seed=mi.UInt32(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
         for a, b in zip(here, there, strict=True):
             np.testing.assert_array_equal(a, b.numpy())
-    for deviate in (noise.normal_pair, lambda w: (noise.exponential(w),)):
+    for deviate in (random.normal_pair, lambda w: (random.exponential(w),)):
         for a, b in zip(deviate(here), deviate(there), strict=True):
             np.testing.assert_allclose(a, b.numpy(), rtol=2e-5, atol=2e-6)
 
@@ -40,7 +40,7 @@ def test_same_bits_on_the_device(mi):
 def test_stages_draws_and_seeds_are_independent():
     pulse = np.arange(100_000, dtype=np.uint32)
     streams = [
-        noise.normal_pair(noise.words(seed=seed, stage=stage, pulse=pulse, draw=draw))
+        random.normal_pair(random.words(seed=seed, stage=stage, pulse=pulse, draw=draw))
         for seed, stage, draw in ((0, 1, 0), (1, 1, 0), (0, 2, 0), (0, 1, 1))
     ]
     flat = np.stack([deviate for pair in streams for deviate in pair])
@@ -50,7 +50,7 @@ def test_stages_draws_and_seeds_are_independent():
 
 
 def test_neighbouring_pulses_are_independent():
-    deviate, _ = noise.normal_pair(noise.words(seed=0, stage=1, pulse=np.arange(200_000, dtype=np.uint32)))
+    deviate, _ = random.normal_pair(random.words(seed=0, stage=1, pulse=np.arange(200_000, dtype=np.uint32)))
     for lag in (1, 2, 601):
         r = np.corrcoef(deviate[:-lag], deviate[lag:])[0, 1]
         assert abs(r) < stats.norm.isf(FALSE_ALARM / 2) / np.sqrt(len(deviate))
@@ -58,7 +58,7 @@ def test_neighbouring_pulses_are_independent():
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_normal(which):
-    deviate = noise.normal_pair(noise.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[
+    deviate = random.normal_pair(random.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[
         which
     ]
     assert stats.kstest(deviate, "norm").pvalue > FALSE_ALARM
@@ -67,7 +67,7 @@ def test_normal(which):
 
 def test_exponential_and_its_small_values():
     pulse = np.arange(2_000_000, dtype=np.uint32)
-    deviate = noise.exponential(noise.words(seed=5, stage=2, pulse=pulse))
+    deviate = random.exponential(random.words(seed=5, stage=2, pulse=pulse))
     assert stats.kstest(deviate[:300_000], "expon").pvalue > FALSE_ALARM
     # Rare events live down here: 2e6 draws put 2000 +- 45 below 1e-3, evenly, all different.
     small = deviate[deviate < 1e-3]
@@ -79,6 +79,6 @@ def test_exponential_and_its_small_values():
 def test_words_at_the_ends_of_their_range():
     lowest, highest = (np.array([v], dtype=np.uint32) for v in (0, 0xFFFFFFFF))
     for word in ((lowest, lowest), (highest, highest), (lowest, highest), (highest, lowest)):
-        assert np.isfinite(noise.normal_pair(word)).all()
-        assert np.isfinite(noise.exponential(word)).all()
-        assert noise.exponential(word)[0] > 0.0
+        assert np.isfinite(random.normal_pair(word)).all()
+        assert np.isfinite(random.exponential(word)).all()
+        assert random.exponential(word)[0] > 0.0

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene import pixels, plots
-from lidarscene.cloud import CloudBuilder, PointCloud
+from lidarscene.cloud import pixels
+from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, splat
+from lidarscene.cloud.points import CloudBuilder, PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.pixels import NOTHING, camera_for, cells_of, splat
-from lidarscene.plots import frame_picture, perspective_picture, range_image
+from lidarscene.figures import pictures
+from lidarscene.figures.pictures import frame_picture, perspective_picture, range_image
 
 BOXES = (  # low and high corner in metres, z from the sensor, 1.8 m above the road
     ((14.0, 2.0, -1.5), (18.2, 3.8, -0.3)),
@@ -167,7 +168,7 @@ def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> 
 
 
 def test_false_alarms_stand_out(cloud: PointCloud, tmp_path: Path) -> None:
-    magenta = np.frombuffer(bytes.fromhex(plots.ALARM[1:]), np.uint8)
+    magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
     for shown, least in ((True, 20), (False, 0)):
         perspective_picture(cloud, tmp_path / "a.png", highlight_false_alarms=shown, size_px=(960, 540))
         found = int((np.abs(picture(tmp_path / "a.png").astype(int) - magenta).max(axis=2) < 3).sum())
@@ -313,7 +314,7 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(
         drawn.append((name, len(shades.rgb)))
         assert cells.point.max() < len(shades.rgb)
 
-    monkeypatch.setattr(plots, "_draw_range_image", noted)
+    monkeypatch.setattr(pictures, "_draw_range_image", noted)
     rig = dataclasses.replace(cloud, sensor_names=labels, sensor_index=numbers)
     frame_picture(rig, tmp_path / "rig.png", colour_by="sensor_index", size_px=(300, 250))
     assert drawn == [

@@ -16,10 +16,10 @@ import pytest
 import trimesh
 from test_cloud import assert_same, small_cloud, small_columns
 
-from lidarscene.cloud import COLUMNS, PointCloud
+from lidarscene.cloud.points import COLUMNS, PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.io import counted, ply
-from lidarscene.io.ply import read_ply, write_ply
+from lidarscene.formats import counted, ply
+from lidarscene.formats.ply import read_ply, write_ply
 
 TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
 
@@ -243,7 +243,7 @@ SLOW_WRITER = """
 import sys, time
 sys.path[:0] = sys.argv[2:]
 from test_cloud import small_cloud
-from lidarscene.io import ply
+from lidarscene.formats import ply
 text = ply._as_text
 def slow(part):
     print("block", flush=True)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.io.scene_file import files_of_scene, read_scene
-from lidarscene.scene import Ball, Part, Scene
+from lidarscene.scene.file import files_of_scene, read_scene
+from lidarscene.scene.model import Ball, Part, Scene
 
 HOUSE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 0 1\nusemtl wall\nf 1 2 3\nusemtl roof\nf 1 2 4\n"
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.detectors import Apd, Sipm
 from lidarscene.errors import InputError
-from lidarscene.geometry import Pose, direction_from_angles
-from lidarscene.io.sensor_file import PoseFile, read_sensor
+from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.scan import Raster
+from lidarscene.sensor.detectors import Apd, Sipm
+from lidarscene.sensor.file import PoseFile, read_sensor
 
 
 def test_table_1_in_si_units() -> None:

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln
 
-from lidarscene.physics import special
+from lidarscene.maths import special
 
 
 def relative(got, expected):

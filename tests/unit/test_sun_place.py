@@ -10,8 +10,8 @@ import pytest
 
 from lidarscene import load_scene
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.io import pvlib_door
-from lidarscene.scene import Sun
+from lidarscene.files import pvlib
+from lidarscene.scene.model import Sun
 
 BODY = '[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "asphalt"\n'
 
@@ -24,7 +24,7 @@ def sun_of(folder: Path, entry: str) -> Sun:
 
 def north_up(latitude_deg: float, longitude_deg: float, time: str) -> tuple[float, float]:
     pytest.importorskip("pvlib")
-    return pvlib_door.sun_north_up_deg(
+    return pvlib.sun_north_up_deg(
         latitude_deg=latitude_deg, longitude_deg=longitude_deg, time=datetime.fromisoformat(time)
     )
 
@@ -117,7 +117,7 @@ def test_mistakes(entry: str, message: str, tmp_path: Path) -> None:
 
 def test_the_door_wants_an_offset() -> None:
     with pytest.raises(ValueError, match="offset from UTC"):
-        pvlib_door.sun_north_up_deg(latitude_deg=0, longitude_deg=0, time=datetime(2026, 1, 1))
+        pvlib.sun_north_up_deg(latitude_deg=0, longitude_deg=0, time=datetime(2026, 1, 1))
 
 
 def test_without_pvlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -130,10 +130,10 @@ def test_without_pvlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    pvlib_door.pvlib.cache_clear()
+    pvlib.pvlib.cache_clear()
     with pytest.raises(LidarSceneError, match=r"pip install 'lidarscene\[sun\]'") as caught:
         sun_of(tmp_path, "place = [48.0, 11.0], time = 2026-06-21T12:00:00Z")
     assert "\n" not in str(caught.value)
     assert sun_of(tmp_path, "azimuth_deg = 30").elevation_rad == pytest.approx(math.pi / 4)
     monkeypatch.undo()
-    pvlib_door.pvlib.cache_clear()
+    pvlib.pvlib.cache_clear()

@@ -8,9 +8,9 @@ import pytest
 from unit.test_cloud import assert_same, small_cloud
 from unit.test_plots import street
 
-from lidarscene import thinning
-from lidarscene.plots import frame_picture
-from lidarscene.thinning import Thinned
+from lidarscene.cloud import thinning
+from lidarscene.cloud.thinning import Thinned
+from lidarscene.figures.pictures import frame_picture
 
 N = 1000
 

@@ -8,9 +8,9 @@ from pydantic import BaseModel
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
-from lidarscene.io.scene_file import scene_model
-from lidarscene.io.sensor_file import SensorFile
-from lidarscene.io.toml_file import read_toml, toml_text, validated, with_overrides
+from lidarscene.files.toml import read_toml, toml_text, validated, with_overrides
+from lidarscene.scene.file import scene_model
+from lidarscene.sensor.file import SensorFile
 
 TABLES = {"a": {"b": 1, "c": [1, 2]}, "name": "x"}
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from lidarscene.geometry import Pose
-from lidarscene.trajectory import Course, Motion, Riding, Spline, States, _exp, _log, pose_at
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Motion, Riding, Spline, States, _exp, _log, pose_at
 
 STEP_S = 1e-4
 

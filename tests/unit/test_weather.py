@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from lidarscene import Simulator, catalog
-from lidarscene.io.scene_file import read_scene
-from lidarscene.io.scene_model import FogKind
-from lidarscene.physics import fog, precipitation
-from lidarscene.scene import Air
-from lidarscene.weather import Weather
+from lidarscene.physics.weather import fog, precipitation
+from lidarscene.scene.file import read_scene
+from lidarscene.scene.model import Air
+from lidarscene.scene.tables import FogKind
+from lidarscene.scene.weather import Weather
 
 BODY = '[[bodies]]\nname = "wall"\nprimitive = "plane"\nsize_m = [4, 4]\nposition_m = [9, 0, 0]\nmaterial = "brick"\n'
 LASERS_M = (905e-9, 1550e-9)

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.detectors import Apd, Sipm
 from lidarscene.errors import InputError
-from lidarscene.sensor import Sensor
+from lidarscene.sensor.detectors import Apd, Sipm
+from lidarscene.sensor.model import Sensor
 from lidarscene.view.controls import Equipment
 
 SIPM = "SiPM of Table 1"

@@ -15,10 +15,10 @@ from small_scene import COARSE
 
 import lidarscene
 from lidarscene import PointCloud, Pose, load_scene, load_sensor
-from lidarscene.analysis.budget import budget_of
-from lidarscene.cli import main
-from lidarscene.pixels import camera_for
-from lidarscene.stages import ambient_of
+from lidarscene.cli.main import main
+from lidarscene.cloud.pixels import camera_for
+from lidarscene.render.stages import ambient_of
+from lidarscene.studies.budget import budget_of
 
 SETS = [f"--set={one}" for one in COARSE]
 WIDTH, HEIGHT = 1280, 800

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene import load_scene
-from lidarscene.kernel.triangles import revolved, sphere, triangles_of_base
+from lidarscene.kernel.world.triangles import revolved, sphere, triangles_of_base
 from lidarscene.view.solid import GLASS_ALPHA, solid_of
 
 XML = """<scene version="3.0.0">

@@ -7,9 +7,9 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from .. import report
-from ..io.files import atomic_output
-from ..io.toml_file import toml_text
+from ..files.atomic import atomic_output
+from ..files.toml import toml_text
+from ..record import report
 from .store import Store
 from .tasks import FrameTask, Job
 

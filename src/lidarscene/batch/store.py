@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..formats import FORMATS
-from ..io.files import atomic_output
+from ..files.atomic import atomic_output
+from ..formats.registry import FORMATS
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import __version__, api, catalog
+from .. import __version__, catalog
 from ..errors import InputError
-from ..formats import FORMATS
-from ..io.job_file import JobFile, TrajectoryFile
-from ..io.rig_file import read_rig
-from ..io.scene_file import files_of_scene, sensor_of_scene
-from ..io.sensor_file import files_of_sensor
-from ..io.toml_file import toml_text
-from ..sensor import Sensor
+from ..files.toml import toml_text
+from ..formats.registry import FORMATS
+from ..render import api
+from ..scene.file import files_of_scene, sensor_of_scene
+from ..sensor.file import files_of_sensor
+from ..sensor.model import Sensor
+from ..sensor.rig_file import read_rig
+from .file import JobFile, TrajectoryFile
 
 LAYOUT = 1
 """Of names and rows; a new number makes all old results unknown."""
@@ -106,7 +107,7 @@ class Job:
     @classmethod
     def read(cls, path: Path) -> Job:
         """From a job file. Every scene and sensor file that it names is checked. Raises InputError."""
-        from ..io.job_file import read_job
+        from .file import read_job
 
         file = read_job(path)
         FORMATS[file.format].require()

@@ -11,15 +11,17 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from .. import __version__, api, report
+from .._version import __version__
 from ..errors import InputError, LidarSceneError
-from ..frame import motion_of
-from ..kernel import device
-from ..rig import Mounted
-from ..scene import Scene
-from ..sensor import Sensor
-from ..simulate import DEFAULT_CHUNK, Simulator, Summary
-from ..trajectory import pose_at
+from ..kernel.device import transfer
+from ..maths.trajectory import pose_at
+from ..record import report
+from ..render import api
+from ..render.frame import motion_of
+from ..render.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ..scene.model import Scene
+from ..sensor.model import Sensor
+from ..sensor.rig import Mounted
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 
@@ -61,7 +63,7 @@ def _threads_of_worker() -> int:
 def _told(task: FrameTask, store: Store, threads: int) -> str:
     """A failure of one frame is a line in a list: whatever it is, the others go on."""
     try:
-        device.use_threads(threads)
+        transfer.use_threads(threads)
         _render(task, store)
     except LidarSceneError as error:
         return " ".join(str(error).split())

@@ -10,11 +10,11 @@ from importlib import resources
 from pathlib import Path
 
 from ..errors import InputError
-from ..io.material_file import read_material
-from ..io.published_file import PublishedFile, read_published
-from ..io.sensor_file import read_sensor
-from ..materials import Material
-from ..sensor import Sensor
+from ..materials.file import read_material
+from ..materials.material import Material
+from ..sensor.file import read_sensor
+from ..sensor.model import Sensor
+from ..sensor.published_file import PublishedFile, read_published
 
 KINDS = ("sensors", "materials")
 

@@ -2,5 +2,5 @@
 
 "The paper" is X. Guo, "Ranging Performance Analysis in Automotive DToF Lidars"; (n) is its equation n.
 Where the paper and the derivation differ both exist, and the name says which. Every function takes
-Python floats, numpy arrays or Dr.Jit arrays (`lidarscene.arrays`).
+Python floats, numpy arrays or Dr.Jit arrays (`lidarscene.maths.arrays`).
 """

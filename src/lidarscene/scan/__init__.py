@@ -3,9 +3,9 @@
 from .base import Scanner as Scanner
 from .flash import Flash as Flash
 from .lissajous import Lissajous as Lissajous
-from .mirror import MirrorRaster as MirrorRaster
-from .mirrors import Gimbal as Gimbal
-from .mirrors import MirrorPair as MirrorPair
+from .mirror_optics import Gimbal as Gimbal
+from .mirror_optics import MirrorPair as MirrorPair
+from .mirror_raster import MirrorRaster as MirrorRaster
 from .pattern import Pattern as Pattern
 from .polygon import Polygon as Polygon
 from .raster import Raster as Raster

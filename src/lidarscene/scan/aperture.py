@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ..arrays import Array, xp
+from ..maths.arrays import Array, xp
 
 
 def mirror_share(*, cos_incidence: Array, cos_at_rest: Array) -> Array:

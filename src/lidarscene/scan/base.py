@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..arrays import Array, xp
-from ..geometry import direction_from_angles
-from .vectors import Vector, angles_of
+from ..maths.arrays import Array, xp
+from ..maths.pose import direction_from_angles
+from ..maths.vectors import Vector, angles_of
 
 Matrix = np.ndarray[Any, Any]
 

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, xp
+from ..maths.arrays import Array, xp
+from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
-from .vectors import Vector
 
 LARGEST_HEIGHT = {
     "rectilinear": 50.0,

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, xp
+from ..maths.arrays import Array, xp
+from ..maths.vectors import Vector
 from .base import Matrix, Mechanism
-from .mirrors import Mirrors
+from .mirror_optics import Mirrors
 from .turns import Turns
-from .vectors import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Table, xp
+from ..maths.arrays import Array, Table, xp
 from .base import GivenAngles, Matrix, in_frame
 
 

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Table, xp
+from ..maths.arrays import Array, Table, xp
+from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
 from .base import Matrix, Mechanism, in_frame
-from .vectors import Vector, dot, mixed, reflected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

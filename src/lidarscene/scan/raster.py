@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, xp
+from ..maths.arrays import Array, xp
 from .base import GivenAngles, Matrix
 
 

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Table, xp
+from ..maths.arrays import Array, Table, xp
+from ..maths.vectors import Vector, refracted
 from .base import Matrix, Mechanism
 from .turns import Turns
-from .vectors import Vector, refracted
 
 _X: Vector = (1.0, 0.0, 0.0)
 

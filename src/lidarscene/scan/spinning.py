@@ -15,11 +15,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..arrays import Array, Table, xp
-from ..geometry import direction_from_angles
+from ..maths.arrays import Array, Table, xp
+from ..maths.pose import direction_from_angles
+from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
 from .turns import Turns
-from .vectors import Vector
 
 _TWO_PI = 2.0 * math.pi
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ..arrays import Array, xp
+from ..maths.arrays import Array, xp
 
 _WORD = 2**32
 

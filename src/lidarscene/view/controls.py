@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..api import load_sensor
-from ..detectors import Apd, Detector
 from ..errors import InputError
-from ..scene import Scene, Sun
-from ..sensor import Sensor
+from ..render.api import load_sensor
+from ..scene.model import Scene, Sun
+from ..sensor.detectors import Apd, Detector
+from ..sensor.model import Sensor
 
 DETECTOR = "detector"
 """Key of the choice; all other keys that begin with it are of the sensor file."""

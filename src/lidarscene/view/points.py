@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.budget import Budget
-from ..cloud import STATUS_NAMES, Column, PointCloud
+from ..cloud.points import STATUS_NAMES, Column, PointCloud
+from ..studies.budget import Budget
 from .blob import packed
 
 Matrix = np.ndarray[Any, Any]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..kernel.triangles import sphere, triangles_of_base
-from ..scene import Part, Scene
+from ..kernel.world.triangles import sphere, triangles_of_base
+from ..scene.model import Part, Scene
 
 Matrix = np.ndarray[Any, Any]
 

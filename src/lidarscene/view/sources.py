@@ -12,20 +12,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import catalog
-from ..analysis.budget import budget_of, pulses_of
-from ..api import load_sensor
-from ..cloud import PointCloud
-from ..echoes import Ambient, Echoes
+from ..cloud.pixels import camera_for
+from ..cloud.points import PointCloud
 from ..errors import InputError
-from ..frame import LARGEST_FLOAT32_M, Frame
-from ..geometry import Pose
-from ..kernel.light import COLUMNS, light_of
-from ..pixels import camera_for
-from ..scene import Scene
-from ..sensor import Sensor
-from ..simulate import Simulator, Summary
-from ..stages import ambient_of
-from ..trajectory import pose_at
+from ..kernel.rays.relit import COLUMNS, light_of
+from ..light.echoes import Ambient, Echoes
+from ..maths.pose import Pose
+from ..maths.trajectory import pose_at
+from ..render.api import load_sensor
+from ..render.frame import LARGEST_FLOAT32_M, Frame
+from ..render.simulator import Simulator, Summary
+from ..render.stages import ambient_of
+from ..scene.model import Scene
+from ..sensor.model import Sensor
+from ..studies.budget import budget_of, pulses_of
 from .blob import packed
 from .controls import DETECTOR, Equipment, Settings
 from .points import frame_blob

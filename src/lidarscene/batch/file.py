@@ -1,0 +1,143 @@
+"""Job files: what `lidarscene batch` renders, TOML in, `JobFile` out. Paths in a job file are relative to it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+from pydantic.config import JsonDict
+
+from ..files.toml import FileModel, read_toml, toml_text, validated
+from ..formats.registry import FORMATS
+from ..scene.motion import EgoFile
+
+Name = Annotated[str, Field(min_length=1)]
+Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
+
+# For editors: a list of values, or a table with more of the key. What the lists hold is checked with the scenes.
+SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
+
+MOST_FRAMES = 10_000_000
+"""Of one trajectory."""
+
+
+def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """What is not a table, by dotted key: ``"a.b" = 1`` and ``a.b = 1`` are the same here."""
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _each_once(key: str, values: Sequence[Any]) -> None:
+    texts = [toml_text(one) for one in values]
+    text, times = Counter(texts).most_common(1)[0] if texts else ("", 0)
+    if times > 1:
+        raise ValueError(f"{key}: every value once was expected, {text} came {times} times")
+
+
+class SweepFile(FileModel):
+    """[sweep]: values of the scene's and the sensor's keys; every one with every other."""
+
+    scene: dict[str, Any] = Field(
+        default={},
+        description='lists of values, as "sun.illuminance_klux" = [1, 100]',
+        json_schema_extra=SWEPT,
+    )
+    sensor: dict[str, Any] = Field(
+        default={},
+        description='lists of values, as "detector.gain" = [50, 60]',
+        json_schema_extra=SWEPT,
+    )
+
+    @model_validator(mode="after")
+    def _lists(self) -> SweepFile:
+        for kind in ("scene", "sensor"):
+            for key, values in _leaves(getattr(self, kind)):
+                if not isinstance(values, tuple) or not values:
+                    raise ValueError(f"{kind}.{key}: a list of values was expected, {toml_text(values)} came")
+                _each_once(f"{kind}.{key}", values)
+        return self
+
+    def of_scene(self) -> dict[str, tuple[Any, ...]]:
+        """Values by dotted key of the scene file."""
+        return dict(_leaves(self.scene))
+
+    def of_sensor(self) -> dict[str, tuple[Any, ...]]:
+        """Values by dotted key of the sensor file."""
+        return dict(_leaves(self.sensor))
+
+
+class TrajectoryFile(EgoFile):
+    """[[trajectories]]: a motion of the ego vehicle, in place of the scene's own."""
+
+    label: Name = Field(description="names it in the manifest")
+
+    def override(self, folder: Path | None = None) -> str:
+        """As a change of a scene file; ``folder`` is the job file's, where its poses_file lies."""
+        given = self.model_dump(include=self.model_fields_set - {"label"}, exclude_unset=True)
+        if folder is not None and self.poses_file is not None:
+            given["poses_file"] = str(folder.absolute() / self.poses_file)
+        return f"ego={toml_text(given)}"
+
+
+class JobFile(FileModel):
+    """A whole job file: the product of its lists."""
+
+    name: str = ""
+    scenes: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(description="scene files")
+    sensors: tuple[Name, ...] = Field(
+        default=(),
+        description="catalogue names or sensor files; each scene's own if there are no rigs either",
+    )
+    rigs: tuple[Name, ...] = Field(default=(), description="rig files; a cloud for each of their sensors")
+    trajectories: tuple[TrajectoryFile, ...] = ()
+    frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] = Field(
+        default=1, description="of each combination, one after the other"
+    )
+    begin_s: float = Field(
+        default=0.0, description="when frame 0 begins, by the clock of the scene's motions"
+    )
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
+    seed_count: Annotated[int, Field(ge=1, le=2**32)] | None = Field(
+        default=None, description="seeds 0 to this number less one, in place of seeds"
+    )
+    sweep: SweepFile = SweepFile()
+    format: str = Field(
+        default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)}
+    )
+    coordinates: Literal["world", "vehicle", "sensor"] = "world"
+    truth: bool = Field(default=True, description="false leaves the ground truth out")
+    rays: Annotated[int, Field(ge=1, le=1024)] = Field(
+        default=1, description="of each pulse, over the footprint of its beam"
+    )
+    interactions: Annotated[int, Field(ge=0, le=8)] = Field(
+        default=3, description="panes, mirrors and gaps that a beam may meet"
+    )
+    chunk: Annotated[int, Field(ge=1, le=2**31 - 1)] | None = Field(
+        default=None, description="rays at a time: bounds the memory, no more"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> JobFile:
+        for key in ("scenes", "sensors", "rigs", "seeds"):
+            _each_once(key, getattr(self, key))
+        _each_once("trajectories", [one.label for one in self.trajectories])
+        if self.format not in FORMATS:
+            raise ValueError(f"format: one of {', '.join(FORMATS)} was expected, '{self.format}' came")
+        if self.seed_count is not None and "seeds" in self.model_fields_set:
+            raise ValueError("one way to say it was expected, seeds and seed_count came")
+        return self
+
+    def all_seeds(self) -> Sequence[int]:
+        """The seeds, in order."""
+        return self.seeds if self.seed_count is None else range(self.seed_count)
+
+
+def read_job(path: Path) -> JobFile:
+    """A job from its file. Raises InputError."""
+    return validated(JobFile, read_toml(path), str(path))

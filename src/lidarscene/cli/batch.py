@@ -1,0 +1,163 @@
+"""The command `batch`: a job file in; clouds of all its frames, made by many processes, and a manifest out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .words import whole
+
+if TYPE_CHECKING:
+    from ..batch.run import Progress
+    from ..batch.tasks import FrameTask
+
+BATCH_HELP = """\
+examples:
+  lidarscene batch scenes/job.toml -o out/job
+  lidarscene batch scenes/job.toml -o out/job --workers 2
+  lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
+
+A run that was broken off goes on where it was: the same command again renders what is missing.
+docs/batch.md has the job file, docs/scaling.md SLURM, Kubernetes and millions of frames.
+"""
+
+MOST_LINES = 50
+"""Failures that are told; the manifest has all of them."""
+
+
+def add_batch(commands: Any, told: Callable[[Callable[[str], str]], Callable[[str], int]]) -> None:
+    """Add `batch`; ``told`` makes a function that prints what another one returns."""
+    batch = commands.add_parser(
+        "batch", help="many frames: scenes x sensors x sweeps x seeds, on many processes", epilog=BATCH_HELP,
+        description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    batch.add_argument("job", metavar="JOB.toml", type=Path, help="job file: what is multiplied with what")
+    add = batch.add_argument
+    add("-o", "--output", metavar="DIR", type=Path, required=True,
+        help="folder for frames/ and manifest.parquet; what is there already is not done again")  # fmt: skip
+    add("--scheduler", metavar="ADDRESS",
+        help="of a Dask cluster that runs and sees the same files (default: processes of this machine)")  # fmt: skip
+    add("--workers", metavar="N", type=whole(1, 1024),
+        help="processes of this machine (default: one for each core)")  # fmt: skip
+    add("--json", action="store_true", help="print what was done as JSON")
+    say = told(str)
+    batch.set_defaults(run=lambda arguments: run_batch(arguments, say))
+
+
+def run_batch(arguments: argparse.Namespace, say: Callable[[str], int]) -> int:
+    """Run `batch`; returns 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
+    from ..batch import cluster
+    from ..batch.run import run_job
+    from ..batch.store import Store
+    from ..batch.tasks import Job
+    from ..files.atomic import require_writable
+
+    if arguments.scheduler is not None and arguments.workers is not None:
+        raise InputError("--scheduler and --workers: one of them was expected")
+    cluster.require_packages()
+    job = Job.read(arguments.job)
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise InputError(f"--output {arguments.output}: a folder was expected")
+    manifest = Store(arguments.output).manifest
+    require_writable(manifest)
+    threads = None
+    if arguments.scheduler is None:
+        workers = arguments.workers or cluster.usable_cores()
+        threads = max(1, cluster.usable_cores() // workers)
+        connection = cluster.local_client(workers)
+    else:
+        connection = cluster.remote_client(arguments.scheduler)
+    with _Followed(len(job)) as shown:
+        progress = run_job(
+            job,
+            arguments.output,
+            connect=lambda: shown.connected(connection),
+            threads=threads,
+            told=shown.told,
+        )
+    say(_as_json(progress, manifest) if arguments.json else _as_text(progress, manifest))
+    return 1 if progress.failed else 0
+
+
+class _Followed:
+    """A bar on the terminal's error stream, and a line for each failure in any case."""
+
+    def __init__(self, frames: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        hidden = not sys.stderr.isatty()
+        self._bar = Progress(
+            *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
+        )
+        self._task = self._bar.add_task("frames", total=frames)
+
+    def __enter__(self) -> _Followed:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    @contextmanager
+    def connected(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
+        """The client of this connection, once it is told where its dashboard is."""
+        from ..batch.cluster import dashboard
+
+        with connection as client:
+            if link := dashboard(client):
+                self._console.print(f"dashboard     {link}")
+            if not client.nthreads():
+                self._console.print("the scheduler has no workers yet; waiting for them")
+            yield client
+
+    def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
+        """One more frame is done, or has failed."""
+        self._bar.update(self._task, completed=progress.done)
+        if task is not None and len(progress.failed) <= MOST_LINES:
+            self._console.print(f"failed        {_frame(task)}: {cause}")
+
+
+def _frame(task: FrameTask) -> str:
+    """Which frame it is, by what makes it differ from others."""
+    sensor = f"{task.sensor.rig} {task.sensor.label}" if task.sensor.rig else task.sensor.name
+    names = [Path(task.scene.path).name, task.scene.trajectory, Path(sensor).name]
+    names += [f"{key}={value}" for key, value in task.parameters.items()]
+    return " ".join(filter(None, [*names, f"seed {task.seed}", f"frame {task.number}"]))
+
+
+def _as_text(progress: Progress, manifest: Path) -> str:
+    lines = [
+        f"frames        {progress.frames:>12,}",
+        f"rendered      {progress.rendered:>12,}",
+        f"there already {progress.reused:>12,}",
+        f"failed        {len(progress.failed):>12,}"
+        + (
+            "   their causes are in the manifest; the same command tries them again"
+            if progress.failed
+            else ""
+        ),
+        f"wrote         {manifest}",
+    ]
+    return "\n".join(lines)
+
+
+def _as_json(progress: Progress, manifest: Path) -> str:
+    return json.dumps(
+        {
+            "frames": progress.frames,
+            "rendered": progress.rendered,
+            "reused": progress.reused,
+            "failed": progress.failed,
+            "manifest": str(manifest),
+        }
+    )

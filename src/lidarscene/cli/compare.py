@@ -1,0 +1,116 @@
+"""The command `compare`: the same scene and the same beams, seen by different sensors."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .words import pose, rising, whole
+
+if TYPE_CHECKING:
+    from ..studies.compare.run import Named
+
+COMPARE_HELP = """\
+examples:
+  lidarscene compare scenes/street.toml --sensors table1-apd,table1-sipm -o out/compare
+  lidarscene compare scenes/garage.toml --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
+  lidarscene compare scenes/car.toml --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
+  lidarscene compare day.ply night.ply -o out/clouds
+"""
+
+MOST_SENSORS = 7
+
+
+def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    """Add `compare`; ``told`` makes a command's run function of one that returns its text."""
+    command = commands.add_parser(
+        "compare", help="what different sensors make of one scene", epilog=COMPARE_HELP,
+        description="Compare sensors in a scene, or clouds that were written with ground truth: what each found, "
+        "range errors, rates of detection; a page, JSON, CSV, pictures and a difference cloud.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    command.add_argument(
+        "inputs", metavar="SCENE|CLOUD", nargs="+", type=Path,
+        help="a scene file (.toml, .xml), with --sensors; or two clouds or more",
+    )  # fmt: skip
+    add = command.add_argument
+    add(
+        "--sensors",
+        metavar="A,B,...",
+        help="catalogue names or sensor files; the first is compared with each other",
+    )
+    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add(
+        "--same-beams",
+        action="store_true",
+        default=None,
+        help="run all with the first sensor's scanner and mounting",
+    )
+    add("--illuminance", metavar="KLUX,KLUX,...", type=rising("illuminances in klux", "0.05,1,10,100"),
+        help="sweep over these, and find where sensors overtake each other")  # fmt: skip
+    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=None, dest="overrides",
+        help="change a value of the sensor files, may be repeated")  # fmt: skip
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
+    add(
+        "--seed",
+        metavar="N",
+        type=whole(0, 2**32 - 1),
+        default=None,
+        help="the same for all sensors (default 0)",
+    )
+    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
+    add("--json", action="store_true", help="print the numbers as JSON")
+    command.set_defaults(run=told(compare_text))
+
+
+def compare_text(arguments: argparse.Namespace) -> str:
+    """Run `compare`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    if arguments.sensors is None:
+        return _clouds(arguments)
+    if len(arguments.inputs) != 1:
+        raise InputError(f"--sensors: goes with one scene, {len(arguments.inputs)} files came")
+    return _sensors(arguments)
+
+
+def _sensors(arguments: argparse.Namespace) -> str:
+    from ..render.api import load_scene
+    from ..render.simulator import DEFAULT_CHUNK
+    from ..studies.compare import study
+    from ..studies.ranging.axes import CONDITIONS
+    from ..studies.ranging.subjects import subjects
+
+    words = arguments.sensors.split(",")
+    if not 2 <= len(words) <= MOST_SENSORS or not all(words):
+        raise InputError(
+            f"--sensors: 2 to {MOST_SENSORS} names or files with commas between them were expected, "
+            f"{arguments.sensors} came"
+        )
+    for value in arguments.illuminance or ():
+        CONDITIONS["illuminance"].require("--illuminance", value)
+    scene = load_scene(arguments.inputs[0])
+    sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
+    return study.of_sensors(
+        scene, sensors, arguments.output, seed=arguments.seed or 0, pose=arguments.pose,
+        chunk=arguments.chunk or DEFAULT_CHUNK, same_beams=bool(arguments.same_beams),
+        illuminances_klux=arguments.illuminance, as_json=arguments.json,
+    )  # fmt: skip
+
+
+def _clouds(arguments: argparse.Namespace) -> str:
+    from ..studies.compare import study
+
+    for option in ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk"):
+        if getattr(arguments, option) is not None:
+            word = "set" if option == "overrides" else option.replace("_", "-")
+            raise InputError(f"--{word}: goes with a scene and --sensors, not with clouds")
+    if len(arguments.inputs) == 1:
+        raise InputError(
+            f"{arguments.inputs[0]}: a scene with --sensors A,B was expected, or two clouds or more"
+        )
+    if len(arguments.inputs) > MOST_SENSORS:
+        raise InputError(f"{len(arguments.inputs)} clouds came, up to {MOST_SENSORS} were expected")
+    return study.of_clouds(arguments.inputs, arguments.output, as_json=arguments.json)

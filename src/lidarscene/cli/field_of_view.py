@@ -1,0 +1,105 @@
+"""The command `fov`: what scan patterns cover, how densely, how soon and how far."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..maths.pose import Pose
+from .words import number, pose, rising
+
+if TYPE_CHECKING:
+    from ..sensor.model import Sensor
+
+FOV_HELP = """\
+examples:
+  lidarscene fov table1-apd table1-sipm -o out/fov
+  lidarscene fov my-risley.toml --time 0.1,0.5,1 --cell 0.28 -o out/fov
+  lidarscene fov table1-apd --scene scenes/car.toml -o out/fov
+  lidarscene fov --rig scenes/rig.toml --scene scenes/drive.toml -o out/fov
+"""
+
+SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0
+
+
+def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    """Add `fov`; ``told`` makes a command's run function of one that returns its text."""
+    command = commands.add_parser(
+        "fov", help="what scan patterns cover, how densely, how soon, how far", epilog=FOV_HELP,
+        description="Study fields of view: pattern, coverage against time, density, revisit time, spacing, maximum "
+        "range; pictures, CSV and a page. Nothing is traced without --scene.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
+    add = command.add_argument
+    add("--rig", metavar="RIG.toml", type=Path, help="the sensors of a vehicle, at their places, instead")
+    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add(
+        "--time",
+        metavar="S,S,...",
+        type=rising("seconds", "0.1,0.5,1"),
+        help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
+    )
+    add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
+    add("--mask", choices=("outline", "reached"), default="outline",
+        help="the field of view: the pattern's convex outline (default), or cells ever reached")  # fmt: skip
+    add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="with --scene: where the sensors stand, or the rig's vehicle, metres and degrees (default: where the "
+        "scene's sensor stands; the origin for a rig)")  # fmt: skip
+    add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
+    add("--illuminance", metavar="KLUX", type=number, help="on the target (default 100)")
+    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
+        help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated")  # fmt: skip
+    add("--json", action="store_true", help="print the numbers as JSON")
+    command.set_defaults(run=told(fov_text))
+
+
+def fov_text(arguments: argparse.Namespace) -> str:
+    """Run `fov`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    from ..studies.field_of_view import study as fov
+    from ..studies.ranging.axes import CONDITIONS
+    from ..studies.ranging.plane import Target
+
+    if bool(arguments.sensors) == (arguments.rig is not None):
+        raise InputError("SENSOR and --rig: one of them was expected; see lidarscene fov -h")
+    if arguments.pose is not None and arguments.scene is None:
+        raise InputError("--pose goes with --scene")
+    cell = fov.CELL_DEG if arguments.cell is None else arguments.cell
+    if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
+        raise InputError(
+            f"--cell: {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees were expected, {cell:g} came"
+        )
+
+    def held(name: str, default: float) -> float:
+        value = getattr(arguments, name)
+        return default if value is None else CONDITIONS[name].require(f"--{name}", float(value))
+
+    target = Target(reflectivity=held("reflectivity", 0.1), illuminance_klux=held("illuminance", 100.0))
+    found = _sensors(arguments)
+    scene, vehicle = None, arguments.pose
+    if arguments.scene is not None:
+        from ..render.api import load_scene
+
+        scene = load_scene(arguments.scene)
+        if arguments.rig is not None:
+            vehicle = vehicle or Pose()
+    study = fov.Study(
+        times_s=arguments.time or fov.TIMES_S, cell_deg=cell, mask=arguments.mask, target=target
+    )
+    return fov.write(arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json)
+
+
+def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:
+    """Names and sensors; those of a rig by their labels, at their places."""
+    if arguments.rig is not None:
+        from ..render.api import load_rig
+
+        rig = load_rig(arguments.rig, overrides=arguments.overrides)
+        return [(one.label, one.placed) for one in rig.sensors]
+    from ..studies.ranging.subjects import subjects
+
+    return [(one.name, one.sensor()) for one in subjects(arguments.sensors, arguments.overrides)]

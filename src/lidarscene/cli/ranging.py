@@ -1,0 +1,293 @@
+"""The commands that trace nothing, `range` and `paper`: arguments in, files and a text to print out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .words import number, whole
+
+if TYPE_CHECKING:
+    from ..studies.ranging.axes import Axis
+    from ..studies.ranging.curves import Curves, Question
+    from ..studies.ranging.plane import Target
+    from ..studies.ranging.subjects import Subject
+
+RANGE_HELP = """\
+examples:
+  lidarscene range table1-apd table1-sipm
+  lidarscene range table1-apd table1-sipm --over distance --plot out/snr.png --csv out/snr.csv
+  lidarscene range table1-apd table1-sipm --over illuminance --set table1-sipm:detector.statistics=published
+  lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
+"""
+
+HELD = ("distance", "illuminance", "reflectivity", "incidence")
+_ONLY_OVER = ("from", "to", "n", "log", "linear", "quantity", "csv", "plot", "aperture_law")
+
+
+def add_commands(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    """Add `range` and `paper`; ``told`` makes a command's run function of one that returns its text."""
+    _add_range(commands, told)
+    paper = commands.add_parser(
+        "paper", help="the paper's figures, its claims and its errata",
+        description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
+        "claim of its text.",
+    )  # fmt: skip
+    paper.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    paper.add_argument("--json", action="store_true", help="print the claims as JSON")
+    paper.set_defaults(run=told(paper_text))
+
+
+def _add_range(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    command = commands.add_parser(
+        "range", help="SNR, maximum range or detection probability against anything", epilog=RANGE_HELP,
+        description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
+        "Nothing is traced.", formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
+    add = command.add_argument_group("what is asked").add_argument
+    add("--over", metavar="AXIS",
+        help="distance, illuminance, elevation, azimuth, reflectivity, incidence, or a key such as "
+        "detector.gain")  # fmt: skip
+    add("--quantity", choices=("snr", "range", "pd"),
+        help="default: snr over distance, the maximum range over everything else")  # fmt: skip
+    add("--from", metavar="X", type=number, help="start of the axis, in its unit")
+    add("--to", metavar="X", type=number, help="end of the axis")
+    add("--n", metavar="N", type=whole(2, 100_000), help="points on the axis (default 200)")
+    scale = command.add_mutually_exclusive_group()
+    scale.add_argument("--log", action="store_true", help="logarithmic steps")
+    scale.add_argument("--linear", action="store_true", help="even steps")
+    add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
+    add("--eye-safety", action="store_true", help="check against the limits of class 1")
+    add = command.add_argument_group("what is held").add_argument
+    add("--distance", metavar="M", type=number, help="of the target, for snr and pd (default 100)")
+    add("--illuminance", metavar="KLUX", type=number, help="default 100")
+    add("--sun-angle", metavar="DEG", type=number, help="between sun and surface normal (default 60)")
+    add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
+    add("--incidence", metavar="DEG", type=number, help="of the beam on the target (default 0)")
+    add("--aperture-law", choices=("scanner", "constant", "cosine", "mirror"),
+        help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)")  # fmt: skip
+    air = command.add_mutually_exclusive_group().add_argument
+    air("--transmittance", metavar="SHARE", type=number, help="of the air, one way, fixed (default 0.98)")
+    air("--extinction", metavar="PER_M", type=number, help="of the air, exp(-alpha R)")
+    air("--visibility", metavar="KM", type=number, help="of the air, by Kim's extinction")
+    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
+        help="change a value of the sensor files, such as detector.gain=60; may be repeated")  # fmt: skip
+    add = command.add_argument_group("what is written").add_argument
+    add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
+    add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
+    add("--json", action="store_true", help="print everything as JSON")
+    command.set_defaults(run=told(range_text))
+
+
+def range_text(arguments: argparse.Namespace) -> str:
+    """Run `range`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    from ..studies.ranging.subjects import subjects
+
+    _require_sense(arguments)
+    held = _target(arguments)
+    found = subjects(arguments.sensors, arguments.overrides)
+    _check_outputs(arguments, found)
+    if arguments.sensitivities or arguments.eye_safety:
+        return "\n\n".join(_reports(arguments, found, held))
+    if arguments.over is None:
+        return _summary(arguments, found, held)
+    return _sweep(arguments, found, held)
+
+
+def _require_sense(arguments: argparse.Namespace) -> None:
+    """Refuse options that contradict each other or would be ignored."""
+    reports = [name for name in ("sensitivities", "eye_safety") if getattr(arguments, name)]
+    if arguments.over is None:
+        idle = [name for name in _ONLY_OVER if getattr(arguments, name) not in (None, False)]
+        if reports == ["sensitivities"] and len(arguments.sensors) == 1:
+            idle = [name for name in idle if name != "plot"]
+        if idle:
+            raise InputError(f"{_option(idle[0])} goes with --over: say what is swept")
+        if reports and arguments.json:
+            raise InputError(f"--json does not go with {_option(reports[0])}")
+        return
+    if reports:
+        raise InputError(f"{_option(reports[0])} does not go with --over")
+    over, quantity = arguments.over, _quantity(arguments)
+    if over == "distance" and quantity == "range":
+        raise InputError("--over distance --quantity range: snr or pd was expected; the range is their limit")
+    if over in HELD and getattr(arguments, over) is not None:
+        raise InputError(f"--{over} does not go with --over {over}")
+    if arguments.distance is not None and quantity == "range":
+        raise InputError("--distance goes with --quantity snr or pd, not with the maximum range")
+    if arguments.aperture_law and over not in ("elevation", "azimuth"):
+        raise InputError("--aperture-law goes with --over elevation or azimuth")
+    swept = [
+        text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == over
+    ]
+    if swept:
+        raise InputError(f"--set {swept[0]} does not go with --over {over}")
+
+
+def _quantity(arguments: argparse.Namespace) -> str:
+    return str(arguments.quantity or ("snr" if arguments.over == "distance" else "range"))
+
+
+def _target(arguments: argparse.Namespace) -> Target:
+    """The target that the options describe. Raises InputError."""
+    from ..studies.ranging.axes import CONDITIONS, Bounds
+    from ..studies.ranging.plane import Target
+
+    def held(name: str, default: float, bounds: Bounds) -> float:
+        value = getattr(arguments, name)
+        return default if value is None else bounds.require(_option(name), float(value))
+
+    share = Bounds(unit="", low=0.0, high=1.0, start=0.0, stop=1.0, above=True)
+    held("distance", 100.0, CONDITIONS["distance"])
+    held("visibility", 1.0, Bounds(unit="km", low=0.0, high=1e4, start=1.0, stop=50.0, above=True))
+    clear = arguments.extinction is None and arguments.visibility is None
+    return Target(
+        reflectivity=held("reflectivity", 0.1, CONDITIONS["reflectivity"]),
+        cos_incidence=max(math.cos(math.radians(held("incidence", 0.0, CONDITIONS["incidence"]))), 0.0),
+        cos_sun=_cos_sun(held("sun_angle", 60.0, Bounds(unit="deg", low=0, high=180, start=0, stop=180))),
+        illuminance_klux=held("illuminance", 100.0, CONDITIONS["illuminance"]),
+        transmittance=held("transmittance", 0.98 if clear else 1.0, share),
+        extinction_per_m=held("extinction", 0.0, Bounds(unit="per metre", low=0, high=100, start=0, stop=1)),
+    )
+
+
+def _cos_sun(angle_deg: float) -> float:
+    return 0.5 if angle_deg == 60.0 else math.cos(math.radians(angle_deg))
+
+
+def _check_outputs(arguments: argparse.Namespace, found: list[Subject]) -> None:
+    """Refuse what could not be written, or is read."""
+    from ..files.atomic import require_writable
+
+    for name, suffixes in (("csv", (".csv",)), ("plot", (".png", ".svg"))):
+        path = getattr(arguments, name)
+        if path is None:
+            continue
+        if path.suffix.lower() not in suffixes:
+            raise InputError(f"--{name} {path}: a name that ends in {' or '.join(suffixes)} was expected")
+        require_writable(path)
+
+
+def _question(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Question:
+    from ..studies.ranging.axes import require_within_law
+    from ..studies.ranging.curves import Question
+
+    axis = _axis(arguments, found)
+    law = arguments.aperture_law or "scanner"
+    if law in ("cosine", "mirror"):
+        require_within_law(axis)
+    return Question(
+        quantity=_quantity(arguments), axis=axis, target=held, law=law,
+        distance_m=100.0 if arguments.distance is None else arguments.distance,
+        visibility_m=None if arguments.visibility is None else arguments.visibility * 1e3,
+    )  # fmt: skip
+
+
+def _axis(arguments: argparse.Namespace, found: list[Subject]) -> Axis:
+    from ..studies.ranging.aperture import field_of_view_deg
+    from ..studies.ranging.axes import CONDITIONS, condition_axis, parameter_axis
+
+    over, start, stop = arguments.over, getattr(arguments, "from"), arguments.to
+    log = True if arguments.log else False if arguments.linear else None
+    count = arguments.n or 200
+    if over not in CONDITIONS:
+        files = [(one.where, one.changed) for one in found]
+        return parameter_axis(over, files, start=start, stop=stop, count=count, log=log)
+    if over in ("elevation", "azimuth"):
+        fields = [field_of_view_deg(one.sensor().scanner, over) for one in found]
+        start = max(low for low, _ in fields) if start is None else start
+        stop = min(high for _, high in fields) if stop is None else stop
+    return condition_axis(over, start=start, stop=stop, count=count, log=log)
+
+
+def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
+    """The curves: written, and told as a table or JSON."""
+    from ..studies.ranging import report
+    from ..studies.ranging.curves import curves
+
+    swept = curves(found, _question(arguments, found, held))
+    sensors = {one.name: one.sensor() for one in found}
+    told = report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
+    written = _write(arguments, swept, told, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
+    notes = report.notes(swept, {n: float(s.tdc.window_s) * 149896229.0 for n, s in sensors.items()})
+    if arguments.json:
+        return json.dumps(report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
+    from ..studies.ranging.curves import QUANTITIES
+
+    lines = [f"{QUANTITIES[swept.question.quantity]}: {told}", report.table_text(swept), *notes]
+    return "\n".join(lines + ([f"wrote {', '.join(written.values())}"] if written else []))
+
+
+def _write(
+    arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]
+) -> dict[str, str]:
+    from ..files.atomic import atomic_output
+    from ..studies.ranging import report
+
+    written = {}
+    if arguments.csv is not None:
+        with atomic_output(arguments.csv) as temporary:
+            temporary.write_text(report.csv_text(swept), encoding="utf-8", newline="\n")
+        written["csv"] = str(arguments.csv)
+    if arguments.plot is not None:
+        from ..figures import lines as charts
+
+        charts.save(report.chart_of(swept, told, thresholds=thresholds), [arguments.plot])
+        written["plot"] = str(arguments.plot)
+    return written
+
+
+def _sun_angle(arguments: argparse.Namespace) -> float:
+    return 60.0 if arguments.sun_angle is None else float(arguments.sun_angle)
+
+
+def _summary(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
+    """Each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
+    from ..studies.ranging.summary import summary_of, text_of
+
+    visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
+    distance_m = 100.0 if arguments.distance is None else float(arguments.distance)
+    rows = [summary_of(one, held, distance_m=distance_m, visibility_m=visibility_m) for one in found]
+    if arguments.json:
+        return json.dumps({row.pop("name"): row for row in rows})
+    return text_of(rows, held, distance_m, _sun_angle(arguments), visibility_m)
+
+
+def _reports(arguments: argparse.Namespace, found: list[Subject], held: Target) -> list[str]:
+    """What the sensitivities and the eye-safety check say of each sensor."""
+    from ..studies.ranging.curves import with_haze
+
+    visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
+    texts = []
+    for subject in found:
+        sensor = subject.sensor()
+        target = with_haze(sensor, held, visibility_m)
+        if arguments.sensitivities:
+            from ..studies.ranging import sensitivities as worth
+
+            texts.append(worth.report_text(sensor, target, distance_m=arguments.distance))
+            if arguments.plot is not None:
+                worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
+                texts[-1] += f"\nwrote {arguments.plot}"
+        if arguments.eye_safety:
+            from ..studies.eye_safety.report import report_text
+
+            texts.append(report_text(sensor))
+    return texts
+
+
+def paper_text(arguments: argparse.Namespace) -> str:
+    """Run `paper`; returns what is printed."""
+    from ..studies.paper import study as paper
+
+    return paper.write(arguments.output, as_json=arguments.json)
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

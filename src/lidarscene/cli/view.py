@@ -1,0 +1,129 @@
+"""The command `view`: clouds and scenes in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .words import pose, whole
+
+if TYPE_CHECKING:
+    from ..view.sources import Source
+
+VIEW_HELP = """\
+examples:
+  lidarscene view scenes/car.toml
+  lidarscene view scenes/car.toml --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene view out/car.ply scenes/car.toml
+  lidarscene view out/frames --save out/frames.html
+"""
+
+SCENES = (".toml", ".xml")
+
+
+def add_view(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+    """Add `view`; ``told`` makes a command's run function of one that returns its text."""
+    view = commands.add_parser(
+        "view", help="a cloud or a scene in the browser", epilog=VIEW_HELP,
+        description="Show clouds, over a scene if one is named, or a scene that is rendered as its controls are moved. "
+        "The page is served to this machine only, until Ctrl-C; or it is written to a file to send to others.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    view.add_argument("paths", metavar="CLOUD|DIR|SCENE", nargs="+", type=Path,
+                      help="clouds, or a folder of them, are frames; a scene alone is rendered live")  # fmt: skip
+    add = view.add_argument_group("what is shown").add_argument
+    add(
+        "--sensor",
+        metavar="NAME|FILE",
+        help="catalogue name or sensor file (default: the scene's, or the cloud's)",
+    )
+    add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
+        help="change a value of the sensor file, may be repeated")  # fmt: skip
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
+    add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="of a live scene (default 0)")
+    add = view.add_argument_group("where").add_argument
+    add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
+    add("--port", metavar="N", type=whole(0, 65535), default=0, help="of the page (default: any free one)")
+    add("--no-browser", action="store_true", help="only say where the page is")
+    view.set_defaults(run=told(view_text))
+
+
+def view_text(arguments: argparse.Namespace) -> str:
+    """Run `view`; returns what is printed in the end."""
+    from ..view.page import save
+    from ..view.serve import Server
+
+    if arguments.save is not None:
+        _check_save(arguments.save)
+        source = _source(arguments)
+        save(source, arguments.save)
+        return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
+    with Server(arguments.port) as server:
+        source = _source(arguments)
+        sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
+        sys.stdout.flush()
+        if not arguments.no_browser:
+            # Of its own, because a browser of the terminal would wait for the page before it is served.
+            threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve(source)
+    return "ended"
+
+
+def _source(arguments: argparse.Namespace) -> Source:
+    from ..render.api import load_scene
+    from ..view.sources import Clouds, Live
+
+    scenes = [path for path in arguments.paths if path.suffix.lower() in SCENES]
+    if len(scenes) > 1:
+        raise InputError(f"view: one scene was expected, {scenes[0]} and {scenes[1]} came")
+    clouds = clouds_in([path for path in arguments.paths if path not in scenes])
+    scene = load_scene(scenes[0]) if scenes else None
+    if scene is not None and not clouds:
+        return Live(
+            scene, sensor=arguments.sensor, overrides=arguments.overrides, pose=arguments.pose, seed=arguments.seed
+        )  # fmt: skip
+    if arguments.pose is not None:
+        raise InputError("--pose: goes with a scene that is rendered, not with clouds")
+    return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)
+
+
+def clouds_in(paths: Sequence[Path]) -> list[Path]:
+    """Cloud files in the order given; those of a folder by the numbers in their names."""
+    from ..formats.registry import FORMATS
+
+    suffixes = {one.suffix for one in FORMATS.values() if one.reader}
+
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        inside = [one for one in path.iterdir() if one.suffix.lower() in suffixes and one.name[0] != "."]
+        if not inside:
+            expected = ", ".join(sorted(suffixes))
+            raise InputError(f"{path}: holds no clouds; files that end in {expected} were expected")
+        found += sorted(inside, key=_by_numbers)
+    return found
+
+
+def _by_numbers(path: Path) -> list[tuple[int, str]]:
+    """frame_9 before frame_10."""
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
+
+
+def _check_save(path: Path) -> None:
+    """Refuse what could not be written, before any work goes into it."""
+    from ..files.atomic import require_writable
+
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--save {path}: a name that ends in .html was expected")
+    require_writable(path)

@@ -1,0 +1,102 @@
+"""Words of the command line, parsed: whole numbers, numbers, pulses, poses."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..maths.pose import Pose
+
+
+def number(text: str) -> float:
+    """An argparse type: a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"a number was expected, {text} came")
+    return value
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """An argparse type: a whole number in this range."""
+
+    def parsed(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} was expected, {text} came")
+        return value
+
+    return parsed
+
+
+def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
+    """An argparse type: positive numbers that rise, with commas between them."""
+
+    def parsed(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(word) for word in text.split(","))
+        except ValueError:
+            values = ()
+        in_order = all(a < b for a, b in itertools.pairwise(values))
+        if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
+            raise argparse.ArgumentTypeError(
+                f"{what} that rise, such as {example}, were expected, {text} came"
+            )
+        return values
+
+    return parsed
+
+
+def pulses(text: str) -> tuple[int, ...]:
+    """An argparse type: whole numbers and ranges of them, both ends included, with commas between."""
+    from ..detection.sampled_waveforms import MOST_PULSES
+
+    found: list[int] = []
+    try:
+        for word in text.split(","):
+            first, _, last = word.partition("-")
+            numbers = range(int(first), int(last or first) + 1)
+            if not numbers or len(numbers) + len(found) > MOST_PULSES:
+                raise ValueError
+            found += numbers
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"up to {MOST_PULSES} pulse numbers and ranges, such as 0,100,2000-2010, were expected, {text} came"
+        ) from None
+    return tuple(found)
+
+
+def with_joined_pose(argv: Sequence[str]) -> list[str]:
+    """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
+    words = list(argv)
+    for position in range(len(words) - 1, 0, -1):
+        value = words[position]
+        if words[position - 1] == "--pose" and value.startswith("-") and "," in value:
+            words[position - 1 : position + 1] = [f"--pose={value}"]
+    return words
+
+
+def pose(text: str) -> Pose:
+    """An argparse type: three to six numbers, metres and degrees."""
+    from ..maths.pose import Pose
+    from ..sensor.file import LARGEST_COORDINATE_M
+
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not 3 <= len(numbers) <= 6 or not all(abs(number) <= LARGEST_COORDINATE_M for number in numbers):
+        raise argparse.ArgumentTypeError(
+            f"X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees was expected, {text} came"
+        )
+    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

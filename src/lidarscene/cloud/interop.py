@@ -1,0 +1,73 @@
+"""Point clouds for other libraries and for notebooks: a PointCloud in, a DataFrame, tensors or a picture out."""
+
+from __future__ import annotations
+
+import base64
+import html
+import warnings
+from typing import Any
+
+import numpy as np
+
+from ..files import open3d_door
+from ..files.optional import optional
+from ..files.png import encoded
+from .pixels import camera_for, coloured, lit, splat
+from .points import PointCloud
+
+THUMBNAIL_PX = (720, 405)
+BACKGROUND = (11, 14, 20)
+NEAR, MIDDLE, FAR = (255, 214, 102), (70, 190, 190), (72, 76, 160)
+"""Colours of the nearest, the middle and the farthest points of a thumbnail."""
+
+
+def to_pandas(cloud: PointCloud) -> Any:
+    """See `PointCloud.to_pandas`."""
+    pandas = optional("pandas", extra="pandas")
+    frame = pandas.DataFrame({c.name: cloud.column(c.name) for c in cloud.columns}, copy=False)
+    frame.attrs.update(cloud.metadata)
+    return frame
+
+
+def to_torch(cloud: PointCloud) -> Any:
+    """See `PointCloud.to_torch`."""
+    torch = optional("torch")
+    with warnings.catch_warnings():
+        # Our arrays are read-only, which tensors cannot be.
+        warnings.simplefilter("ignore", UserWarning)
+        tensors = {"xyz": torch.from_numpy(cloud.xyz_m)}
+        return tensors | {c.name: torch.from_numpy(cloud.column(c.name)) for c in cloud.columns[3:]}
+
+
+def to_open3d(cloud: PointCloud) -> Any:
+    """See `PointCloud.to_open3d`."""
+    module: Any = open3d_door.open3d()
+    made = module.t.geometry.PointCloud()
+    made.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
+    for column in cloud.columns[3:]:
+        made.point[column.name] = module.core.Tensor(np.array(cloud.column(column.name)[:, None]))
+    return made
+
+
+def thumbnail(cloud: PointCloud) -> bytes:
+    """A PNG of the cloud from above and behind its sensor, coloured by range."""
+    width, height = THUMBNAIL_PX
+    point, depth_m = splat(camera_for(cloud), cloud.xyz_m, size=(2 * width, 2 * height))
+    order = np.log(np.maximum(cloud.range_m, 1e-3))
+    low, high = np.percentile(order, (2, 98)) if len(cloud) else (0.0, 1.0)
+    part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
+    rgb = np.stack(
+        [np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1
+    )
+    image = coloured(point, rgb, nothing=np.array([BACKGROUND]))
+    return encoded(lit(image, depth_m, reduction=2))
+
+
+def to_html(cloud: PointCloud) -> str:
+    """The thumbnail, and the cloud in words."""
+    picture = base64.b64encode(thumbnail(cloud)).decode("ascii")
+    words = html.escape(repr(cloud))
+    return (
+        f'<figure style="margin:0"><img src="data:image/png;base64,{picture}" width="{THUMBNAIL_PX[0]}" '
+        f'alt="point cloud"><figcaption>{words}</figcaption></figure>'
+    )

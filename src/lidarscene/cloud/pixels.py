@@ -1,0 +1,232 @@
+"""Pixels: points in, for each pixel of a picture the point that it shows out. Plain numpy.
+
+Two projections: a pinhole camera that sees the points as discs, nearest on top, and the sensor's own
+view, azimuth by elevation, one cell a beam.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .points import PointCloud
+
+Array = np.ndarray[Any, Any]
+Vector = tuple[float, float, float]
+
+NOTHING = -1
+"""The index of a pixel that shows no point."""
+SAME_ANGLE_RAD = 2e-5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole: ``axes`` has the rows right, down, forward; the full angle across is ``fov_deg``."""
+
+    eye_m: Array
+    axes: Array
+    fov_deg: float
+
+    def project(self, xyz_m: Array, *, width: int, height: int) -> tuple[Array, Array, Array]:
+        """Pixel column, row and depth in metres of each point, float32; a depth <= 0 is behind."""
+        right, down, depth = (self.axes @ (xyz_m - self.eye_m).T).astype(np.float32)
+        focal = 0.5 * width / math.tan(0.5 * math.radians(self.fov_deg))
+        scale = np.float32(focal) / np.maximum(depth, np.float32(1e-3))
+        return right * scale + np.float32(0.5 * width), down * scale + np.float32(0.5 * height), depth
+
+
+def camera_for(
+    cloud: PointCloud, *, eye_m: Vector | None = None, target_m: Vector | None = None, fov_deg: float = 60.0
+) -> Camera:
+    """A camera from eye to target, z up; what is not given follows from the echoes near the sensor."""
+    sensor = cloud.sensor_position_m
+    reach, ahead, ground = _near_field(cloud.xyz_m[cloud.status == 0] - sensor)
+    around = not ahead.any()
+    back, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
+    ahead = np.array([1.0, 0.0, 0.0]) if around else ahead
+    eye = sensor - back * reach * ahead + (0.0, 0.0, up * reach)
+    target = sensor + forward * reach * ahead + (0.0, 0.0, 0.5 * ground)
+    eye = eye if eye_m is None else np.array(eye_m, np.float64)
+    target = target if target_m is None else np.array(target_m, np.float64)
+    look = target - eye
+    right = np.cross(look, (0.0, 0.0, 1.0))
+    if not 0 < fov_deg < 180 or not np.linalg.norm(right) > 1e-9 * np.linalg.norm(look):
+        raise InputError(f"camera: eye {eye}, target {target}, {fov_deg} degrees: no view with z up")
+    look, right = look / np.linalg.norm(look), right / np.linalg.norm(right)
+    return Camera(eye_m=eye, axes=np.stack([right, np.cross(look, right), look]), fov_deg=fov_deg)
+
+
+def _near_field(echoes_m: Array) -> tuple[float, Array, float]:
+    """How far the bulk reaches, where it lies (a horizontal unit vector, 0 if all around), its height."""
+    distance = np.linalg.norm(echoes_m[:, :2], axis=1)
+    if not len(distance) or not distance.max() > 0:
+        return 20.0, np.array([1.0, 0.0, 0.0]), -1.5
+    reach = min(max(float(np.percentile(distance, 70)), 3.0), 60.0)
+    near = echoes_m[distance <= reach]
+    mean = (near[:, :2] / np.maximum(np.linalg.norm(near[:, :2], axis=1, keepdims=True), 1e-6)).mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    ahead = np.array([*(mean / length), 0.0]) if length > 0.3 else np.zeros(3)
+    return reach, ahead, float(np.median(near[:, 2]))
+
+
+def splat(
+    camera: Camera, xyz_m: Array, *, size: tuple[int, int], large: Array | None = None
+) -> tuple[Array, Array]:
+    """Which point each pixel shows, (height, width) int32, and the depth in metres, inf where none.
+
+    xyz_m  (n, 3), drawn as discs that fill a part of the picture and grow with nearness
+    large  (n,) bool, drawn twice as wide
+    """
+    width, height = size
+    u, v, depth = camera.project(xyz_m, width=width, height=height)
+    margin = 0.02 * width
+    seen = (depth > 0.1) & (u > -margin) & (u < width + margin) & (v > -margin) & (v < height + margin)
+    index = np.flatnonzero(seen)
+    front = np.full((height, width), NOTHING, np.int32)
+    if not len(index):
+        return front, np.full(front.shape, np.inf, np.float32)
+    index = index[np.argsort(-depth[index], kind="stable")]
+    base = min(max(0.3 * math.sqrt(width * height / len(index)), 1.0), 3.5)
+    radius = base * np.clip(np.sqrt(np.median(depth[index]) / depth[index]), 0.8, 2.2)
+    if large is not None:
+        radius *= np.where(large[index], 2.0, 1.0)
+    _discs(front, index, u[index], v[index], 0.25 * np.rint(4.0 * radius))
+    return front, np.where(front == NOTHING, np.float32(np.inf), depth[front])
+
+
+def _discs(front: Array, index: Array, u: Array, v: Array, radius: Array) -> None:
+    """Write each point's index over the pixels of its disc; the points come farthest first."""
+    h, w = front.shape
+    starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
+    for first, last in zip(starts, [*starts[1:], len(index)], strict=True):
+        r = math.ceil(radius[first])
+        dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
+        inside = dx**2 + dy**2 <= radius[first] ** 2
+        for part in np.array_split(
+            np.arange(first, last), (last - first) * int(inside.sum()) // (1 << 22) + 1
+        ):
+            x = u[part].astype(np.int32)[:, None] + dx[inside]
+            y = v[part].astype(np.int32)[:, None] + dy[inside]
+            kept = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+            front[y[kept], x[kept]] = np.broadcast_to(index[part][:, None], x.shape)[kept]
+
+
+def coloured(point: Array, rgb: Array, *, nothing: Array) -> Array:
+    """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
+    return np.asarray(np.vstack([rgb, nothing]).astype(np.uint8)[point])  # NOTHING is the last index
+
+
+def lit(image: Array, depth_m: Array, *, reduction: int) -> Array:
+    """The image, smaller by this factor, and darker beside what is nearer so that edges show.
+
+    Known as eye-dome lighting; image (height, width, 3) uint8, depth_m (height, width), inf where none.
+    """
+    offsets = [(i, j) for i in range(reduction) for j in range(reduction)]
+    mean = sum(image[i::reduction, j::reduction].astype(np.float32) for i, j in offsets) / len(offsets)
+    depth = np.log2(np.minimum.reduce([depth_m[i::reduction, j::reduction] for i, j in offsets]))
+    far = np.where(np.isfinite(depth), depth, np.float32(-100.0))
+    shade = np.zeros(far.shape, np.float32)
+    for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        shade += np.clip(far - np.roll(depth, shift, axis=(0, 1)), 0.0, 0.5)
+    return np.asarray((mean * np.exp(np.float32(-1.6) * shade)[..., None]).astype(np.uint8))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cells:
+    """The sensor's view: cells between edges in degrees, both rising; the point in each, or NOTHING.
+
+    azimuth_deg (columns + 1,), elevation_deg (rows + 1,), point (rows, columns) int32
+    """
+
+    azimuth_deg: Array
+    elevation_deg: Array
+    point: Array
+
+    def image(self, *, size: tuple[int, int]) -> Array:
+        """(height, width) int32 point of each pixel; left is left, up is up."""
+        width, height = size
+        azimuth = _centres(self.azimuth_deg[-1], self.azimuth_deg[0], width)
+        elevation = _centres(self.elevation_deg[-1], self.elevation_deg[0], height)
+        column = np.searchsorted(self.azimuth_deg, azimuth).clip(1, self.point.shape[1]) - 1
+        row = np.searchsorted(self.elevation_deg, elevation).clip(1, self.point.shape[0]) - 1
+        return np.asarray(self.point[row[:, None], column])
+
+
+def _centres(first: float, last: float, n: int) -> Array:
+    """The middles of n equal steps."""
+    return first + (last - first) * (np.arange(n) + 0.5) / n
+
+
+def cells_of(cloud: PointCloud) -> Cells:
+    """Sort the beams into cells; where several points share one, the first return is shown.
+
+    Rows and columns are those of the scan where it has some, else cells as large as the points are dense.
+    """
+    return cells_of_beams(cloud.azimuth_rad, cloud.elevation_rad, cloud.return_number)
+
+
+def cells_of_beams(azimuth_rad: Array, elevation_rad: Array, return_number: Array) -> Cells:
+    """`cells_of`, of (n,) angles; of several in one cell the first with the lowest number is shown."""
+    azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
+    n = max(len(azimuth), 1)
+    dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / n)
+    rows = _groups(elevation)
+    if len(rows) <= max(n / 16, 1):
+        y = _edges(rows)
+        x_step = _step_in_rows(azimuth, np.searchsorted(y, elevation))
+        columns = _groups(azimuth)
+        is_grid = len(columns) < 2 or np.median(np.diff(columns)) > 0.6 * x_step
+        x = _edges(columns) if is_grid else _bins(azimuth, x_step)
+    else:
+        x, y = _bins(azimuth, dense), _bins(elevation, dense)
+    point = np.full((len(y) - 1, len(x) - 1), NOTHING, np.int32)
+    order = np.argsort(-return_number.astype(np.int32), kind="stable")
+    row = np.searchsorted(y, elevation[order]).clip(1, len(y) - 1) - 1
+    column = np.searchsorted(x, azimuth[order]).clip(1, len(x) - 1) - 1
+    point[row, column] = order
+    return Cells(azimuth_deg=np.degrees(x), elevation_deg=np.degrees(y), point=point)
+
+
+def _span(values: Array) -> float:
+    """Largest less smallest."""
+    return float(np.ptp(values)) if len(values) else 0.0
+
+
+def _groups(values: Array) -> Array:
+    """The different angles, rising, those of one beam taken together."""
+    found = np.unique(values)
+    return found[np.diff(found, prepend=-np.inf) > SAME_ANGLE_RAD]
+
+
+def _step_in_rows(values: Array, row: Array) -> float:
+    """The usual step between neighbours of one row, radians; 0 without neighbours."""
+    order = np.lexsort((values, row))
+    step = np.diff(values[order])[np.diff(row[order]) == 0]
+    step = step[step > SAME_ANGLE_RAD]
+    return float(np.median(step)) if len(step) else 0.0
+
+
+def _edges(centres: Array) -> Array:
+    """Edges around rising centres: equal steps, with empty ones, if the gaps are multiples of one step."""
+    if len(centres) < 2:
+        middle = centres[0] if len(centres) else 0.0
+        return np.array([middle - 1e-3, middle + 1e-3])
+    gaps = np.diff(centres)
+    multiple = np.rint(gaps / np.percentile(gaps, 10))
+    step = (centres[-1] - centres[0]) / multiple.sum()
+    if np.abs(gaps - multiple * step).max() < 0.15 * step:
+        return np.asarray(centres[0] + step * (np.arange(multiple.sum() + 2) - 0.5))
+    middles = centres[:-1] + 0.5 * gaps
+    return np.array([centres[0] - 0.5 * gaps[0], *middles, centres[-1] + 0.5 * gaps[-1]])
+
+
+def _bins(values: Array, step: float) -> Array:
+    """Edges of equal bins of about this width over all values."""
+    low, span = (float(values.min()), _span(values)) if len(values) else (0.0, 0.0)
+    count = int(min(max(span / step if step > 0 else 1, 0), 8192)) + 1
+    width = max(span / max(count - 1, 1), 1e-3 if span == 0 else 0.0)
+    return low + width * (np.arange(count + 1) - 0.5)

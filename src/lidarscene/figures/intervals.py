@@ -1,0 +1,159 @@
+"""Charts of comparisons: values with their intervals over bins or names, one sensor's SNR against another's.
+
+matplotlib is imported when called.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .lines import COLOURS, GREY, GRID, INK
+from .maps import MARKERS, plain_axes, save_drawn
+
+Array = np.ndarray[Any, Any]
+
+_SCATTERED = 12_000  # points of a scatter plot that are drawn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """Values (n,) of one sensor with the ends of their intervals, and, if there is one, what was expected."""
+
+    label: str
+    x: Array
+    y: Array
+    low: Array
+    high: Array
+    expected: Array | None = None
+
+
+def save_series(
+    path: str | os.PathLike[str], series: Sequence[Series], *, x_label: str, y_label: str, title: str,
+    y_limits: tuple[float | None, float | None] | None = None,
+) -> None:  # fmt: skip
+    """Markers with bars for the intervals, lines for what was expected. Raises OutputError."""
+
+    def draw(_: Any, axes: Any) -> None:
+        _over_bins(axes, series, y_label)
+        if y_limits is not None:
+            axes.set_ylim(*y_limits)
+        axes.set_xlabel(x_label, fontsize=10, color=INK)
+        _legend(axes, len(series))
+
+    save_drawn(path, draw, title, 4.2)
+
+
+def save_panels(
+    path: str | os.PathLike[str], panels: Sequence[tuple[str, Sequence[Series]]], *, x_label: str, title: str
+) -> None:
+    """The same, several above each other: label of the values, and the values. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        figure.delaxes(axes)
+        every = figure.subplots(len(panels), 1, sharex=True)
+        for one, (y_label, series) in zip(every, panels, strict=True):
+            _over_bins(one, series, y_label)
+        every[-1].set_xlabel(x_label, fontsize=10, color=INK)
+        _legend(every[0], len(panels[0][1]))
+
+    save_drawn(path, draw, title, 6.4)
+
+
+def _over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
+    every = np.unique(np.concatenate([one.x for one in series]))
+    step = float(np.min(np.diff(every))) if len(every) > 1 else 1.0
+    for number, one in enumerate(series):
+        # A little apart, so that bars of equal values do not hide each other.
+        x = one.x + 0.14 * step * (number - 0.5 * (len(series) - 1))
+        _marked(axes, number, one, x, one.y, vertical=True)
+        if one.expected is not None:
+            axes.plot(x, one.expected, color=COLOURS[number % len(COLOURS)], linewidth=1.1)
+    axes.set_ylabel(y_label, fontsize=10, color=INK)
+    _grid(axes)
+
+
+def save_named(
+    path: str | os.PathLike[str], series: Sequence[Series], *, names: Sequence[str], x_label: str, title: str
+) -> None:
+    """The same with a name for each value, from top to bottom; ``x`` numbers the names."""
+
+    def draw(_: Any, axes: Any) -> None:
+        for number, one in enumerate(series):
+            aside = 0.16 * (number - 0.5 * (len(series) - 1))
+            place = one.x + aside
+            _marked(axes, number, one, one.y, place, vertical=False)
+            if one.expected is not None:
+                axes.plot(
+                    one.expected, place, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
+                )  # fmt: skip
+        axes.set_yticks(range(len(names)), [name.replace("$", r"\$") for name in names])
+        axes.set_ylim(len(names) - 0.4, -0.6)
+        axes.set_xlabel(x_label, fontsize=10, color=INK)
+        _grid(axes)
+        _legend(axes, len(series))
+
+    save_drawn(path, draw, title, 1.4 + 0.3 * max(len(names), 2))
+
+
+def save_snr(
+    path: str | os.PathLike[str], a: Array, b: Array, kind: Array, *, kinds: Sequence[str], x_label: str, y_label: str,
+    levels: tuple[float | None, float | None], title: str,
+) -> None:  # fmt: skip
+    """SNR of B over that of A, both logarithmic, a colour for each kind; levels are the comparators' thresholds."""
+
+    def draw(_: Any, axes: Any) -> None:
+        taken = slice(None, None, max(len(a) // _SCATTERED, 1))
+        shades = (GREY, COLOURS[0], COLOURS[1], "#c9c9c9")
+        for number, label in enumerate(kinds):
+            own = kind[taken] == number
+            axes.scatter(
+                a[taken][own], b[taken][own], s=5, alpha=0.5, linewidths=0, rasterized=True, color=shades[number],
+                label=f"{label}: {np.count_nonzero(kind == number):,}",
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        low, high = float(min(a.min(), b.min())), float(max(a.max(), b.max()))
+        axes.plot([low, high], [low, high], color=INK, linewidth=0.7, linestyle=(0, (5, 2.2)), zorder=1)
+        for level, line in zip(levels, (axes.axvline, axes.axhline), strict=True):
+            if level is not None:
+                line(level, color=INK, linewidth=0.7, linestyle=(0, (1.2, 1.8)), zorder=1)
+        axes.set_xlabel(x_label, fontsize=10, color=INK)
+        axes.set_ylabel(y_label, fontsize=10, color=INK)
+        _grid(axes)
+        _legend(axes, 2)
+        for handle in axes.get_legend().legend_handles:
+            handle.set_sizes([24])
+            handle.set_alpha(1.0)
+
+    save_drawn(path, draw, title, 5.4)
+
+
+def _marked(axes: Any, number: int, one: Series, x: Array, y: Array, *, vertical: bool) -> None:
+    """Markers and bars of one sensor."""
+    bars = {"yerr" if vertical else "xerr": np.stack([one.y - one.low, one.high - one.y]).clip(0.0)}
+    axes.errorbar(
+        x, y, fmt=MARKERS[number % len(MARKERS)], color=COLOURS[number % len(COLOURS)], markersize=4.5, linewidth=0,
+        elinewidth=1.2, capsize=2, label=one.label.replace("$", r"\$"), markeredgecolor="white", markeredgewidth=0.4,
+        **bars,
+    )  # fmt: skip
+
+
+def _grid(axes: Any) -> None:
+    axes.grid(visible=True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    plain_axes(axes)
+
+
+def _legend(axes: Any, entries: int) -> None:
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(-0.01, 1.0),
+        ncols=min(entries, 4),
+        frameon=False,
+        fontsize=8.5,
+    )

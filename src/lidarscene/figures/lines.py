@@ -1,0 +1,263 @@
+"""Line charts: a `Chart` in, a PNG or SVG file out. Colours are Okabe and Ito's, told apart by every eye.
+
+matplotlib is imported when called, without pyplot: a chart changes no global state.
+"""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.atomic import atomic_output
+
+Array = np.ndarray[Any, Any]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Blue, vermilion, green, purple, orange, sky, black; yellow is left out, being too pale on white."""
+
+INK, GREY, GRID = "#1a1a1a", "#6b6b6b", "#dddddd"
+STYLES = {"solid": "-", "dashed": (0, (5, 2.2)), "dotted": (0, (1.2, 1.8)), "dashdot": (0, (6, 2, 1.2, 2))}
+SIZE_INCHES = (6.0, 4.2)
+DPI = 200
+_ROW = 88  # letters that fit into a row of the legend
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """One curve. NaN and infinite values leave gaps. Lines of one ``colour`` belong together."""
+
+    label: str
+    x: Array
+    y: Array
+    colour: int = 0
+    style: str = "solid"
+    width: float = 1.8
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """A point worth its text, which stands ``offset`` (in points) from it; ``colour`` None is ink."""
+
+    x: float
+    y: float
+    text: str
+    colour: int | None = None
+    offset: tuple[float, float] = (8.0, 8.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Level:
+    """A horizontal dotted line and its text, at the left or the right end."""
+
+    y: float
+    text: str
+    side: str = "left"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """Lines on common axes. Limits of None fit the data."""
+
+    lines: tuple[Line, ...]
+    x_label: str
+    y_label: str
+    title: str = ""
+    x_log: bool = False
+    y_log: bool = False
+    x_limits: tuple[float, float] | None = None
+    y_limits: tuple[float | None, float | None] | None = None
+    marks: tuple[Mark, ...] = ()
+    levels: tuple[Level, ...] = ()
+
+
+def suffix_of(path: str | os.PathLike[str]) -> str:
+    """The picture format that a file name asks for: png or svg. Raises InputError."""
+    kind = Path(path).suffix.lower().lstrip(".")
+    if kind not in ("png", "svg"):
+        raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
+    return kind
+
+
+def save(chart: Chart, paths: Iterable[str | os.PathLike[str]]) -> None:
+    """Draw the chart once and write it under each of these names, atomically. Raises InputError, OutputError."""
+    import matplotlib as mpl
+
+    kinds = [(path, suffix_of(path)) for path in paths]
+    # The file does not depend on when it was written, or by whom.
+    with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
+        figure = _drawn(chart)
+        for path, kind in kinds:
+            options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
+            with atomic_output(path) as temporary:
+                figure.savefig(temporary, format=kind, **options)
+
+
+def _drawn(chart: Chart) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    if chart.x_log:
+        axes.set_xscale("log")
+    if chart.y_log:
+        axes.set_yscale("log")
+    for line in chart.lines:
+        axes.plot(
+            line.x, np.where(np.isfinite(line.y), line.y, np.nan), label=_plain(line.label),
+            color=_colour(line.colour), linestyle=STYLES[line.style], linewidth=line.width, alpha=line.opacity,
+            solid_capstyle="round",
+        )  # fmt: skip
+    _frame(axes, chart)
+    _notes(axes, chart)
+    _legend(figure, axes, chart)
+    return figure
+
+
+def _frame(axes: Any, chart: Chart) -> None:
+    """Limits, ticks, grid and labels."""
+    x = np.concatenate([line.x for line in chart.lines])
+    axes.set_xlim(*(chart.x_limits or (float(np.min(x)), float(np.max(x)))))
+    if chart.y_limits:
+        axes.set_ylim(*chart.y_limits)
+    for axis, log in ((axes.xaxis, chart.x_log), (axes.yaxis, chart.y_log)):
+        if log:
+            _plain_decades(axis)
+    axes.set_xlabel(_plain(chart.x_label), fontsize=10, color=INK)
+    axes.set_ylabel(_plain(chart.y_label), fontsize=10, color=INK)
+    axes.tick_params(labelsize=8.5, colors=INK, direction="out", length=3.5, width=0.7)
+    axes.tick_params(which="minor", length=2, width=0.5, labelsize=7.5)
+    axes.grid(visible=True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(INK)
+    axes.spines[["left", "bottom"]].set_linewidth(0.7)
+
+
+def _plain_decades(axis: Any) -> None:
+    """1, 10, 100 rather than powers; 2 and 5 too where there is but a decade or so."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    narrow = low > 0.0 and high / low < 50.0
+    written = FuncFormatter(lambda value, _: f"{value:g}" if 1e-4 <= value < 1e5 else f"{value:.0e}")
+    axis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=20))
+    axis.set_major_formatter(written)
+    axis.set_minor_locator(LogLocator(base=10.0, subs=tuple(range(2, 10)), numticks=100))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _notes(axes: Any, chart: Chart) -> None:
+    """Levels and marked points with their texts, on a white halo."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    for level in chart.levels:
+        axes.axhline(level.y, color=GREY, linewidth=1.0, linestyle=STYLES["dotted"], zorder=1.5)
+        x, align = (0.01, "left") if level.side == "left" else (0.99, "right")
+        axes.annotate(
+            _plain(level.text), (x, level.y), xycoords=("axes fraction", "data"), xytext=(0, 3),
+            textcoords="offset points", ha=align, va="bottom", fontsize=8, color=GREY, path_effects=halo,
+        )  # fmt: skip
+    for mark in chart.marks:
+        colour = INK if mark.colour is None else _colour(mark.colour)
+        axes.plot([mark.x], [mark.y], "o", color=colour, markersize=5, markeredgecolor="white", zorder=4)
+        axes.annotate(
+            _plain(mark.text), (mark.x, mark.y), xytext=mark.offset, textcoords="offset points", fontsize=8.5,
+            color=colour, ha="left" if mark.offset[0] >= 0 else "right",
+            va="bottom" if mark.offset[1] >= 0 else "top", path_effects=halo, zorder=5,
+        )  # fmt: skip
+
+
+def _legend(figure: Any, axes: Any, chart: Chart) -> None:
+    """Title and legend above the axes, where no curve can run through them."""
+    if chart.title:
+        wrapped = "\n".join(textwrap.wrap(_plain(chart.title), 98))
+        figure.suptitle(wrapped, x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
+    labels = [line.label for line in chart.lines if line.label]
+    if not labels:
+        return
+    longest = max((len(label) for label in labels), default=1)
+    columns = max(1, min(len(labels), _ROW // (longest + 9)))
+    if sum(len(label) + 9 for label in labels) <= _ROW:
+        columns = len(labels)
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False, fontsize=8.5, labelcolor=INK,
+        handlelength=2.6, columnspacing=1.6, borderaxespad=0.4,
+    )  # fmt: skip
+
+
+def _colour(number: int) -> str:
+    return COLOURS[number % len(COLOURS)]
+
+
+def _plain(text: str) -> str:
+    """Dollar signs as themselves, not as the start of a formula."""
+    return text.replace("$", r"\$")
+
+
+# --- tornado ----------------------------------------------------------------------------------------
+
+
+def tornado(
+    paths: Iterable[str | os.PathLike[str]], *, bars: Sequence[tuple[str, float]], title: str, label: str
+) -> None:
+    """Horizontal bars to the left and right of zero, in the order given, first on top; each with its number.
+
+    Sign shows twice, in direction and colour. Raises InputError, OutputError.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    kinds = [(path, suffix_of(path)) for path in paths]
+    with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
+        height = 1.1 + 0.215 * max(len(bars), 2)
+        figure = Figure(figsize=(SIZE_INCHES[0], height), dpi=DPI, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        _tornado(figure.add_subplot(), bars, title, label)
+        for path, kind in kinds:
+            options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
+            with atomic_output(path) as temporary:
+                figure.savefig(temporary, format=kind, **options)
+
+
+def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: str) -> None:
+    """Bars, numbers at their ends, names along the left edge."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.0, foreground="white")]
+    values = [value for _, value in bars]
+    places = range(len(bars))
+    axes.barh(places, values, height=0.68, color=[_colour(0 if value > 0.0 else 1) for value in values])
+    for place, value in zip(places, values, strict=True):
+        side = 1.0 if value > 0.0 else -1.0
+        number = f"{value:+.2f}" if abs(value) >= 0.095 else f"{value:+.3f}"
+        axes.annotate(
+            number.replace("-", "\N{MINUS SIGN}"), (value, place), xytext=(3.0 * side, 0), color=INK,
+            textcoords="offset points", ha="left" if side > 0.0 else "right", va="center", fontsize=7.5,
+            path_effects=halo,
+        )  # fmt: skip
+    widest = 1.28 * max((abs(value) for value in values), default=1.0)
+    axes.set_xlim(-widest, widest)
+    axes.set_ylim(len(bars) - 0.4, -0.6)
+    axes.set_yticks(list(places), [_plain(name) for name, _ in bars])
+    axes.axvline(0.0, color=INK, linewidth=0.7)
+    axes.set_xlabel(_plain(label), fontsize=10, color=INK)
+    axes.set_title(_plain(title), fontsize=10, color=INK, loc="left", pad=8)
+    axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
+    axes.tick_params(axis="y", length=0, labelsize=8)
+    axes.grid(visible=True, axis="x", color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.spines["bottom"].set_color(INK)
+    axes.spines["bottom"].set_linewidth(0.7)

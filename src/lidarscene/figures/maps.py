@@ -1,0 +1,206 @@
+"""Pictures of fields of view: maps over angles, patterns, the ground from above, scatter plots.
+
+Colours run in viridis or cividis, light to dark for every eye. matplotlib is imported when called.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from .lines import COLOURS, DPI, GREY, GRID, INK
+
+Array = np.ndarray[Any, Any]
+
+WIDTH_INCHES = 7.2
+NOTHING = "#e4e4e4"
+MARKERS = "osD^vP*"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raster:
+    """A picture of numbers over two axes; NaN is grey, ``outside`` where there is nothing to show stays white."""
+
+    values: Array
+    outside: Array
+    extent: tuple[float, float, float, float]
+    label: str
+    title: str
+    missing: str = ""
+    log: bool = False
+
+
+def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
+    """A map over azimuth (leftwards, as the sensor sees it) and elevation. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        from matplotlib.colors import ListedColormap, LogNorm, Normalize
+
+        values = np.asarray(picture.values, dtype=np.float64)
+        finite = values[np.isfinite(values) & ~picture.outside]
+        if picture.log:
+            finite = finite[finite > 0.0]
+        low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+        if high - low <= 1e-3 * abs(high):  # no colours for the last digits of one number
+            low, high = low - max(0.05 * abs(low), 1e-12), high + max(0.05 * abs(high), 1e-12)
+        norm = (LogNorm if picture.log and low > 0.0 else Normalize)(low, high)
+        options = {"extent": picture.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+        blank = np.where(picture.outside | np.isfinite(values), np.nan, 1.0)
+        axes.imshow(blank, cmap=ListedColormap([NOTHING]), **options)
+        shown = np.ma.masked_where(picture.outside | ~np.isfinite(values), values)
+        image = axes.imshow(shown, cmap="viridis", norm=norm, **options)
+        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24)
+        bar.set_label(picture.label, fontsize=9, color=INK)
+        if not picture.log:
+            bar.ax.ticklabel_format(useOffset=False)
+        bar.ax.tick_params(labelsize=8)
+        _angles(axes, picture.extent)
+        if picture.missing and blank[np.isfinite(blank)].size:
+            _key(axes, [(NOTHING, picture.missing)])
+
+    save_drawn(path, draw, picture.title, _height(picture.extent))
+
+
+def save_pattern(
+    path: str | os.PathLike[str], azimuth_deg: Array, elevation_deg: Array, time_s: Array, *,
+    extent: tuple[float, float, float, float], title: str,
+) -> None:  # fmt: skip
+    """Pulses over azimuth and elevation, coloured by time. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        dots = axes.scatter(
+            azimuth_deg, elevation_deg, c=time_s * 1e3, cmap="viridis", linewidths=0, rasterized=True,
+            vmin=0.0, vmax=float(time_s.max()) * 1e3 or 1.0,  # a flash has all its pulses at once
+            s=float(np.clip(60_000.0 / max(len(time_s), 1), 0.6, 9.0)),
+        )  # fmt: skip
+        bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24)
+        bar.set_label("time [ms]", fontsize=9, color=INK)
+        bar.ax.tick_params(labelsize=8)
+        _angles(axes, extent)
+
+    save_drawn(path, draw, title, _height(extent))
+
+
+def save_ground(
+    path: str | os.PathLike[str], count: Array, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
+    title: str,
+) -> None:  # fmt: skip
+    """How many sensors see each place of the ground, x forward and up the page. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        from matplotlib import colormaps
+        from matplotlib.colors import ListedColormap
+        from matplotlib.patheffects import withStroke
+
+        most = max(int(count.max()), 1)
+        shades = colormaps["viridis"](np.linspace(0.85, 0.1, most)) if most > 1 else [COLOURS[5]]
+        colours = [NOTHING, *shades]
+        axes.imshow(
+            np.flip(count.T, axis=1), origin="lower", cmap=ListedColormap(colours),
+            extent=(-half_m, half_m, -half_m, half_m), vmin=-0.5, vmax=most + 0.5,
+            interpolation="nearest",
+        )  # fmt: skip
+        for number, (name, x, y) in enumerate(sorted(sensors, key=lambda one: -one[1])):
+            axes.plot([-y], [x], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
+            axes.annotate(
+                name, (-y, x), xytext=(6, -11 if number % 2 else 4), textcoords="offset points", fontsize=8, color=INK,
+                path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            )  # fmt: skip
+        axes.xaxis.set_major_formatter(lambda value, _: f"{0.0 - value:g}".replace("-", "\N{MINUS SIGN}"))
+        axes.set_xlabel("y, to the left [m]", fontsize=10, color=INK)
+        axes.set_ylabel("x, forward [m]", fontsize=10, color=INK)
+        words = ["blind", "one sensor", *(f"{n} sensors" for n in range(2, most + 1))]
+        _key(axes, list(zip(colours, words, strict=True)))
+        plain_axes(axes)
+
+    save_drawn(path, draw, title, 7.4)
+
+
+def save_scatter(
+    path: str | os.PathLike[str], groups: Sequence[tuple[str, Array, Array]], *, x_label: str, y_label: str,
+    title: str,
+) -> None:  # fmt: skip
+    """Points of each group on logarithmic axes, told apart by colour and by shape. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        for number, (name, x, y) in enumerate(groups):
+            axes.scatter(
+                x, y, s=26, alpha=0.8, label=name, color=COLOURS[number % len(COLOURS)], linewidths=0.4,
+                marker=MARKERS[number % len(MARKERS)], edgecolors="white",
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+        low, high = axes.get_xlim()
+        if high / low < 30.0:
+            axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+            axes.tick_params(which="minor", labelsize=8)
+        axes.grid(visible=True, color=GRID, linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.set_xlabel(x_label, fontsize=10, color=INK)
+        axes.set_ylabel(y_label, fontsize=10, color=INK)
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 1.0),
+            ncols=min(len(groups), 4),
+            frameon=False,
+            fontsize=8.5,
+        )
+        plain_axes(axes)
+
+    save_drawn(path, draw, title, 4.8)
+
+
+def save_drawn(
+    path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float
+) -> None:
+    """Have ``draw`` fill the figure's axes, and write a PNG this many inches high. Raises InputError, OutputError."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if not str(path).endswith(".png"):
+        raise InputError(f"{path}: a name that ends in .png was expected")
+    figure = Figure(figsize=(WIDTH_INCHES, height), dpi=DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(figure, figure.add_subplot())
+    figure.suptitle(title.replace("$", r"\$"), x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
+    with atomic_output(path) as temporary:
+        figure.savefig(temporary, format="png", metadata={"Software": None})
+
+
+def _angles(axes: Any, extent: tuple[float, float, float, float]) -> None:
+    axes.set_xlim(extent[1], extent[0])
+    axes.set_ylim(extent[2], extent[3])
+    axes.set_xlabel("azimuth, to the left [deg]", fontsize=10, color=INK)
+    axes.set_ylabel("elevation [deg]", fontsize=10, color=INK)
+    plain_axes(axes)
+
+
+def plain_axes(axes: Any) -> None:
+    """Ticks and two spines, in ink."""
+    axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(INK)
+
+
+def _key(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
+    from matplotlib.patches import Patch
+
+    handles = [Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=text) for colour, text in entries]
+    axes.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=5, frameon=False, fontsize=8.5,
+        borderaxespad=0.3,
+    )  # fmt: skip
+
+
+def _height(extent: tuple[float, float, float, float]) -> float:
+    """Inches that keep degrees about square, within reason."""
+    wide, high = extent[1] - extent[0], extent[3] - extent[2]
+    return float(np.clip(1.3 + (WIDTH_INCHES - 1.7) * high / wide, 3.2, 6.8))

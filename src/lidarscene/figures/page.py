@@ -1,0 +1,141 @@
+"""A page in two forms: headings, paragraphs, pictures and tables in, Markdown and HTML out; and its tables as CSV."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..files.atomic import atomic_output
+
+_STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; max-width: 62rem;
+  margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.5rem; }
+figure { margin: 2rem 0; } figure img { width: 100%; max-width: 46rem; height: auto; }
+figcaption { color: #444; max-width: 46rem; }
+.scroll { overflow-x: auto; margin: 1.2rem 0; }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; }
+th, td { text-align: left; vertical-align: top; padding: .4rem .7rem .4rem 0; border-bottom: 1px solid #ddd; }
+th { border-bottom: 2px solid #1a1a1a; } td:first-child { min-width: 6rem; }
+a { color: #0072b2; }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 0 1rem; }
+.row figure { margin: 1rem 0; }
+"""
+
+_MEDIA = {"png": "image/png", "csv": "text/csv"}
+
+
+@dataclass
+class Page:
+    """Blocks in order, each added once in both forms.
+
+    folder  of the figures, whose files are then put into the HTML, so that it can be sent alone; None: it links to
+            them, beside it
+    """
+
+    title: str
+    folder: Path | None = None
+    markdown: list[str] = field(default_factory=list)
+    body: list[str] = field(default_factory=list)
+
+    def heading(self, text: str) -> None:
+        """A heading of the second level."""
+        self.markdown.append(f"## {text}")
+        self.body.append(f"<h2>{html.escape(text)}</h2>")
+
+    def paragraph(self, text: str) -> None:
+        """Plain text."""
+        self.markdown.append(_escaped(text))
+        self.body.append(f"<p>{html.escape(text)}</p>")
+
+    def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
+        """A PNG of this name beside the page, with its CSV, and its SVG if there is one."""
+        told = f"Fig. {number}" if svg else number
+        drawn = f"[SVG]({name}.svg), " if svg else ""
+        linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
+        size = ' width="1200" height="840"' if svg else ""
+        self.markdown.append(
+            f"![{told}]({name}.png)\n\n**{told}** {_escaped(caption)} {drawn}[CSV]({name}.csv)"
+        )
+        self.body.append(
+            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(told)}"{size}>'
+            f"<figcaption><b>{html.escape(told)}</b> {html.escape(caption)} "
+            f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
+        )
+
+    def pictures(self, shown: Sequence[tuple[str, str]]) -> None:
+        """PNGs beside the page, side by side where there is room: name without suffix, and caption, of each."""
+        self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in shown]
+        figures = "".join(
+            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
+            f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+            for name, caption in shown
+        )
+        self.body.append(f'<div class="row">{figures}</div>')
+
+    def _source(self, name: str) -> str:
+        """A file beside the page, or all of it."""
+        if self.folder is None:
+            return name
+        data = base64.b64encode((self.folder / name).read_bytes()).decode("ascii")
+        return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
+
+    def _link(self, name: str) -> str:
+        """Where a link to a file beside the page leads."""
+        return f'href="{self._source(name)}"' + (f' download="{name}"' if self.folder is not None else "")
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """A table of plain text."""
+        lines = [header, ["---"] * len(header), *([_escaped(cell) for cell in row] for row in rows)]
+        self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+        )
+        self.body.append(
+            f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+        )
+
+    def as_markdown(self) -> str:
+        """The page in Markdown."""
+        return "\n\n".join([f"# {self.title}", *self.markdown]) + "\n"
+
+    def as_html(self) -> str:
+        """The page in HTML, its style in itself."""
+        title = html.escape(self.title)
+        return (
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
+            + "\n".join(self.body)
+            + "\n</body>\n</html>\n"
+        )
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
+    """A table as CSV, numbers to seven digits."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
+    return out.getvalue()
+
+
+def put_text(path: Path, text: str) -> None:
+    """Write a text file, atomically. Raises OutputError."""
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _escaped(text: str) -> str:
+    """Text that Markdown takes as text, in a table too."""
+    for letter in "\\|*_<":
+        text = text.replace(letter, "\\" + letter)
+    return text

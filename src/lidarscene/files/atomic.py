@@ -1,0 +1,163 @@
+"""Files that appear whole or not at all: a path in, a temporary path out, renamed at the end."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from ..errors import OutputError
+
+_ours: set[Path] = set()
+"""Temporaries that this process is writing."""
+
+
+@contextmanager
+def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Iterator[Path]:
+    """A temporary file to write (empty, beside ``path``) that becomes ``path`` when the block ends well.
+
+    Missing folders are made. If anything goes wrong, a kill included, ``path`` is what it was before; an
+    OSError becomes one OutputError that names the path. What a killed process left, `.NAME.PID.part`, is
+    removed by the next write to the same name. Without ``synced`` it is not waited for the disk: a machine that loses
+    its power may lose or empty the file.
+    """
+    target = _target(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    if temporary in _ours:
+        raise OutputError(f"{path}: is being written by another thread of this process")
+    made: list[Path] = []
+    _ours.add(temporary)
+    try:
+        made = _make_folders(target.parent)
+        _remove_stale(target)
+        with open(temporary, "wb"):
+            pass
+        yield temporary
+        if synced:
+            _sync(temporary, os.O_RDWR)
+        os.replace(temporary, target)
+        if synced:
+            with suppress(OSError):  # some file systems cannot sync a folder
+                _sync(target.parent, os.O_RDONLY)
+    except OSError as error:
+        _remove(temporary, made)
+        raise _unwritable(path, error) from error
+    except BaseException:
+        _remove(temporary, made)
+        raise
+    finally:
+        _ours.discard(temporary)
+
+
+def named(path: str | os.PathLike[str], take: Callable[..., None]) -> Callable[..., None]:
+    """The same function, whose OSError becomes the OutputError of this path.
+
+    Of several files that are written at once, an `atomic_output` would take the errors of others for its own.
+    """
+
+    def taken(*arguments: Any) -> None:
+        try:
+            take(*arguments)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+    return taken
+
+
+def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+
+
+def require_writable(path: str | os.PathLike[str]) -> None:
+    """Raise the OutputError that writing this file would, before hours of work go into its content."""
+    target = _target(path)
+    probe = target.with_name(f".{target.name}.{os.getpid()}.part")
+    made: list[Path] = []
+    try:
+        made = _make_folders(target.parent)
+        with open(probe, "wb"):
+            pass
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        _remove(probe, made)
+
+
+def _target(path: str | os.PathLike[str]) -> Path:
+    """The regular file that this path names or would make, links followed."""
+    target = Path(os.path.realpath(path))
+    try:
+        reason = _obstacle(target)
+    except OSError as error:
+        reason = error.strerror or str(error)
+    if reason:
+        raise OutputError(f"{path}: cannot be written: {reason}")
+    return target
+
+
+def _obstacle(target: Path) -> str:
+    """Why this cannot become a file, as far as can be seen without trying; "" if nothing is in the way."""
+    if target.is_dir():
+        return "it is a folder, the name of a file was expected"
+    if target.exists() and not target.is_file():
+        return "it is a device or pipe, the name of a file was expected"
+    if target.exists() and not os.access(target, os.W_OK):
+        return "the file is write-protected"
+    nearest = next(folder for folder in target.parents if folder.exists())
+    return "" if nearest.is_dir() else f"'{nearest}' is a file, not a folder"
+
+
+def _make_folders(folder: Path) -> list[Path]:
+    """Make this folder; returns those that were missing, deepest first."""
+    missing = [f for f in (folder, *folder.parents) if not f.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        _remove(None, missing)
+        raise
+    return missing
+
+
+def _remove_stale(target: Path) -> None:
+    """Remove what dead processes of this machine left of earlier writes to this name."""
+    prefix, suffix = f".{target.name}.", ".part"
+    for name in glob.glob(glob.escape(prefix) + "*" + suffix, root_dir=target.parent, include_hidden=True):
+        pid = name[len(prefix) : -len(suffix)]
+        if pid.isdecimal() and not _is_alive(int(pid)):
+            with suppress(OSError):
+                (target.parent / name).unlink()
+
+
+def _is_alive(pid: int) -> bool:
+    """Whether a process of this number runs; always True where asking would end it (Windows)."""
+    if os.name == "nt":
+        return True
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def _sync(path: Path, flags: int) -> None:
+    """Wait until the disk has it."""
+    handle = os.open(path, flags)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _remove(temporary: Path | None, folders: list[Path]) -> None:
+    """Leave no trace of a write that failed."""
+    if temporary is not None:
+        with suppress(OSError):
+            temporary.unlink()
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()

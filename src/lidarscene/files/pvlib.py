@@ -1,0 +1,61 @@
+"""The door to pvlib: standard spectra and the place of the sun in, plain numbers out, or one line that helps.
+
+pvlib is optional and takes a second to load (it brings pandas and SciPy), so it is imported only when asked.
+"""
+
+from __future__ import annotations
+
+import functools
+from datetime import datetime
+from types import ModuleType
+
+import numpy as np
+
+from ..errors import LidarSceneError
+from ..physics.optics.solar_spectrum import Curve
+
+
+@functools.cache
+def pvlib() -> ModuleType:
+    """The `pvlib` module: the only door to pvlib in this package.
+
+    Raises LidarSceneError, in one line, with what to install.
+    """
+    try:
+        import pvlib as module
+
+        module.spectrum.get_reference_spectra  # noqa: B018  (new in 0.11)
+        return module  # type: ignore[no-any-return]
+    except (ImportError, OSError, AttributeError) as error:
+        raise LidarSceneError(
+            "the sun's place and spectrum need pvlib 0.11 or newer, which cannot be imported "
+            f"({' '.join(str(error).split())}); try: pip install 'lidarscene[sun]', or pip install pvlib"
+        ) from error
+
+
+@functools.cache
+def reference_spectrum(name: str) -> Curve:
+    """A column of ASTM G173-03, 280 to 4000 nm, as pvlib ships it.
+
+    "global": air mass 1.5, on a surface tilted by 37 degrees towards the sun, sky and ground included;
+    "direct": the sun and 2.5 degrees of sky around it, at normal incidence; "extraterrestrial": above the air.
+    """
+    table = pvlib().spectrum.get_reference_spectra(standard="ASTM G173-03")
+    return Curve(wavelength_m=1e-9 * np.asarray(table.index), value=1e9 * np.asarray(table[name]))
+
+
+def sun_north_up_deg(*, latitude_deg: float, longitude_deg: float, time: datetime) -> tuple[float, float]:
+    """Azimuth (clockwise from north) and elevation of the sun, refraction at sea level included.
+
+    By the solar position algorithm of Reda and Andreas (NREL/TP-560-34302), good to 0.0003 degrees without
+    refraction. ``time`` has to have its offset from UTC.
+    """
+    if time.utcoffset() is None:
+        raise ValueError(f"a time with its offset from UTC was expected, {time.isoformat()} came")
+    module = pvlib()
+    import pandas
+
+    place = module.solarposition.get_solarposition(
+        pandas.DatetimeIndex([time]), latitude_deg, longitude_deg, method="nrel_numpy"
+    )
+    return float(place["azimuth"].iloc[0]), float(place["apparent_elevation"].iloc[0])

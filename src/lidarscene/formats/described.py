@@ -1,0 +1,74 @@
+"""What a cloud says besides its numbers, as one line of JSON, and clouds from columns and that line.
+
+For formats that hold columns by name and a text: NPZ, Parquet, PCD, LAS.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import COLUMNS, NAMES, PointCloud
+from ..errors import InputError, LidarSceneError
+
+Array = np.ndarray[Any, Any]
+
+VERSION = 1
+LARGEST = np.finfo(np.float32).max
+
+
+def description(cloud: PointCloud) -> str:
+    """Metadata, units, the type of the positions, and the names behind the integers: ASCII, one line."""
+    content: dict[str, Any] = {
+        "lidarscene": VERSION,
+        "position": cloud.xyz_m.dtype.name,
+        "units": {c.name: unit_of(cloud, c.name) for c in cloud.columns},
+        "metadata": dict(cloud.metadata),
+    }
+    content |= {attribute: list(getattr(cloud, attribute)) for attribute in NAMES.values()}
+    return json.dumps(content, separators=(",", ":"))
+
+
+def unit_of(cloud: PointCloud, name: str) -> str:
+    """Unit of a column; that of the intensity is the detector's."""
+    unit = next(column.unit for column in COLUMNS if column.name == name)
+    return cloud.metadata.get(f"{name}_unit", unit)
+
+
+def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
+    """The cloud of these columns, by name as in files, and this `description`.
+
+    Raises ValueError if this is none of ours.
+    """
+    content = json.loads(text)
+    if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
+        raise ValueError(f"not written by this version of lidarscene: no description of version {VERSION}")
+    missing = [name for name in content["units"] if name not in columns]
+    if missing:
+        raise ValueError(f"columns are missing: {', '.join(missing)}")
+    xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
+    given: dict[str, Any] = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
+    given |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
+    return PointCloud(xyz_m=xyz_m, metadata=content["metadata"], **given)
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever goes wrong while a file is read becomes one line that names it.
+
+    The libraries behind the formats raise what their parsers raise; all of it means "not readable".
+    """
+    try:
+        yield
+    except LidarSceneError:
+        raise
+    except OSError as error:
+        raise InputError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{os.fspath(path)}: cannot be read: {reason}") from error

@@ -1,0 +1,257 @@
+"""Point clouds as LAS 1.4 or LAZ: a PointCloud in, a file out, and back. Needs laspy, and lazrs for LAZ.
+
+Point format 6. Standard fields: x, y, z in steps of 10 um from a round origin; intensity as 16 bits of its largest
+value; return_number and number_of_returns, up to 15; gps_time, the pulse's time in the frame; classification, 64 +
+class (the codes that ASPRS leaves to users), 1 where none, 7 for what is no echo; scan_angle, the azimuth, in steps
+of 0.006 degrees. Every column but the positions follows exactly in extra bytes of its name (`LAS_NAMES` where LAS
+has another field of that name). The `described.description` is in a VLR of the user `lidarscene`.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import IO, Any
+
+import numpy as np
+
+from ..cloud.points import Column, PointCloud
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from ..files.optional import optional
+from .described import described_cloud, description, reading, unit_of
+
+Array = np.ndarray[Any, Any]
+
+STEP_M = 1e-5
+REACH_M = STEP_M * 2**31
+LAS_NAMES = {"intensity": "echo_peak", "return_number": "return"}
+"""Names of extra bytes that differ from the column's, because LAS has a coarser field of that name."""
+
+VLR_USER, VLR_RECORD, LARGEST_VLR = "lidarscene", 1, 65535
+UNCLASSIFIED, LOW_NOISE, FIRST_OF_USERS, LARGEST_CLASS = 1, 7, 64, 255
+SCAN_ANGLE_STEP_DEG = 0.006
+MOST_RETURNS = 15
+BLOCK_POINTS = 1 << 18
+PIECE_POINTS = 1 << 20
+"""Records that are made at a time, and the points of the last pulse that go with them."""
+
+
+def write_las(path: str | os.PathLike[str], cloud: PointCloud, *, compressed: bool = False) -> None:
+    """Write the cloud, as LAZ if ``compressed``."""
+    laspy = _laspy(compressed)
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        writer = _Writer(laspy, file, path, compressed=compressed)
+        writer.append(cloud, peak=float(cloud.intensity.max(initial=0.0)))
+        writer.close()
+
+
+@contextmanager
+def las_stream(
+    path: str | os.PathLike[str], *, compressed: bool = False
+) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+
+    The standard intensity is of the largest in the file, known last: it is put into the LAS that is there by then.
+    A LAZ cannot be changed; it is made of a LAS, which needs its room on the disk, beside it and without a name.
+    """
+    laspy = _laspy(compressed)
+    with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as opened:
+        plain = opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
+        writer = _Writer(laspy, plain, path, compressed=False)
+        yield writer.append
+        writer.close()
+        if not compressed:
+            for place, block in writer.read_back():
+                file.seek(place)
+                file.write(block.view(np.uint8).data)
+            return
+        packed = _Writer(laspy, file, path, compressed=True)
+        packed.open(writer.first)
+        for _, block in writer.read_back():
+            packed.write(laspy.PackedPointRecord(block, writer.point_format))
+        packed.close()
+
+
+def _laspy(compressed: bool) -> Any:
+    if compressed:
+        optional("lazrs", extra="las")
+    return optional("laspy", extra="las")
+
+
+class _Writer:
+    """The points of clouds in a file.
+
+    first    the first cloud without its points
+    largest  intensity so far
+    """
+
+    first: PointCloud
+
+    def __init__(
+        self, laspy: Any, file: IO[bytes], path: str | os.PathLike[str], *, compressed: bool
+    ) -> None:
+        self._laspy, self._file, self._path, self._compressed = laspy, file, path, compressed
+        self._writer: Any = None
+        self._text, self.largest = b"", 0.0
+
+    @property
+    def point_format(self) -> Any:
+        """Of the records, with the extra bytes."""
+        return self._writer.header.point_format
+
+    def open(self, cloud: PointCloud) -> None:
+        """Write the header that this cloud and those of its frame have."""
+        self.first = cloud.without_points()
+        self._text = description(cloud).encode("ascii")
+        header = _header(self._laspy, cloud)
+        if len(self._text) <= LARGEST_VLR:
+            header.vlrs.append(self._record())
+        self._writer = self._laspy.LasWriter(
+            self._file, header, do_compress=self._compressed, closefd=False,
+            laz_backend=self._laspy.LazBackend.LazrsParallel if self._compressed else None,
+        )  # fmt: skip
+
+    def append(self, cloud: PointCloud, *, peak: float = 0.0) -> None:
+        """Write a cloud; ``peak`` is the largest intensity of the file, as far as it is known."""
+        if self._writer is None:
+            self.open(cloud)
+        self.largest = max(self.largest, float(cloud.intensity.max(initial=0.0)))
+        for piece in _whole_pulses(cloud):
+            self.write(_points(self._laspy, piece, self._writer.header, self._path, peak))
+
+    def write(self, points: Any) -> None:
+        """Write records of laspy."""
+        self._writer.write_points(points)
+
+    def close(self) -> None:
+        """Write what follows the points, and their number."""
+        if len(self._text) > LARGEST_VLR:
+            self._writer.write_evlrs(self._laspy.vlrs.vlrlist.VLRList([self._record()]))
+        self._writer.close()
+        self._file.flush()
+
+    def read_back(self) -> Iterator[tuple[int, Array]]:
+        """Place in the file and records, a block at a time, with the standard intensity put in from the column."""
+        header = self._writer.header
+        dtype, count = header.point_format.dtype(), header.point_count
+        for first in range(0, count, BLOCK_POINTS):
+            place = header.offset_to_point_data + first * dtype.itemsize
+            self._file.seek(place)
+            block = np.fromfile(self._file, dtype, count=min(BLOCK_POINTS, count - first))
+            block["intensity"] = _intensity(block[LAS_NAMES["intensity"]], self.largest)
+            yield place, block
+
+    def _record(self) -> Any:
+        return self._laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", self._text)
+
+
+def read_las(path: str | os.PathLike[str]) -> PointCloud:
+    """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
+    laspy = optional("laspy", extra="las")
+    with reading(path), open(path, "rb") as file:
+        las = laspy.read(file, closefd=False)
+        ours = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
+        if not ours:
+            raise ValueError("not a point cloud of lidarscene: there is no description in it")
+        extra = {name: np.ascontiguousarray(las[name]) for name in las.point_format.extra_dimension_names}
+        columns = {column: extra.pop(name) for column, name in LAS_NAMES.items() if name in extra}
+        columns |= extra | {axis: np.asarray(las[axis]) for axis in "xyz"}
+        return described_cloud(columns, ours[0].record_data_bytes().decode())
+
+
+def _header(laspy: Any, cloud: PointCloud) -> Any:
+    """The file's header, but for what counts the points."""
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
+    header.generating_software = "lidarscene"
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams(
+                name=LAS_NAMES.get(c.name, c.name),
+                type=cloud.column(c.name).dtype,
+                description=unit_of(cloud, c.name)[:32],
+            )
+            for c in _columns(cloud)
+        ]
+    )
+    # The largest and least of extra bytes are left out: laspy 2.7 takes the first point's for them.
+    for extra in header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
+        extra.options = 0
+    return header
+
+
+def _columns(cloud: PointCloud) -> list[Column]:
+    """Those in extra bytes."""
+    return [c for c in cloud.columns if c.name not in ("x", "y", "z")]
+
+
+def _points(laspy: Any, cloud: PointCloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
+    """The points as laspy has them."""
+    if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
+        raise InputError(
+            f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther"
+        )
+    points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+    for axis, values in zip("xyz", cloud.xyz_m.T, strict=True):
+        points[axis] = values
+    for column in _columns(cloud):
+        points[LAS_NAMES.get(column.name, column.name)] = cloud.column(column.name)
+    for name, values in _standard_fields(cloud, peak).items():
+        points[name] = values
+    return points
+
+
+def _standard_fields(cloud: PointCloud, peak: float) -> dict[str, Array]:
+    """What LAS calls things, as far as it can hold them; ``peak`` is the largest intensity of the file."""
+    returns = cloud.return_number.clip(1, MOST_RETURNS)
+    angle = np.rint(np.degrees(cloud.azimuth_rad.astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
+    return {
+        "intensity": _intensity(cloud.intensity, peak),
+        "return_number": returns,
+        "number_of_returns": returns_of_pulses(cloud).clip(returns, MOST_RETURNS),
+        "gps_time": cloud.time_s,
+        "classification": _classification(cloud),
+        "scan_angle": angle.clip(-30000, 30000).astype(np.int16),
+    }
+
+
+def _intensity(values: Array, peak: float) -> Array:
+    """16 bits of the largest intensity; all of it where that is not known yet."""
+    return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
+
+
+def _whole_pulses(cloud: PointCloud) -> Iterator[PointCloud]:
+    """The cloud in pieces; no pulse is cut."""
+    first = 0
+    while first < len(cloud):
+        end = min(first + PIECE_POINTS, len(cloud))
+        while end < len(cloud) and not _pulse_changes(cloud, slice(end - 1, end + 1)).any():
+            end += 1
+        yield cloud.select(slice(first, end))
+        first = end
+
+
+def _pulse_changes(cloud: PointCloud, which: slice) -> Array:
+    """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
+    key = (cloud.time_s[which], cloud.channel[which], cloud.azimuth_rad[which], cloud.elevation_rad[which])
+    return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
+
+
+def returns_of_pulses(cloud: PointCloud) -> Array:
+    """(n,) how many points the pulse of each point has: neighbours of one time, channel and direction."""
+    if not len(cloud):
+        return np.zeros(0, np.uint8)
+    starts = np.flatnonzero(np.r_[True, _pulse_changes(cloud, slice(None))])
+    counts = np.diff(np.r_[starts, len(cloud)])
+    return np.repeat(counts, counts).clip(max=255).astype(np.uint8)
+
+
+def _classification(cloud: PointCloud) -> Array:
+    classes = np.full(len(cloud), UNCLASSIFIED, np.int64)
+    if cloud.class_id is not None:
+        known = cloud.class_id >= 0
+        classes[known] = np.minimum(FIRST_OF_USERS + cloud.class_id[known], LARGEST_CLASS)
+    return np.where(cloud.status != 0, LOW_NOISE, classes).astype(np.uint8)

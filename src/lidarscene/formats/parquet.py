@@ -1,0 +1,89 @@
+"""Point clouds as Apache Parquet: a PointCloud in, a table out, and back, exactly. Needs pyarrow.
+
+The `described.description` is in the file's key-value metadata under `lidarscene`; units are in the columns' own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from ..cloud.points import PointCloud
+from ..files.atomic import atomic_output
+from ..files.optional import optional
+from .described import described_cloud, description, reading, unit_of
+
+KEY = b"lidarscene"
+GROUP_POINTS = 1 << 20  # rows of a row group: some 100 MB
+
+
+def write_parquet(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+    """Write one column of the table for each of the cloud's, compressed with Zstandard."""
+    with parquet_stream(path) as append:
+        append(cloud)
+
+
+@contextmanager
+def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+
+    Row groups are of one size however the cloud was cut.
+    """
+    arrow, parquet = _arrow()
+    with atomic_output(path) as temporary, open(temporary, "wb") as file, ExitStack() as open_writer:
+        waiting: list[Any] = []  # tables of fewer points than a row group, together
+        writer: Any = None
+
+        def append(cloud: PointCloud) -> None:
+            nonlocal writer
+            if writer is None:
+                schema = _schema(arrow, cloud)
+                writer = open_writer.enter_context(parquet.ParquetWriter(file, schema, compression="zstd"))
+            for first in range(0, max(len(cloud), 1), GROUP_POINTS):
+                piece = cloud.select(slice(first, first + GROUP_POINTS))
+                waiting.append(_table(arrow, piece, writer.schema))
+                table = arrow.concat_tables(waiting)
+                whole = len(table) - len(table) % GROUP_POINTS
+                waiting[:] = [table.slice(whole)]
+                if whole:
+                    write(table.slice(0, whole))
+
+        def write(table: Any) -> None:
+            # In one piece, or the pages would begin where the pieces did.
+            writer.write_table(table.combine_chunks(), row_group_size=GROUP_POINTS)
+
+        yield append
+        if len(waiting[0]):
+            write(waiting[0])
+
+
+def _schema(arrow: Any, cloud: PointCloud) -> Any:
+    fields = []
+    for column in cloud.columns:
+        text = {"unit": unit_of(cloud, column.name), "meaning": column.meaning}
+        kind = arrow.from_numpy_dtype(cloud.column(column.name).dtype)
+        fields.append(arrow.field(column.name, kind, nullable=False, metadata=text))
+    return arrow.schema(fields, metadata={KEY: description(cloud)})
+
+
+def _table(arrow: Any, cloud: PointCloud, schema: Any) -> Any:
+    # The positions are every third number of an array; Arrow wants them side by side.
+    return arrow.table([arrow.array(cloud.column(name).copy()) for name in schema.names], schema=schema)
+
+
+def read_parquet(path: str | os.PathLike[str]) -> PointCloud:
+    """Read a file of `write_parquet`. Raises InputError, in one line."""
+    _, parquet = _arrow()
+    with reading(path), open(path, "rb") as file:
+        table = parquet.read_table(file)
+        metadata = table.schema.metadata or {}
+        if KEY not in metadata:
+            raise ValueError("not a point cloud of lidarscene: there is no description in its metadata")
+        columns = {name: table[name].to_numpy() for name in table.column_names}
+        return described_cloud(columns, metadata[KEY].decode())
+
+
+def _arrow() -> tuple[Any, Any]:
+    return optional("pyarrow", extra="parquet"), optional("pyarrow.parquet", extra="parquet")

@@ -1,0 +1,181 @@
+"""Point clouds as PCD 0.7 (Point Cloud Library): a PointCloud in, a file out, and back, exactly.
+
+Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
+`described.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
+which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
+because common readers do not know the word.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from typing import IO, Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..files.atomic import atomic_output
+from ..files.optional import optional
+from ..maths.rotations import quaternion
+from .counted import counted_stream
+from .described import LARGEST, described_cloud, description, reading
+
+Array = np.ndarray[Any, Any]
+
+FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
+OURS = "# lidarscene "
+LONGEST_TEXT = 800  # common readers stop at 1024 characters
+_KINDS = {"f": "F", "i": "I", "u": "U"}
+_TEXT = {"float32": "%.9g", "float64": "%.17g"}
+BLOCK_POINTS = 1 << 16
+COUNT_DIGITS = 18
+LONGEST_RUN = 32
+"""Bytes that one control byte of LZF can announce as they are."""
+
+
+def write_pcd(
+    path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False, compressed: bool = False
+) -> None:
+    """Write the cloud: binary little-endian, text with ``ascii``, or ``compressed``."""
+    if ascii or not compressed:
+        with pcd_stream(path, ascii=ascii) as append:
+            append(cloud)
+        return
+    lzf = optional("lzf", extra="pcd")
+    columns = [np.ascontiguousarray(cloud.column(column.name)) for column in cloud.columns]
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        file.write(_header(cloud, points=len(cloud), data="binary_compressed"))
+        file.write(_packed(b"".join(values.tobytes() for values in columns), lzf))
+
+
+def pcd_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False
+) -> AbstractContextManager[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
+    data = "ascii" if ascii else "binary"
+
+    def write(file: IO[bytes], cloud: PointCloud) -> None:
+        for start in range(0, len(cloud), BLOCK_POINTS):
+            rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
+            if ascii:
+                file.writelines(_lines(rows))
+            else:
+                file.write(rows.view(np.uint8).data)
+
+    return counted_stream(
+        path, header=lambda cloud, points: _header(cloud, points=points, data=data), write=write
+    )
+
+
+def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
+    """Read a file of `write_pcd`. Raises InputError, in one line."""
+    with reading(path), open(path, "rb") as file:
+        header, text = _read_header(file)
+        dtype = np.dtype(
+            [
+                (name, f"<{ {'F': 'f', 'I': 'i', 'U': 'u'}[kind] }{size}")
+                for name, size, kind in zip(header["FIELDS"], header["SIZE"], header["TYPE"], strict=True)
+            ]
+        )
+        points, data = int(header["POINTS"][0]), header["DATA"][0]
+        return described_cloud(_read_columns(file, dtype, points, data), text)
+
+
+def _header(cloud: PointCloud, *, points: int, data: str) -> bytes:
+    """All of the header, as long for any number of points."""
+    text, place = description(cloud), cloud.sensor_place
+    types = [cloud.column(column.name).dtype for column in cloud.columns]
+    viewpoint = (*place.position_m, *quaternion(place.rotation))
+    lines = [FIRST_LINE]
+    lines += [OURS + text[first : first + LONGEST_TEXT] for first in range(0, len(text), LONGEST_TEXT)]
+    lines += [
+        f"# room {2 * (COUNT_DIGITS - len(str(points))) * '.'}",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(column.name for column in cloud.columns)}",
+        f"SIZE {' '.join(str(one.itemsize) for one in types)}",
+        f"TYPE {' '.join(_KINDS[one.kind] for one in types)}",
+        f"COUNT {' '.join('1' for _ in types)}",
+        f"WIDTH {points}",
+        "HEIGHT 1",
+        f"VIEWPOINT {' '.join(repr(float(number)) for number in viewpoint)}",
+        f"POINTS {points}",
+        f"DATA {data}\n",
+    ]
+    return "\n".join(lines).encode("ascii")
+
+
+def _lines(rows: Array) -> Iterator[bytes]:
+    """A line of text for each point, that gives the same numbers back."""
+    line = " ".join(_TEXT.get(rows.dtype[name].name, "%d") for name in rows.dtype.names or ()) + "\n"
+    for row in rows.tolist():
+        yield (line % row).replace("inf", repr(float(LARGEST))).encode("ascii")
+
+
+def _packed(data: bytes, lzf: Any) -> bytes:
+    """Both lengths and the compressed bytes; as they are, in runs, where they do not get less."""
+    packed = lzf.compress(data) if data else None
+    packed = _runs(data) if packed is None else packed
+    return struct.pack("<II", len(packed), len(data)) + packed
+
+
+def _runs(data: bytes) -> bytes:
+    """The bytes as LZF without any compression: runs of up to 32, each behind its length less one."""
+    whole = len(data) // LONGEST_RUN * LONGEST_RUN
+    blocks = np.frombuffer(data[:whole], np.uint8).reshape(-1, LONGEST_RUN)
+    announced = np.insert(blocks, 0, LONGEST_RUN - 1, axis=1).tobytes()
+    rest = data[whole:]
+    return announced + (bytes([len(rest) - 1]) + rest if rest else b"")
+
+
+def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
+    """The words of each header line by the first, and our description."""
+    if file.readline(100).decode("ascii", "replace").rstrip() != FIRST_LINE:
+        raise ValueError("not a PCD file of lidarscene: the first line is another")
+    header: dict[str, list[str]] = {}
+    text = ""
+    while "DATA" not in header:
+        line = file.readline(1 << 16).decode("ascii", "replace")
+        if not line.endswith("\n"):
+            raise ValueError("truncated or damaged in the header: no line 'DATA' came")
+        if line.startswith(OURS):
+            text += line[len(OURS) : -1]
+        elif not line.startswith("#"):
+            word, *rest = line.split()
+            header[word] = rest
+    if not text:
+        raise ValueError("not written by lidarscene: there is no description in its header")
+    return header, text
+
+
+def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Array]:
+    """The columns by name; ValueError unless the file has all its points, and no more."""
+    names = dtype.names or ()
+    if data == "ascii":
+        lines = file.readlines()
+        if len(lines) != points or (lines and not lines[-1].endswith(b"\n")):
+            raise ValueError(f"{points} lines of points were expected, {len(lines)} came, or a part of them")
+        rows = np.loadtxt(lines, dtype=dtype, comments=None, ndmin=1) if lines else np.zeros(0, dtype)
+        return {name: _with_infinity(np.ascontiguousarray(rows[name])) for name in names}
+    content = file.read()
+    if data == "binary_compressed":
+        packed, size = struct.unpack_from("<II", content)
+        if len(content) != 8 + packed:
+            raise ValueError(f"{8 + packed} bytes of points were expected, {len(content)} came")
+        content = optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
+    if len(content) != points * dtype.itemsize:
+        raise ValueError(f"{points * dtype.itemsize} bytes of points were expected, {len(content)} came")
+    if data == "binary":
+        rows = np.frombuffer(content, dtype)
+        return {name: np.ascontiguousarray(rows[name]) for name in names}
+    ends = np.cumsum([0, *(points * dtype[name].itemsize for name in names)])
+    return {name: np.frombuffer(content[ends[i] : ends[i + 1]], dtype[name]) for i, name in enumerate(names)}
+
+
+def _with_infinity(values: Array) -> Array:
+    """float32 with infinity back in place of the largest number."""
+    if values.dtype == np.float32:
+        values[np.abs(values) == LARGEST] *= np.float32(np.inf)
+    return values

@@ -1,0 +1,260 @@
+r"""Point clouds as PLY: a PointCloud in, a file out, and back.
+
+The header names lidarscene, the metadata, the units and the names behind the numbers in comments. Text that
+would not survive there (line breaks, non-ASCII) is backslash-escaped; long text goes on in lines that start
+with `comment +`, because common readers stop at 1024 characters. `comment room ...` makes headers of one length
+whatever the number of points, which is known last where a cloud is written piece by piece. In ASCII files infinity
+is written as 3.40282346e+38, the largest float, because they do not know the word.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import IO, Any
+
+import numpy as np
+
+from ..cloud.points import COLUMNS, NAMES, CloudBuilder, PointCloud
+from ..errors import InputError
+from .counted import counted_stream
+
+Array = np.ndarray[Any, Any]
+
+VERSION_LINE = "lidarscene 2"
+PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
+BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
+LONGEST_TEXT = 800
+LARGEST = "3.40282346e+38"
+COUNT_DIGITS = 18
+_NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
+_RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
+
+
+def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False) -> None:
+    """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block."""
+    with ply_stream(path, ascii=ascii) as append:
+        append(cloud)
+
+
+def ply_stream(
+    path: str | os.PathLike[str], *, ascii: bool = False
+) -> AbstractContextManager[Callable[[PointCloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
+
+    def write(file: IO[bytes], cloud: PointCloud) -> None:
+        for block in _blocks(cloud):
+            file.write(_as_text(block) if ascii else block.view(np.uint8).data)
+
+    return counted_stream(
+        path, header=lambda cloud, points: _header(cloud, points=points, ascii=ascii), write=write
+    )
+
+
+def read_ply(path: str | os.PathLike[str]) -> PointCloud:
+    """Read a file of `write_ply`, exactly.
+
+    Raises InputError, in one line, for a file that is missing, truncated or by another program.
+    """
+    try:
+        with open(path, "rb") as file:
+            header = _read_header(file)
+            blocks = _text_blocks(file, header) if header.ascii else _binary_blocks(file, header)
+            return _gather(blocks, header)
+    except OSError as error:
+        raise InputError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{os.fspath(path)}: {error}") from error
+
+
+@dataclass(kw_only=True)
+class _Header:
+    """What the header of a file says."""
+
+    ascii: bool
+    points: int
+    dtype: np.dtype[Any]
+    metadata: dict[str, str] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=lambda: {word: [] for word in _NAMES})
+
+
+def _dtype(*, has_truth: bool, double: bool) -> np.dtype[Any]:
+    """One point as it lies in a file."""
+    position = "float64" if double else "float32"
+    kept = (c for c in COLUMNS if has_truth or not c.truth)
+    pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in kept)
+    return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in pairs])
+
+
+def _properties(dtype: np.dtype[Any]) -> list[str]:
+    """The `property` lines of this point."""
+    return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]
+
+
+def _cloud_dtype(cloud: PointCloud) -> np.dtype[Any]:
+    return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
+
+
+def _blocks(cloud: PointCloud) -> Iterator[Array]:
+    """The points as they lie in a file, in memory that is used again."""
+    columns = {c.name: cloud.column(c.name) for c in cloud.columns}
+    block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud))
+    for first in range(0, len(cloud), BLOCK_POINTS):
+        part = block[: len(cloud) - first]
+        for name, values in columns.items():
+            part[name] = values[first : first + len(part)]
+        yield part
+
+
+def _header(cloud: PointCloud, *, points: int, ascii: bool) -> bytes:
+    """All of the header, as long for any number of points."""
+    lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
+    for key, value in cloud.metadata.items():
+        lines += _comment(_escaped_key(key), value)
+    for column in cloud.columns:
+        given = cloud.metadata.get(f"{column.name}_unit", column.unit)
+        lines += _comment(f"unit {column.name}", given)
+    for word, attribute in _NAMES.items():
+        for index, name in enumerate(getattr(cloud, attribute)):
+            lines += _comment(f"{word} {index}", name)
+    lines += [f"comment room {'.' * (COUNT_DIGITS - len(str(points)))}", f"element vertex {points}"]
+    lines += [*_properties(_cloud_dtype(cloud)), "end_header", ""]
+    return "\n".join(lines).encode("ascii")
+
+
+def _comment(start: str, text: str) -> Iterator[str]:
+    """The comment line for this text, and its continuation lines."""
+    text = _escaped(text)
+    yield f"comment {start} {text[:LONGEST_TEXT]}"
+    for first in range(LONGEST_TEXT, len(text), LONGEST_TEXT):
+        yield f"comment + {text[first : first + LONGEST_TEXT]}"
+
+
+def _escaped(text: str) -> str:
+    """ASCII in one line, without the words that other readers take for more than a comment."""
+    text = text.encode("unicode_escape").decode("ascii")
+    return re.sub("(?i)(?<=end)_(?=header)|(?<=texture)f(?=ile)", lambda m: f"\\x{ord(m[0]):02x}", text)
+
+
+def _escaped_key(key: str) -> str:
+    """A key as one word that is none of ours."""
+    key = _escaped(key).replace(" ", r"\x20")
+    return f"\\x{ord(key[0]):02x}{key[1:]}" if key in _RESERVED else key
+
+
+def _as_text(part: Array) -> bytes:
+    """Points as lines of text that give the same numbers back."""
+    kinds = {"float32": "%.9g", "float64": "%.17g", "int32": "%d", "uint8": "%d"}
+    names = part.dtype.names or ()
+    line = " ".join(kinds[part.dtype[name].name] for name in names) + "\n"
+    text = "".join(line % row for row in zip(*(part[name].tolist() for name in names), strict=True))
+    return text.replace("inf", LARGEST).encode("ascii")
+
+
+def _read_header(file: IO[bytes]) -> _Header:
+    """Read as far as `end_header`; ValueError if the file is not one of ours."""
+    if file.readline(16) != b"ply\n":
+        raise ValueError("not a PLY file: the first line must be 'ply'")
+    lines: list[str] = []
+    while not lines or lines[-1] != "end_header":
+        line = file.readline(4 * LONGEST_TEXT)
+        if not line.endswith(b"\n"):
+            raise ValueError("truncated or damaged in the PLY header: no 'end_header' came")
+        lines.append(line[:-1].decode("ascii", errors="replace"))
+    if f"comment {VERSION_LINE}" not in lines:
+        raise ValueError(
+            f"not written by this version of lidarscene: no 'comment {VERSION_LINE}' in the header"
+        )
+    declared = [line for line in lines if not line.startswith("comment ")]
+    counted = re.fullmatch("element vertex ([0-9]{1,18})", declared[1] if len(declared) > 1 else "")
+    ascii = declared[0] == "format ascii 1.0"
+    if not counted or not (ascii or declared[0] == "format binary_little_endian 1.0"):
+        raise ValueError(f"damaged PLY header near '{' / '.join(declared[:2])}'")
+    header = _Header(ascii=ascii, points=int(counted[1]), dtype=_declared_dtype(declared[2:-1]))
+    _read_comments(lines, header)
+    return header
+
+
+def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
+    """The point whose `property` lines these are."""
+    for has_truth, double in itertools.product((True, False), repeat=2):
+        dtype = _dtype(has_truth=has_truth, double=double)
+        if _properties(dtype) == properties:
+            return dtype
+    raise ValueError(
+        f"the properties are not those of lidarscene, changed by another program? {len(properties)} came: "
+        f"{', '.join(line.split(' ')[-1] for line in properties)}"
+    )
+
+
+def _read_comments(lines: list[str], header: _Header) -> None:
+    """Fill in the metadata and the names."""
+    texts: list[tuple[str, str]] = []
+    for line in lines:
+        start, _, rest = line.partition(" ")
+        word, _, text = rest.partition(" ")
+        if start == "comment" and word == "+" and texts:
+            texts[-1] = (texts[-1][0], texts[-1][1] + text)
+        elif start == "comment":
+            texts.append((word, text))
+    for word, text in texts:
+        if word in header.names:
+            header.names[word].append(_unescaped(text.partition(" ")[2]))
+        elif word not in _RESERVED:
+            header.metadata[_unescaped(word)] = _unescaped(text)
+
+
+def _unescaped(text: str) -> str:
+    """The text behind `_escaped`."""
+    return text.encode("ascii", errors="replace").decode("unicode_escape")
+
+
+def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
+    """The points as blocks; ValueError unless the size of the file is right to the byte."""
+    start = file.tell()
+    expected = start + header.points * header.dtype.itemsize
+    came = file.seek(0, os.SEEK_END)
+    file.seek(start)
+    if came != expected:
+        problem = "truncated" if came < expected else "longer than its header says"
+        raise ValueError(f"{problem}: {expected} bytes were expected for {header.points} points, {came} came")
+    for first in range(0, header.points, BLOCK_POINTS):
+        yield np.fromfile(file, header.dtype, count=min(BLOCK_POINTS, header.points - first))
+
+
+def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
+    """The points as blocks; ValueError unless each line is there, and whole."""
+    for first in range(0, header.points, BLOCK_POINTS):
+        count = min(BLOCK_POINTS, header.points - first)
+        lines = list(itertools.islice(file, count))
+        if len(lines) < count or not lines[-1].endswith(b"\n"):
+            whole = first + sum(line.endswith(b"\n") for line in lines)
+            raise ValueError(f"truncated: {header.points} lines of points were expected, {whole} came")
+        block = np.loadtxt(lines, dtype=header.dtype, comments=None, ndmin=1)
+        if len(block) != count:
+            raise ValueError(f"an empty line came among the points, in lines {first + 1} to {first + count}")
+        for name in header.dtype.names or ():
+            if header.dtype[name] == np.float32:
+                block[name][np.abs(block[name]) == np.finfo(np.float32).max] *= np.float32(np.inf)
+        yield block
+    if file.read(1):
+        raise ValueError(f"longer than its header says: more than {header.points} lines of points came")
+
+
+def _gather(blocks: Iterator[Array], header: _Header) -> PointCloud:
+    """The cloud of these blocks."""
+    names: dict[str, Any] = {_NAMES[word]: tuple(names) for word, names in header.names.items()}
+    has_truth = "true_range" in (header.dtype.names or ())
+    scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
+    none = np.zeros(0, header.dtype)
+    builder = CloudBuilder()
+    for block in itertools.chain([none], blocks):
+        columns: dict[str, Any] = {c.attribute: np.ascontiguousarray(block[c.name]) for c in scalars}
+        xyz_m = np.stack([block["x"], block["y"], block["z"]], axis=-1)
+        columns["xyz_m"] = xyz_m
+        builder.append(columns)
+    return builder.build(metadata=header.metadata, **names)

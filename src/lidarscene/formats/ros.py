@@ -1,0 +1,166 @@
+"""Point clouds as ROS 2 messages: PointClouds in, a bag out, one file as MCAP or SQLite. Needs rosbags, no ROS.
+
+Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); where the
+cloud knows how the sensor stood, `/tf` has that as the transform from `map` to `lidar`. The fields of the driver
+that the layout names come first, with its offsets and types; all other columns follow by their own names.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..files.atomic import atomic_output
+from ..files.optional import optional
+from ..maths.rotations import quaternion
+from .described import description
+
+Array = np.ndarray[Any, Any]
+
+POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
+BAG_VERSION = 8
+"""Of rosbag2's metadata: what ROS 2 Iron and later read, Humble too."""
+
+# Offset and type of each field of a point, and its bytes in all.
+LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
+    # velodyne_pointcloud of the ROS driver: x y z intensity ring time, time in seconds.
+    "velodyne": (
+        {"x": (0, "<f4"), "y": (4, "<f4"), "z": (8, "<f4"), "intensity": (12, "<f4"), "ring": (16, "<u2"),
+         "time": (18, "<f4")},
+        22,
+    ),
+    # ouster_ros::Point: t in nanoseconds, range in millimetres, aligned to 16 bytes.
+    "ouster": (
+        {"x": (0, "<f4"), "y": (4, "<f4"), "z": (8, "<f4"), "intensity": (16, "<f4"), "t": (20, "<u4"),
+         "reflectivity": (24, "<u2"), "ring": (26, "<u2"), "ambient": (28, "<u2"), "range": (32, "<u4")},
+        48,
+    ),
+}  # fmt: skip
+
+_REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
+"""Columns that a layout has under another name, beside those under their own."""
+
+_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+"""Constants of sensor_msgs/PointField."""
+
+
+def write_ros(
+    path: str | os.PathLike[str],
+    clouds: PointCloud | Iterable[PointCloud],
+    *,
+    storage: str = "mcap",
+    layout: str = "velodyne",
+) -> None:
+    """Write a bag of one frame, or of each that comes.
+
+    storage  "mcap" or "sqlite3", one file in both cases
+    layout   "velodyne" or "ouster"
+    """
+    rosbag2, typesys = optional("rosbags.rosbag2", extra="ros"), optional("rosbags.typesys", extra="ros")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    frames = (clouds,) if isinstance(clouds, PointCloud) else clouds
+    plugin = rosbag2.StoragePlugin[storage.upper()]
+    # A bag is a folder with one file of the folder's name, which the file's own metadata repeat.
+    with (
+        atomic_output(path) as temporary,
+        tempfile.TemporaryDirectory(dir=temporary.parent, prefix=".") as folder,
+    ):
+        bag = Path(folder) / Path(path).stem
+        with rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin) as writer:
+            _write_frames(writer, store, frames, layout)
+        os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
+
+
+def _write_frames(writer: Any, store: Any, frames: Iterable[PointCloud], layout: str) -> None:
+    message, transform = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
+    points = writer.add_connection(POINTS, message, typestore=store)
+    transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
+    for cloud in frames:
+        writer.set_custom_data("lidarscene", description(cloud))
+        stamp_ns = round(1e9 * cloud.frame_start_s)
+        placed = _transform_message(cloud, store, stamp_ns)
+        if placed is not None:
+            writer.write(transforms, stamp_ns, store.serialize_cdr(placed, transform))
+        rows = structured(cloud.in_sensor_frame(), layout)
+        writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
+
+
+def structured(cloud: PointCloud, layout: str) -> Array:
+    """(n,) the points as they lie in the message: the driver's fields, then every other column."""
+    fields, size = LAYOUTS[layout]
+    taken = {"x", "y", "z", *fields, *_REPLACED[layout]}
+    others = [c.name for c in cloud.columns if c.name not in taken]
+    types = {name: cloud.column(name).dtype.newbyteorder("<") for name in others}
+    offsets = size + np.cumsum([0, *(one.itemsize for one in types.values())])
+    dtype = np.dtype(
+        {
+            "names": [*fields, *others],
+            "formats": [*(kind for _, kind in fields.values()), *types.values()],
+            "offsets": [*(offset for offset, _ in fields.values()), *offsets[:-1].tolist()],
+            "itemsize": int(offsets[-1]),
+        }
+    )
+    rows = np.zeros(len(cloud), dtype)
+    for name in others:
+        rows[name] = cloud.column(name)
+    for name in fields:
+        rows[name] = _driver_value(cloud, name, rows.dtype[name])
+    return rows
+
+
+def _driver_value(cloud: PointCloud, name: str, dtype: np.dtype[Any]) -> Array:
+    """A field of a driver, in its unit; zero where the cloud has nothing of the kind."""
+    scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
+    column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
+    if column not in ("range", *(c.name for c in cloud.columns)):
+        return np.zeros(len(cloud), dtype)
+    values = cloud.column(column)
+    if dtype.kind == "f":
+        return values.astype(dtype)
+    limits = np.iinfo(str(dtype))
+    return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
+
+
+def _points_message(rows: Array, store: Any, stamp_ns: int) -> Any:
+    types = store.types
+    fields = [
+        types["sensor_msgs/msg/PointField"](
+            name=name, offset=rows.dtype.fields[name][1], datatype=_DATATYPES[kind.str[1:]], count=1
+        )
+        for name, kind in ((name, rows.dtype[name]) for name in rows.dtype.names)
+    ]
+    return types["sensor_msgs/msg/PointCloud2"](
+        header=_header(store, stamp_ns, SENSOR_FRAME), height=1, width=len(rows), fields=fields,
+        is_bigendian=False, point_step=rows.dtype.itemsize, row_step=rows.nbytes,
+        data=np.frombuffer(rows.tobytes(), np.uint8), is_dense=True,
+    )  # fmt: skip
+
+
+def _transform_message(cloud: PointCloud, store: Any, stamp_ns: int) -> Any:
+    """Where the sensor stands in the world; None if the cloud does not know."""
+    place, types = cloud.sensor_to_world, store.types
+    if place is None:
+        return None
+    x, y, z = place.position_m.tolist()
+    qw, qx, qy, qz = quaternion(place.rotation)
+    stamped = types["geometry_msgs/msg/TransformStamped"](
+        header=_header(store, stamp_ns, WORLD_FRAME),
+        child_frame_id=SENSOR_FRAME,
+        transform=types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
+            rotation=types["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=qw),
+        ),
+    )
+    return types["tf2_msgs/msg/TFMessage"](transforms=[stamped])
+
+
+def _header(store: Any, stamp_ns: int, frame: str) -> Any:
+    seconds, nanoseconds = divmod(stamp_ns, 10**9)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+    return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)

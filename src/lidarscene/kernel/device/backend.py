@@ -1,0 +1,200 @@
+"""The door to Mitsuba: nothing in, the `mitsuba` module with a working variant set out.
+
+Nothing is imported or set before the first call of `mitsuba()`, so that everything else works on a
+machine without any back end.
+"""
+
+import contextlib
+import functools
+import os
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from ...errors import BackendError
+from . import llvm
+from .llvm import LlvmCandidate
+
+VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
+DEFAULT_ORDER = ("cuda_ad_mono", "llvm_ad_mono")
+
+_refused: dict[str, str] = {}  # variant: why it did not work
+
+
+@dataclass(frozen=True, slots=True)
+class BackendReport:
+    """What was looked for, what was found, and what was chosen."""
+
+    variant: str | None  # in use; None where none works
+    error: str | None  # why none works, with the way out
+    cuda: str  # "works", or why not
+    llvm: str  # "works", or why not
+    llvm_loaded: tuple[int, ...]  # version that Dr.Jit has loaded; () if none
+    candidates: tuple[LlvmCandidate, ...]  # best first
+
+
+@functools.cache
+def mitsuba() -> ModuleType:
+    """The `mitsuba` module with a variant set: the only door to Mitsuba in this package.
+
+    LIDARSCENE_VARIANT decides where it is set; a vectorised variant that the user has set stays;
+    otherwise cuda_ad_mono where a GPU works, else llvm_ad_mono. Raises `BackendError`.
+    """
+    wanted = os.environ.get(VARIANT_VARIABLE)
+    if wanted:
+        try:
+            return _with_variant(wanted)
+        except BackendError as error:
+            raise BackendError(f"{VARIANT_VARIABLE}={wanted}: {error}") from None
+    loaded: Any = sys.modules.get("mitsuba")
+    current = loaded.variant() if loaded else None
+    if current and current not in _refused:
+        return _users_own(loaded, current)
+    for name in DEFAULT_ORDER:
+        try:
+            return _with_variant(name)
+        except BackendError as error:
+            _refused[name] = str(error)
+    reasons = "".join(f"\n  {name}: {_refused[name]}" for name in DEFAULT_ORDER)
+    raise BackendError(f"no usable Mitsuba back end{reasons}")
+
+
+def drjit() -> ModuleType:
+    """The `drjit` module, after `mitsuba()`."""
+    mitsuba()
+    import drjit as dr
+
+    return dr
+
+
+def variant() -> str:
+    """The variant in use, such as 'llvm_ad_mono'."""
+    return str(mitsuba().variant())
+
+
+def is_cuda() -> bool:
+    """True where rays are traced on a GPU."""
+    return variant().startswith("cuda")
+
+
+def trace_one_ray(mi: Any = None) -> tuple[float, float]:
+    """The range of a plate 5 m away: as it is, and as the back end finds it."""
+    mi = mi or mitsuba()
+    scene = mi.load_dict({"type": "scene", "plate": {"type": "rectangle"}})
+    hit = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(0.25, 0.25, 5), mi.Vector3f(0, 0, -1)))
+    return 5.0, float(hit.t.numpy()[0])
+
+
+def probe() -> BackendReport:
+    """All that the choice rests on. Raises nothing, works with a broken back end."""
+    chosen = error = None
+    try:
+        chosen = variant()
+    except BackendError as problem:
+        error = str(problem)
+    kind = (chosen or "none").partition("_")[0]
+    cuda = "works" if kind == "cuda" else _refused.get("cuda_ad_mono") or cuda_problem() or "not tried"
+    cpu = "works" if kind == "llvm" else _refused.get("llvm_ad_mono") or llvm_problem() or "not tried"
+    dr: Any = sys.modules.get("drjit")
+    version = tuple(dr.detail.llvm_version()) if dr else ()
+    return BackendReport(
+        chosen, error, cuda, cpu, version if version > (0,) else (), tuple(llvm.candidates())
+    )
+
+
+def cuda_problem() -> str:
+    """Why CUDA cannot work, as far as a cheap look can tell; empty if nothing speaks against it."""
+    if sys.platform == "darwin":
+        return "there is no CUDA on macOS"
+    if os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1"):
+        return "CUDA_VISIBLE_DEVICES hides every GPU"
+    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+    paths = [os.environ.get("DRJIT_LIBCUDA_PATH"), name, f"/usr/lib/wsl/lib/{name}"]
+    import ctypes
+
+    for path in filter(None, paths):
+        with contextlib.suppress(OSError):
+            ctypes.CDLL(path)
+            return ""
+    return f"no NVIDIA driver ({name} cannot be loaded)"
+
+
+def llvm_problem() -> str:
+    """Why LLVM cannot work, as far as a cheap look can tell; empty if nothing speaks against it."""
+    try:
+        llvm.choose()
+    except BackendError as error:
+        return str(error)
+    return ""
+
+
+# --- one variant ------------------------------------------------------------------------------------
+
+
+def _with_variant(name: str) -> ModuleType:
+    """Mitsuba with this variant set and known to work, or a `BackendError` that says why not."""
+    if name.startswith("scalar"):
+        raise BackendError("scalar variants trace one ray at a time; a vectorised one is needed")
+    if name.startswith("cuda") and (problem := cuda_problem()):
+        raise BackendError(problem)
+    if name.startswith("llvm") and "drjit" not in sys.modules:
+        llvm.use()
+    mi = _imported()
+    if name not in mi.variants():
+        known = ", ".join(v for v in mi.variants() if not v.startswith("scalar"))
+        raise BackendError(f"no such variant; known are {known}")
+    _require_backend(name)
+    try:
+        mi.set_variant(name)
+        if name.startswith("cuda"):  # a driver without OptiX is found out only now
+            trace_one_ray(mi)
+    except Exception as error:
+        raise BackendError(" ".join(str(error).split())) from error
+    return mi
+
+
+def _users_own(mi: Any, current: str) -> ModuleType:
+    if current.startswith("scalar"):
+        raise BackendError(
+            f"the Mitsuba variant '{current}' is set, but lidarscene needs a vectorised one; "
+            "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
+        )
+    _require_backend(current)
+    return mi
+
+
+def _imported() -> Any:
+    """Mitsuba, quiet. Where there is a good LLVM Dr.Jit learns of it first: it looks only once."""
+    if "drjit" not in sys.modules:
+        with contextlib.suppress(BackendError):
+            llvm.use()
+    try:
+        import drjit as dr
+        import mitsuba as mi
+    except ImportError as error:
+        raise BackendError(f"Mitsuba cannot be imported ({error}); try: pip install mitsuba") from error
+    if mi.variant() is None:
+        dr.set_log_level(dr.LogLevel.Error)
+        mi.set_log_level(mi.LogLevel.Error)
+    return mi
+
+
+def _require_backend(name: str) -> None:
+    """What Dr.Jit has loaded must carry this variant; LLVM before 17 would abort the process."""
+    import drjit as dr
+
+    if name.startswith("cuda"):
+        if not dr.has_backend(dr.JitBackend.CUDA):
+            raise BackendError("Dr.Jit finds no GPU that it can use")
+        return
+    path = os.environ.get(llvm.PATH_VARIABLE)
+    if path and not dr.has_backend(dr.JitBackend.LLVM):
+        raise BackendError(f"Dr.Jit cannot load LLVM from {path}; try: {llvm.remedy()}")
+    version = dr.detail.llvm_version()
+    if version[0] < llvm.OLDEST:
+        loaded = f"LLVM {'.'.join(map(str, version))}" if version[0] > 0 else "no LLVM"
+        raise BackendError(
+            f"Dr.Jit was imported before lidarscene and has loaded {loaded}, but {llvm.OLDEST} or newer "
+            f"is needed; try: set {llvm.PATH_VARIABLE} before that, or call lidarscene first"
+        )

@@ -1,0 +1,52 @@
+"""Light: a World, a Sensor and some pulses in, the Echoes of their first ways out as numpy: the chain once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...light import beams, echoes
+from ...light.echoes import Ambient, Echoes
+from ...maths.paths import Placement
+from ...sensor.model import Sensor
+from ..device import transfer
+from ..world.build import World
+from .trace import trace
+
+Matrix = np.ndarray[Any, Any]
+
+COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
+
+
+def light_of(
+    world: World,
+    sensor: Sensor,
+    ambient: Ambient,
+    *,
+    sun: Matrix,
+    placements: tuple[Placement, Sequence[Placement] | None],
+    first: int,
+    count: int,
+    seed: int,
+) -> Echoes:
+    """What ``count`` pulses from ``first`` on bring back; without the pulses of other lidars.
+
+    sun         (3,) unit vector towards the sun
+    placements  of the sensor and of what moves, as `render.frame.Frame.placements` has them for these pulses
+    seed        of the frame, which the pointing jitter follows
+    """
+    place, movers = placements
+    equipment = transfer.opaque(sensor)
+    rays = beams.fire(
+        equipment, pulse=transfer.counter(first, count), origin_m=place.origin_m, rotation=place.rotation,
+        seed=transfer.opaque_uint32(seed),
+    )  # fmt: skip
+    towards = transfer.opaque(tuple(float(x) for x in sun))
+    air = transfer.opaque(ambient)
+    ways = trace(world, rays, sun=towards, placements=movers, seed=transfer.opaque_uint32(seed))
+    light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
+    columns = {name: getattr(light, name) for name in COLUMNS}
+    transfer.start(list(columns.values()))  # together, or each would be traced for itself
+    return Echoes(**{name: column.numpy() for name, column in columns.items()})

@@ -1,0 +1,267 @@
+"""Trace: a World and Beams in, Hits out. Closest-hit queries along the beam's ways, and one towards the sun."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ...light.beams import Beams
+from ...light.footprint import Aim
+from ...light.hits import Hits
+from ...maths.arrays import Array, is_drjit, xp
+from ...maths.paths import Placement
+from ...maths.vectors import Vector
+from ..device.backend import mitsuba
+from ..world.build import World
+from .gaps import Draws, gap_share
+from .glints import returned
+from .meeting import Meeting, Moment
+from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
+
+INTERACTIONS = 3
+"""Panes, mirrors and gaps that a beam may meet: through both windows of a car, and through the next one's."""
+
+MOST_INTERACTIONS = 8
+"""Each is a further ray query in the kernel, and takes its time to compile."""
+
+
+def trace(
+    world: World,
+    beams: Beams,
+    *,
+    sun: Vector,
+    coherent: bool = True,
+    placements: Sequence[Placement] | None = None,
+    sensor_velocity_m_s: Vector | None = None,
+    interactions: int = INTERACTIONS,
+    survey: bool = False,
+    seed: Array = 0,
+    ray_number: Array = 0,
+    aim: Aim | None = None,
+) -> tuple[Hits, ...]:
+    """The surface at the end of each ray's ways, on the device.
+
+    The first way goes through panes and off mirrors, and through gaps if it finds one. In a world with panes there is
+    a second, which is reflected at the first pane that the first one meets and from there on does the same; where
+    none is met it carries no light.
+
+    sun                  (x, y, z) unit vector towards the sun
+    coherent             whether neighbouring rays are neighbours in angle
+    placements           of each of the world's movers when each ray leaves; where they are at time 0 if None
+    sensor_velocity_m_s  of the point that each ray leaves from; it stands still if None
+    interactions         with panes, mirrors and gaps, on each way; at the next pane or mirror it ends without an
+                         echo, and the next porous surface counts as solid
+    survey               stop at the first surface, and tell only which rays have to be traced in full: those that
+                         meet a pane, mirror or porous surface, and those whose sunlight comes through one. A kernel
+                         that follows all ways costs every ray, and few rays meet glass
+    seed, ray_number     of the frame, and of each ray within its pulse: what finds gaps
+    aim                  of the beams, so that panes and mirrors straight across one send it back; None: they do not
+    """
+    mi = mitsuba()
+    if placements is None:
+        placements = [mover.rest for mover in world.movers]
+    moment = Moment(
+        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent,
+        draws=Draws(seed=seed, pulse=beams.pulse, ray=ray_number), aim=aim,
+    )  # fmt: skip
+    ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
+    first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
+    if world.speculars is None:
+        survey = False
+    if survey:
+        return (_surveyed(moment, first, moment.meet(ray)),)
+    ways = _ways(moment, first, interactions)
+
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+        return _sunshine(moment, ray, sunny, interactions)
+
+    return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
+
+
+def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
+    """The first surface, and whether the ray has to be traced in full."""
+    mi = mitsuba()
+    through_glass = mi.Bool(False)
+
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+        nonlocal through_glass
+        lit = sunny & ~moment.blocked(ray, sunny)
+        through_glass = moment.glazed(ray, lit)
+        return lit, 1.0
+
+    hits = _ended(moment, way, met, sunshine)
+    goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
+    return dataclasses.replace(hits, goes_on=goes_on)
+
+
+def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
+    """The way through panes and off mirrors, the one that the first pane mirrors, and what each meets in the end."""
+    mi = mitsuba()
+    met, speculars = moment.meet(way.ray), moment.world.speculars
+    if speculars is None:
+        return [(way, met)]
+    if not interactions:
+        return [(way, _at_last_pane(moment, way, met, mi.Bool(True)))]
+    second, mirrored, on = way, mi.Bool(False), mi.Bool(True)
+    for number in range(interactions):
+        pane = _pane_before(moment, way, met, on)
+        if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
+            here = pane.found & ~mirrored
+            if speculars.gaps:
+                here &= speculars.is_pane(kind_of(moment, pane))
+            off = gone_on(moment, way, pane, here, reflected=True)
+            back, ended = returned(moment, way, pane, off, here)
+            second = chosen(here, chosen(back, ended, off), second)
+            mirrored |= here
+        way, met, on = _a_step_on(moment, way, met, pane, on)
+    met = _at_last_pane(moment, way, met, on)
+    if not speculars.panes:
+        return [(way, met)]
+    second, end = _mirrored(moment, second, mirrored, interactions)
+    return [(way, met), (second, end)]
+
+
+def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
+    """The rest of a way from the first pane on, where it met one."""
+    import drjit as dr
+
+    way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
+    back = active & (way.glint_per_sr > 0.0)  # it ends at that pane
+    met, on = moment.meet(way.ray, active), active & ~back
+    for _ in range(1, interactions):
+        on = on & (way.interactions < interactions)
+        way, met, on = _a_step_on(moment, way, met, _pane_before(moment, way, met, on), on)
+    return way, _at_last_pane(moment, way, met, on | back)
+
+
+def _pane_before(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting | None:
+    """The nearest pane or porous surface on the way to what was met; None in a world without any."""
+    return moment.pane(way.ray, met.t, on) if moment.speculars.lets_through else None
+
+
+def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
+    """What was met, or a pane before it, which is one too many, of a way that has gone on all the time."""
+    pane = _pane_before(moment, way, met, on)
+    return met if pane is None else chosen(pane.found, pane, met)
+
+
+def _a_step_on(
+    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Any
+) -> tuple[Way, Meeting, Any]:
+    """Through a pane or gap or off a mirror, where ``on`` holds; the way, what it meets, and whether it has gone on."""
+    import drjit as dr
+
+    gone, before = on & False, way
+    if pane is not None:
+        ends = stopped(moment, way, pane)
+        gone = pane.found & ~ends
+        way = chosen(gone, gone_on(moment, way, pane, gone, reflected=False), way)
+        # What stands behind a pane is met where it was seen through it.
+        nearer = met.t - (way.length_m - before.length_m)
+        met = chosen(ends, pane, dataclasses.replace(met, t=dr.select(gone, nearer, met.t)))
+    if moment.speculars.mirrors:
+        bounce = on & ~gone & moment.speculars.is_mirror(kind_of(moment, met))
+        off = gone_on(moment, way, met, bounce, reflected=False)
+        back, ended = returned(moment, way, met, off, bounce)
+        way, bounce = chosen(back, ended, chosen(bounce, off, way)), bounce & ~back
+        met = chosen(bounce, moment.meet(way.ray, bounce), met)
+        gone |= bounce
+    return way, met, gone
+
+
+def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
+    """A way whose end is known, as Hits; ``sunshine`` says of shadow rays whether the sun is seen, and how much."""
+    import drjit as dr
+
+    mi = mitsuba()
+    world, surface, found = moment.world, met.surface, met.found
+    # Everything happens on the side of the surface that the ray came from, whatever the winding.
+    facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
+    normal = surface.n * facing
+    cos_sun = dr.dot(normal, met.to_sun)
+    sunny, side = found & (cos_sun > 0.0), normal
+    through, behind = _let_through(world, met, cos_sun)
+    if behind is not None:
+        sunny, side = sunny | behind, dr.select(behind, -normal, normal)
+    start = moment.outside(met, surface.p + side * START_OFFSET_M)
+    receding = way.receding_m_s
+    for (_, place), here in zip(moment.moving, met.here, strict=True):
+        velocity = place.velocity_at(tuple(start))
+        receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
+    lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
+    back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
+    if behind is not None:
+        towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
+    number = dr.reinterpret_array(mi.UInt32, surface.shape)
+    face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
+    return Hits(
+        found=found,
+        range_m=dr.select(found, way.length_m + met.t, 1.0),
+        cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
+        backscatter_per_sr=back + way.glint_per_sr,
+        sun_scatter_per_sr=towards_sun * share,
+        reflectivity=reflectivity,
+        transmittance=through,
+        cos_sun=dr.select(found, cos_sun, 0.0),
+        lit=lit,
+        radial_velocity_m_s=dr.select(found, receding, 0.0) if is_drjit(receding) else 0.0,
+        face=dr.select(found, mi.Int32(face), -1),
+        throughput=way.throughput,
+        interactions=way.interactions,
+        mirrored=way.mirrored,
+        direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
+    )
+
+
+def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
+    """Whether the sun is seen along these rays, and how much of it."""
+    speculars = moment.world.speculars
+    if speculars is None or not speculars.lets_through:
+        return sunny & ~moment.blocked(ray, sunny), 1.0
+    share = sunlight_share(moment, ray, sunny, interactions=interactions)
+    return share > 0.0, share
+
+
+def _receding(velocity_m_s: Vector | None, direction: Vector) -> Array:
+    """By how much the sensor's own motion adds to the range, per second."""
+    return 0.0 if velocity_m_s is None else -_along(velocity_m_s, direction)
+
+
+def _along(velocity_m_s: Vector, direction: Vector) -> Array:
+    return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
+
+
+def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
+    """Diffuse transmittance of what was met, and where it shows sunlight that falls on its far side; None: nowhere."""
+    import drjit as dr
+
+    mi = mitsuba()
+    if world.shape_transmittance is None:
+        return 0.0, None
+    number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
+    through = dr.gather(mi.Float, world.shape_transmittance, number, met.found)
+    return through, (cos_sun < 0.0) & (through > 0.0)
+
+
+def _scattering(
+    mi: Any, dr: Any, world: World, surface: Any, to_sun: Any, found: Any, lit: Any
+) -> tuple[Any, Any, Any]:
+    """f_r cos(theta) back along the ray and towards the sun, and the diffuse reflectivity."""
+    context = mi.BSDFContext()
+    bsdf = surface.bsdf()
+    back = bsdf.eval(context, surface, surface.wi, found)
+    # Reciprocity: light from the sun into the ray is light along the ray into the sun's direction.
+    towards_sun = bsdf.eval(context, surface, surface.to_local(to_sun), lit)
+    number = dr.reinterpret_array(mi.UInt32, surface.shape)
+    if world.speculars is not None and world.speculars.gaps:
+        # A ray that met a porous surface met what is not gaps; Mitsuba's mask takes the mean over both.
+        porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, found))
+        solid = 1.0 - gap_share(surface, porous)
+        solid = xp(solid).maximum(solid, 1e-6)
+        back, towards_sun = back / solid, towards_sun / solid
+    reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, found)
+    if world.has_foreign:
+        own = bsdf.eval_diffuse_reflectance(surface, found)[0]
+        reflectivity = dr.select(reflectivity < 0.0, own, reflectivity)
+    return dr.select(found, back[0], 0.0), dr.select(lit, towards_sun[0], 0.0), reflectivity

@@ -1,0 +1,233 @@
+"""Materials as Mitsuba BSDFs. Mitsuba has all kinds but one: the retro-reflector is ours.
+
+Everything that does not transmit is two-sided, so that a mesh of inconsistent winding loses no points.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import xp
+from ...physics.optics import dielectrics
+from ..device.backend import mitsuba
+
+RETRO_PLUGIN = "lidarscene_retroreflector"
+
+_ENTRANCE_EXPONENT = 3.61
+"""R_A falls as cos(entrance angle)^3.61: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that ASTM D4956
+asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
+_STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
+
+
+def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
+    """A Mitsuba dictionary from `Material.at`: reflectivity and parameters at the laser's wavelength.
+
+    Gaps are Mitsuba's mask; what a thin surface lets through, `kernel.world.build` knows: Mitsuba has no such BSDF.
+    """
+    whole = _BUILDERS[values["bsdf"]](values)
+    cover = values.get("cover", 1.0)
+    return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
+
+
+def diffuse_share(values: Mapping[str, Any]) -> float:
+    """What of the sky's light a surface returns evenly: metal and glass mirror it instead."""
+    return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
+
+
+def _two_sided(inner: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "twosided", "inner": inner}
+
+
+def _spectrum(value: float) -> dict[str, Any]:
+    return {"type": "spectrum", "value": float(value)}
+
+
+def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
+    return _two_sided({"type": "diffuse", "reflectance": _spectrum(values["reflectivity"])})
+
+
+def _coated(values: dict[str, Any]) -> dict[str, Any]:
+    """A diffuse base under a rough dielectric coat. The reflectivity is the diffuse part seen from outside."""
+    ior, roughness = float(values["coat_ior"]), float(values["coat_roughness"])
+    limit = diffuse_throughput(ior, roughness)
+    if values["reflectivity"] > limit:
+        raise InputError(
+            f"material '{values.get('name', '')}': reflectivity {values['reflectivity']:.3g} came, but a coat of "
+            f"coat_ior {ior:.3g} and coat_roughness {roughness:.3g} lets out {limit:.3g} at most"
+        )
+    base = values["reflectivity"] / limit
+    return _two_sided(_roughplastic(ior, roughness) | {"diffuse_reflectance": _spectrum(base)})
+
+
+def _roughplastic(ior: float, roughness: float) -> dict[str, Any]:
+    return {
+        "type": "roughplastic", "distribution": "ggx", "int_ior": ior, "alpha": roughness, "nonlinear": False,
+    }  # fmt: skip
+
+
+@functools.cache
+def diffuse_throughput(ior: float, roughness: float) -> float:
+    """Share of light that goes through the coat, off a white base and out again, for normal incidence.
+
+    Reflectivities are measured near normal incidence over the hemisphere, so a base of reflectivity over this
+    share shows the reflectivity. Mitsuba tabulates the rough coat's transmittance; here its own BSDF, without
+    the mirror lobe, is integrated over the hemisphere (64-point Gauss-Legendre in the cosine).
+    """
+    mi = mitsuba()
+    white = {"diffuse_reflectance": _spectrum(1.0), "specular_reflectance": _spectrum(0.0)}
+    bsdf = mi.load_dict(_roughplastic(ior, roughness) | white)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosines = 0.5 * (nodes + 1.0)
+    surface = mi.SurfaceInteraction3f()
+    surface.wi = mi.Vector3f(0.0, 0.0, 1.0)
+    outgoing = mi.Vector3f(mi.Float(np.sqrt(1.0 - cosines**2)), 0.0, mi.Float(cosines))
+    value = bsdf.eval(mi.BSDFContext(), surface, outgoing, True)[0].numpy()
+    return float(2.0 * math.pi * 0.5 * np.dot(weights, value))
+
+
+def _conductor(values: dict[str, Any]) -> dict[str, Any]:
+    inner = {"type": "roughconductor", "distribution": "ggx", "alpha": values["roughness"]}
+    if "index_n" in values:
+        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
+    # Without an index: a perfect mirror's lobe, scaled by the reflectivity.
+    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+
+
+def _mirror(values: dict[str, Any]) -> dict[str, Any]:
+    inner: dict[str, Any] = {"type": "conductor"}
+    if "index_n" in values:
+        return _two_sided(inner | {"eta": _spectrum(values["index_n"]), "k": _spectrum(values["index_k"])})
+    return _two_sided(inner | {"material": "none", "specular_reflectance": _spectrum(values["reflectivity"])})
+
+
+def _glass(values: dict[str, Any]) -> dict[str, Any]:
+    """Lossless; what it absorbs is known to `kernel.world.speculars`."""
+    return {"type": "thindielectric", "int_ior": values["index_n"], "ext_ior": 1.0}
+
+
+def absorption(values: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Index and optical depth of a pane that absorbs; None of everything else."""
+    if values["bsdf"] != "glass" or not values["index_k"] or "thickness_m" not in values:
+        return None
+    depth = dielectrics.optical_depth(
+        index_k=values["index_k"], thickness_m=values["thickness_m"], wavelength_m=values["wavelength_m"]
+    )
+    return values["index_n"], depth
+
+
+def _retroreflector(values: dict[str, Any]) -> dict[str, Any]:
+    register_retroreflector()
+    return {
+        "type": RETRO_PLUGIN,
+        "reflectivity": values["reflectivity"],
+        "coefficient": values["retro_coefficient_cd_per_lx_m2"],
+        "half_angle_deg": values["retro_half_angle_deg"],
+    }
+
+
+_BUILDERS = {
+    "diffuse": _diffuse,
+    "coated": _coated,
+    "conductor": _conductor,
+    "mirror": _mirror,
+    "glass": _glass,
+    "retroreflector": _retroreflector,
+}
+
+
+def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float) -> float:
+    """R_A straight back at normal incidence, from the stated R_A at 0.2 degrees of observation, 4 of entrance.
+
+    The lobe is Gaussian in the observation angle and half as high at ``half_angle_deg``. cd/lx/m2 is 1/sr.
+    """
+    return (
+        coefficient_cd_per_lx_m2
+        * 2.0 ** ((0.2 / half_angle_deg) ** 2)
+        / _STATED_ENTRANCE_COS**_ENTRANCE_EXPONENT
+    )
+
+
+@functools.cache
+def register_retroreflector() -> None:
+    """Make the plug-in known to Mitsuba, once, for the active variant."""
+    mi = mitsuba()
+    mi.register_bsdf(RETRO_PLUGIN, _retroreflector_class())
+
+
+def _retroreflector_class() -> Any:
+    """Built late: its base class exists only with a variant set."""
+    import drjit as dr
+
+    mi = mitsuba()
+
+    class Retroreflector(mi.BSDF):  # type: ignore[misc,name-defined]
+        """f_r = rho / pi + R_A(alpha, beta) / (cos beta_i cos beta_o), two-sided.
+
+        A sheet of coefficient R_A under an illuminance E_perp sends R_A E_perp cd per m2 of sheet back, so its
+        radiance is R_A E_perp / cos(beta_o) and its irradiance E_perp cos(beta_i) (CIE 54.2). alpha is the
+        angle between the incoming and outgoing rays, beta the entrance angle.
+        """
+
+        def __init__(self, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            self.reflectivity = mi.Float(props.get("reflectivity", 0.0))
+            half_angle_deg = props.get("half_angle_deg", 0.4)
+            self.peak = mi.Float(
+                retro_peak_per_sr(
+                    coefficient_cd_per_lx_m2=props.get("coefficient", 250.0), half_angle_deg=half_angle_deg
+                )
+            )
+            self.half_angle = mi.Float(math.radians(half_angle_deg))
+            dr.make_opaque(self.reflectivity, self.peak, self.half_angle)
+            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.GlossyReflection
+            self.m_components = [flags | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
+            self.m_flags = self.m_components[0]
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
+            same_side = si.wi.z * wo.z > 0.0
+            # For small angles |wi - wo| is the observation angle; acos would lose it in rounding.
+            observation = dr.norm(si.wi - wo)
+            lobe = dr.exp(-math.log(2.0) * dr.square(observation / self.half_angle))
+            entrance = dr.power(cos_i * cos_o, 0.5 * _ENTRANCE_EXPONENT)
+            retro = self.peak * lobe * entrance / xp(cos_i).maximum(cos_i, 1e-3)
+            diffuse = self.reflectivity * cos_o * dr.inv_pi
+            return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
+
+        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+            wo = mi.warp.square_to_cosine_hemisphere(sample2)
+            wo.z = dr.mulsign(wo.z, si.wi.z)
+            bs = dr.zeros(mi.BSDFSample3f)
+            bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
+            bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+            bs.pdf = self.pdf(ctx, si, wo, active)
+            value = self.eval(ctx, si, wo, active) / xp(bs.pdf).maximum(bs.pdf, 1e-12)
+            return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            same_side = si.wi.z * wo.z > 0.0
+            return dr.select(active & same_side, dr.abs(wo.z) * dr.inv_pi, 0.0)
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+            return mi.Spectrum(self.reflectivity)
+
+        def traverse(self, callback: Any) -> None:
+            callback.put("reflectivity", self.reflectivity, mi.ParamFlags.Differentiable)
+            callback.put("peak", self.peak, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: Any) -> None:
+            dr.make_opaque(self.reflectivity, self.peak)
+
+        def to_string(self) -> str:
+            return f"Retroreflector[reflectivity={self.reflectivity}, peak={self.peak}]"
+
+    return Retroreflector

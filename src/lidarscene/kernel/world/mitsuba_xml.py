@@ -1,0 +1,176 @@
+"""Mitsuba XML scenes in: their shapes by name, with BSDFs replaced where the scene file says so."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from ..device.backend import mitsuba
+from .bsdfs import bsdf_dict, diffuse_share
+
+Element = ElementTree.Element
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundShape:
+    """A shape of the file: its name, how many faces it has, and its material's name and reflectivity."""
+
+    shape: Any
+    name: str
+    faces: int
+    material: str
+    reflectivity: float | None
+
+
+def load_shapes(path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]) -> list[FoundShape]:
+    """Shapes of a Mitsuba XML file, in its order.
+
+    replaced   BSDF id to material name
+    materials  material name to `Material.at`
+    Raises InputError for what is not XML, not a Mitsuba scene, or has no such BSDF.
+    """
+    root = _parsed(path)
+    _insert_included(root, path.parent)
+    _replace_bsdfs(root, path, replaced, materials)
+    shapes = _loaded(root, path).shapes()
+    if not shapes:
+        raise InputError(f"{path}: the scene has no shapes")
+    return [
+        _found(shape, f"shape_{number}", path, replaced, materials) for number, shape in enumerate(shapes)
+    ]
+
+
+def _found(
+    shape: Any, unnamed: str, path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]
+) -> FoundShape:
+    name = _plain(shape.id(), unnamed)
+    if shape.class_name() == "Instance":
+        raise InputError(f"{path}: shape '{name}' is an instance; plain shapes were expected")
+    bsdf = shape.bsdf()
+    identity = _plain(bsdf.id() if bsdf is not None else "", "bsdf")
+    is_ours = identity in replaced
+    material = replaced[identity] if is_ours else identity
+    if not is_ours:
+        _require_answer(bsdf, f"{path}: BSDF '{identity}' of shape '{name}'")
+        if material in materials:
+            material = f"{identity} of {path.name}"
+    return FoundShape(
+        shape=shape,
+        name=name,
+        faces=shape.primitive_count(),
+        material=material,
+        reflectivity=diffuse_share(materials[material]) if is_ours else None,
+    )
+
+
+def _require_answer(bsdf: Any, where: str) -> None:
+    """Refuse a BSDF that cannot do with one wavelength, such as Mitsuba's hair. Nothing is computed."""
+    import drjit as dr
+
+    mi = mitsuba()
+    try:
+        surface = dr.zeros(mi.SurfaceInteraction3f)
+        bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.0, 0.0, 1.0))
+        bsdf.eval_diffuse_reflectance(surface)
+    except Exception as error:
+        raise InputError(f"{where}: cannot be used: {' '.join(str(error).split())}") from None
+
+
+def _plain(identity: str, fallback: str) -> str:
+    return identity if identity and not identity.startswith("_unnamed") else fallback
+
+
+def _parsed(path: Path) -> Element:
+    try:
+        return ElementTree.parse(path).getroot()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(f"{path}: not valid XML: {error}") from None
+
+
+def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
+    """Put what files include in place, so that BSDFs in there can be replaced.
+
+    As Mitsuba has it, paths are relative to the first file, and names may hold parameters of <default>.
+    """
+    defaults = {str(one.get("name")): str(one.get("value")) for one in element.iter("default")}
+    for position, child in reversed(list(enumerate(element))):
+        name = child.get("filename") if child.tag == "include" else None
+        for parameter in sorted(defaults, key=len, reverse=True):
+            name = name and name.replace(f"${parameter}", defaults[parameter])
+        if not name or "$" in name:
+            continue
+        if depth > 15:
+            raise InputError(f"{folder / name}: files include each other")
+        inner = _parsed(folder / name)
+        _insert_included(inner, folder, depth + 1)
+        element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
+
+
+def _loaded(root: Element, path: Path) -> Any:
+    """The Mitsuba scene; paths in it are relative to the file."""
+    mi = mitsuba()
+    try:
+        with _paths_from(path.parent):
+            return mi.load_string(ElementTree.tostring(root, encoding="unicode"), optimize=False)
+    except Exception as error:
+        # Mitsuba raises RuntimeError and others, with its own source line and our line numbers in front.
+        reason = re.sub(
+            r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split())
+        )
+        raise InputError(f"{path}: not a Mitsuba scene: {reason}") from None
+
+
+@contextmanager
+def _paths_from(folder: Path) -> Iterator[None]:
+    """Let Mitsuba look for files in a folder first, and only for now."""
+    mi = mitsuba()
+    before = mi.file_resolver()
+    here = mi.FileResolver(before)
+    here.prepend(str(folder.resolve()))
+    mi.set_file_resolver(here)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(before)
+
+
+def _replace_bsdfs(
+    root: Element, path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]
+) -> None:
+    """Write our BSDFs over those that shapes can refer to."""
+    inner = {id(child) for bsdf in root.iter("bsdf") for child in bsdf.iter("bsdf") if child is not bsdf}
+    by_id = {str(b.get("id")): b for b in root.iter("bsdf") if b.get("id") and id(b) not in inner}
+    for identity, material in replaced.items():
+        if identity not in by_id:
+            known = ", ".join(sorted(by_id)) or "none"
+            raise InputError(f"{path}: base_materials: no BSDF with id '{identity}'; it has {known}")
+        element = by_id[identity]
+        element.clear()
+        element.set("id", identity)
+        _fill(element, bsdf_dict(materials[material]))
+
+
+def _fill(element: Element, values: dict[str, Any]) -> None:
+    """Write a Mitsuba dictionary (numbers, texts, spectra and nested BSDFs) as the XML element's content."""
+    element.set("type", values["type"])
+    for key, value in values.items():
+        if key == "type":
+            continue
+        if not isinstance(value, dict):
+            kind = {bool: "boolean", str: "string"}.get(type(value), "float")
+            text = str(value).lower() if kind == "boolean" else str(value)
+            ElementTree.SubElement(element, kind, name=key, value=text)
+        elif value["type"] == "spectrum":
+            ElementTree.SubElement(element, "spectrum", name=key, value=repr(value["value"]))
+        else:
+            _fill(ElementTree.SubElement(element, "bsdf"), value)

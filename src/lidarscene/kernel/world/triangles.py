@@ -1,0 +1,74 @@
+"""Triangles: the shapes of a Mitsuba XML scene in, vertices and faces to draw out, as numpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...scene.model import Scene
+from ..device.backend import mitsuba
+from . import mitsuba_xml
+
+Matrix = np.ndarray[Any, Any]
+
+SEGMENTS = 48  # of a drawn circle
+_POLAR = np.linspace(0.0, np.pi, SEGMENTS // 2 + 1)
+PROFILES = {
+    "Sphere": np.stack([np.sin(_POLAR), np.cos(_POLAR)], axis=1),
+    "Disk": np.array([(0.0, 0.0), (1.0, 0.0)]),
+    "Cylinder": np.array([(1.0, 0.0), (1.0, 1.0)]),
+}
+"""Distance from the axis and height along it, of Mitsuba's shapes before their `to_world`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A shape to draw: (v, 3) float64 vertices, (f, 3) uint32 faces, its name, and what material it is of.
+
+    material  of ours, or the id of a BSDF of the file
+    """
+
+    name: str
+    vertices_m: Matrix
+    faces: Matrix
+    material: str
+
+
+def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
+    """What a scene takes from its Mitsuba file; of shapes that are no meshes, those in PROFILES."""
+    if scene.base is None:
+        return []
+    materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
+    shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials)
+    drawn = ((found, _triangles(found.shape)) for found in shapes)
+    return [Drawn(found.name, *made, found.material) for found, made in drawn if made is not None]
+
+
+def _triangles(shape: Any) -> tuple[Matrix, Matrix] | None:
+    if shape.is_mesh():
+        vertices, faces = shape.vertex_positions_buffer().numpy(), shape.faces_buffer().numpy()
+        return vertices.reshape(-1, 3).astype(np.float64), faces.reshape(-1, 3).astype(np.uint32)
+    if (kind := shape.class_name()) not in PROFILES:
+        return None
+    placed = np.array(mitsuba().traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
+    vertices, faces = revolved(PROFILES[kind])
+    return vertices @ placed[:3, :3].T + placed[:3, 3], faces
+
+
+def sphere(radius_m: float) -> tuple[Matrix, Matrix]:
+    """Vertices and faces of a sphere around the origin."""
+    vertices, faces = revolved(PROFILES["Sphere"])
+    return radius_m * vertices, faces
+
+
+def revolved(profile: Matrix) -> tuple[Matrix, Matrix]:
+    """Vertices and faces of a line turned about z; (n, 2) distances from the axis and heights."""
+    phi = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
+    radius, height = (np.repeat(profile[:, i, None], SEGMENTS, axis=1) for i in (0, 1))
+    vertices = np.stack([radius * np.cos(phi), radius * np.sin(phi), height], axis=-1)
+    ring, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(SEGMENTS), indexing="ij")
+    a, b = ring * SEGMENTS + column, ring * SEGMENTS + (column + 1) % SEGMENTS
+    halves = np.stack([a, a + SEGMENTS, b, b, a + SEGMENTS, b + SEGMENTS], axis=-1)
+    return vertices.reshape(-1, 3), halves.reshape(-1, 3).astype(np.uint32)

@@ -1,0 +1,301 @@
+"""Boxes: a Scene and the points of a frame in, the 3D box of every body that is a thing out, and what shows of it.
+
+A box stands along its body's own axes: length along the axis that is forward, width to the left, height along the
+one that is nearest to up. Its pose is where its centre is and how it is turned, in the world or seen from the sensor.
+
+Of a body that moves, and of every body where the sensor's own motion is in the points, a frame shows no one place. Its
+box is where the cloud shows it: as it stood, seen from the sensor, at the mean time of its points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud, frame_starts_s, sensor_positions_m
+from ..errors import InputError
+from ..maths.pose import Pose
+from ..maths.trajectory import pose_at
+from ..scene.model import Ball, Body, Part, Scene
+from .kinds import kind_of
+
+Array = np.ndarray[Any, Any]
+
+PIECE_POINTS = 1 << 20
+PICOSECOND = 1e-12
+STOPPED_M = 0.05
+"""A beam that ends this much before a box was not stopped by something else: its range has an error."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """The box around a body.
+
+    body           index into the scene's bodies, as in the cloud's column
+    size_m         (3,) length, width, height
+    pose           of its centre; x along the length, y along the width
+    velocity_m_s   (3,) of its centre in the world
+    points_inside  points of the cloud inside the box, whatever they are of
+    points_on      echoes of the body itself
+    beams          echoes whose beams, if nothing stopped them, would enter the box
+    reached        those of them that nothing stopped before the box
+    """
+
+    body: int
+    name: str
+    class_name: str
+    size_m: Array
+    pose: Pose
+    velocity_m_s: Array = field(default_factory=lambda: np.zeros(3))
+    points_inside: int = 0
+    points_on: int = 0
+    beams: int = 0
+    reached: int = 0
+
+    @property
+    def has_points(self) -> bool:
+        """Whether the cloud shows anything of it."""
+        return self.points_inside > 0 or self.points_on > 0
+
+    @property
+    def visibility(self) -> float:
+        """Share of the beams that nothing stopped before the box; 0 without beams."""
+        return self.reached / self.beams if self.beams else 0.0
+
+    def corners_m(self) -> Array:
+        """(8, 3) corners, in the frame of its pose."""
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        return self.pose.apply(0.5 * self.size_m * signs)
+
+    def seen_from(self, observer: Pose) -> Box:
+        """The same box in the frame of an observer, who stands in the frame of the box's pose."""
+        rotation = observer.rotation.T @ self.pose.rotation
+        position = observer.inverse_apply(self.pose.position_m[None])[0]
+        return replace(self, pose=Pose(position_m=position, rotation=rotation))
+
+
+def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]:
+    """The box of every body that is a thing, in the world frame, with what the cloud shows of it.
+
+    as_seen  where the cloud shows what moves; or else where it is when the frame starts
+    Bodies of a Mitsuba base scene have no box: their shapes are not known here. Raises InputError for a cloud
+    without truth, or one that does not know how its sensor stood.
+    """
+    tally = BoxTally(cloud, scene, as_seen=as_seen)
+    pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
+    for piece in pieces:
+        tally.see(cloud.select(piece))
+    tally.settle()
+    for piece in pieces:
+        part = cloud.select(piece)
+        tally.count(part.xyz_m, truth_of(part)[0], part.status, part.sensor_index)
+    return tally.boxes()
+
+
+class BoxTally:
+    """`boxes` of a frame whose points come in pieces: `see` all, `settle`, `count` all, `boxes`.
+
+    moves  whether something does, so that where the boxes are is known when all points are seen. If not they may be
+           settled at once, and each piece be seen and counted, and forgotten.
+    """
+
+    def __init__(self, cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> None:
+        """For points of which ``cloud`` has some: its metadata and names are those of all."""
+        truth_of(cloud)
+        self._to_world = frame_to_world(cloud)
+        self._origins_m = self._to_world.apply(sensor_positions_m(cloud.metadata))
+        starts_s = frame_starts_s(cloud.metadata)
+        self._starts_s = np.resize(starts_s, len(self._origins_m))  # one for each sensor, or one for all
+        # Points are placed as if the sensor had stood still.
+        self._ego = scene.ego if cloud.metadata.get("ego_motion") == "in the points" else None
+        self._things = [
+            (index, body)
+            for index, body in enumerate(scene.bodies)
+            if kind_of(body.class_name).thing and body.parts
+        ]
+        moving = self._ego is not None or any(body.motion is not None for _, body in self._things)
+        self.moves = as_seen and moving
+        self._points_on = np.zeros((len(self._things), len(self._starts_s)), np.int64)  # by sensor
+        self._time_ps = [0] * len(self._things)  # whole numbers: a sum that does not depend on the pieces
+        self._boxes: list[Box] = []
+
+    def see(self, cloud: PointCloud) -> None:
+        """Count the echoes of each body, and when they were."""
+        _, body = truth_of(cloud)
+        echo, sensors = cloud.status == 0, len(self._starts_s)
+        for number, (index, _) in enumerate(self._things):
+            own = np.flatnonzero((body == index) & echo)
+            self._points_on[number] += np.bincount(cloud.sensor_index[own], minlength=sensors)
+            if self.moves:
+                self._time_ps[number] += int(np.rint(cloud.time_s[own] / PICOSECOND).astype(np.int64).sum())
+
+    def settle(self) -> None:
+        """Put the boxes where the points that were seen show them."""
+        for number, (index, body) in enumerate(self._things):
+            points = max(int(self._points_on[number].sum()), 1)
+            later_s = self._points_on[number] @ (self._starts_s - self._starts_s[0]) / points
+            since_s = self._time_ps[number] * PICOSECOND / points
+            self._boxes.append(self._at(body, index, float(self._starts_s[0] + later_s), since_s))
+
+    def count(self, xyz_m: Array, true_range_m: Array, status: Array, sensor_index: Array) -> None:
+        """Count points and beams in the boxes; columns of a cloud."""
+        world_m = np.ascontiguousarray(self._to_world.apply(xyz_m.astype(np.float64)).T)
+        sensors = _Beams.of(world_m, self._origins_m, true_range_m, status, sensor_index)
+        for number, box in enumerate(self._boxes):
+            counts = [sensor.into(box) for sensor in sensors]
+            met, reached = (sum(one[i] for one in counts) for i in (0, 1))
+            self._boxes[number] = replace(
+                box,
+                points_inside=box.points_inside + _inside(box, world_m),
+                beams=box.beams + met,
+                reached=box.reached + reached,
+            )
+
+    def boxes(self) -> list[Box]:
+        """The boxes, with everything that was counted."""
+        return [
+            replace(box, points_on=int(points_on.sum()))
+            for box, points_on in zip(self._boxes, self._points_on, strict=True)
+        ]
+
+    def _at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
+        """The box of a body, so long after a frame's start, where the cloud shows it."""
+        box = box_of(body, index)
+        if body.motion is not None:
+            # The box that the body has by its pose, carried along.
+            carried = body.pose.inverse() @ box.pose
+            states = body.motion.at(np.clip([start_s + since_s], *body.motion.span_s)) @ carried
+            box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
+        if self._ego is not None:
+            # What the sensor saw then, from where it was at the start.
+            ego, then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
+            box = replace(box, pose=ego @ then.inverse() @ box.pose)
+        return box
+
+
+def truth_of(cloud: PointCloud) -> tuple[Array, Array]:
+    """True range and body of each point. Raises InputError if the cloud has none."""
+    if cloud.true_range_m is None or cloud.body is None:
+        raise InputError("labels: the cloud has no truth, from which they are made")
+    return cloud.true_range_m, cloud.body
+
+
+def sensor_place(cloud: PointCloud) -> Pose:
+    """Where the sensor stood in the world. Raises InputError if the cloud does not know."""
+    return _known(cloud.sensor_to_world)
+
+
+def frame_to_world(cloud: PointCloud) -> Pose:
+    """The frame of the points in the world. Raises InputError if the cloud does not know."""
+    return _known(cloud.frame_to_world)
+
+
+def _known(place: Pose | None) -> Pose:
+    if place is None:
+        raise InputError("labels: the cloud does not say how its sensor stood (metadata 'sensor_to_world')")
+    return place
+
+
+def box_of(body: Body, index: int) -> Box:
+    """The box of a body as it stands in the world."""
+    low, high = _extent_m(body)
+    turn = _axes(body.pose.rotation).T
+    return Box(
+        body=index,
+        name=body.name,
+        class_name=body.class_name,
+        size_m=np.abs(turn.T @ (high - low)),
+        pose=body.pose @ Pose(position_m=0.5 * (low + high), rotation=turn),
+    )
+
+
+def upright(box: Box) -> tuple[Array, float]:
+    """Length, width, height, and the turn to the left in radians, of the least box about z around this one.
+
+    For formats that know no other turn. The same box where it stands upright.
+    """
+    forward = box.pose.rotation[:, 0]
+    yaw = float(np.arctan2(forward[1], forward[0]))
+    about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    return np.ptp(box.corners_m() @ about_z, axis=0), yaw
+
+
+def _extent_m(body: Body) -> tuple[Array, Array]:
+    """Least and largest coordinates of a body in its own frame."""
+    points = [_outline_m(part) for part in body.parts]
+    return np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+
+
+def _outline_m(part: Part | Ball) -> Array:
+    if isinstance(part, Ball):
+        return np.array([[-part.radius_m] * 3, [part.radius_m] * 3])
+    return part.vertices_m
+
+
+def _axes(rotation: Array) -> Array:
+    """(3, 3) rows forward, left and up of a body, each along one axis of its own frame.
+
+    Up is the one nearest to the world's z; forward is its own x, or y where x is up.
+    """
+    up = int(np.argmax(np.abs(rotation[2])))
+    own = np.eye(3)
+    upward = own[up] * (1.0 if rotation[2, up] >= 0 else -1.0)
+    forward = own[1] if up == 0 else own[0]
+    return np.stack([forward, np.cross(upward, forward), upward])
+
+
+def _inside(box: Box, xyz_m: Array) -> int:
+    """How many of (3, n) points of the box's frame are inside it."""
+    half = np.abs(box.corners_m() - box.pose.position_m).max(axis=0)
+    near = np.arange(xyz_m.shape[1])
+    for values, centre, reach in zip(xyz_m, box.pose.position_m, half, strict=True):
+        near = near[np.abs(values[near] - centre) <= reach]
+    local = box.pose.inverse_apply(xyz_m[:, near].T)
+    return int((np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beams:
+    """The beams of one sensor that have an echo, into directions (3, k), as far as the surface they met (k,)."""
+
+    origin_m: Array
+    direction: Array
+    end_m: Array
+
+    @staticmethod
+    def of(
+        world_m: Array, origins_m: Array, true_range_m: Array, status: Array, sensor_index: Array
+    ) -> list[_Beams]:
+        """Of each sensor at ``origins_m`` (sensors, 3), for points at ``world_m`` (3, n)."""
+        found = []
+        for index, origin_m in enumerate(origins_m):
+            own = (status == 0) & (sensor_index == index)
+            along = world_m[:, own] - origin_m[:, None]
+            length = np.sqrt((along**2).sum(axis=0))
+            far = length > 0
+            found.append(_Beams(origin_m, along[:, far] / length[far], true_range_m[own][far]))
+        return found
+
+    def into(self, box: Box) -> tuple[int, int]:
+        """How many would enter the box if nothing stopped them, and how many reach it."""
+        near = self._towards(box)
+        start = box.pose.inverse_apply(self.origin_m[None]).T
+        direction = box.pose.rotation.T @ self.direction[:, near]
+        direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+        half = 0.5 * box.size_m[:, None]
+        one, other = (-half - start) / direction, (half - start) / direction
+        enter = np.minimum(one, other).max(axis=0, initial=0.0)
+        meets = enter <= np.maximum(one, other).min(axis=0)
+        reaches = meets & (self.end_m[near] >= enter - STOPPED_M)
+        return int(meets.sum()), int(reaches.sum())
+
+    def _towards(self, box: Box) -> Array:
+        """Index of the beams in the cone around the box: no other can enter it."""
+        x, y, z = box.pose.position_m - self.origin_m
+        square, radius = float(x * x + y * y + z * z), 0.5 * float(np.linalg.norm(box.size_m))
+        if square <= radius**2:
+            return np.arange(len(self.end_m))
+        along = self.direction[0] * x + self.direction[1] * y + self.direction[2] * z
+        return np.flatnonzero(along >= np.sqrt(square - radius**2))

@@ -1,0 +1,221 @@
+"""Labels as files: a PointCloud and its Scene in, one file for a frame out, in the words of a data set.
+
+kitti          text, one box a line, as in KITTI's `label_2`, in the camera of `CALIBRATION`
+nuscenes       JSON: entries like those of nuScenes' `sample_annotation`, in the world frame, and the poses
+semantickitti  uint32 for each point of the cloud, in its order: class below, instance above 16 bits
+osi            a trace file of one GroundTruth (`lidarscene.labels.osi_truth`)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from ..formats.registry import LABELS, format_of
+from ..maths.rotations import quaternion
+from ..scene.model import Scene
+from .boxes import PIECE_POINTS, Box, sensor_place, upright
+from .gathered import GatheredBoxes
+from .kinds import kind_of
+from .osi_truth import ground_truth
+from .points import point_labels
+
+Array = np.ndarray[Any, Any]
+Append = Callable[[PointCloud], None]
+
+SENSOR_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Axes of KITTI's cameras (x right, y down, z forward) by those of the sensor; both have one origin here."""
+
+PICTURE_PX = (1242, 375)
+CAMERA = np.array([[720.0, 0.0, 621.0, 0.0], [0.0, 720.0, 187.5, 0.0], [0.0, 0.0, 1.0, 0.0]])
+"""The camera of KITTI labels, which lidarscene does not have: one as wide as KITTI's stands in the sensor's place,
+so that loaders can project boxes and points and grade boxes by their height in the picture."""
+
+NEAREST_M = 0.1
+OCCLUDED, UNKNOWN = ((0.8, 0), (0.4, 1), (0.0, 2)), 3
+"""KITTI's levels of occlusion by the least visibility: fully visible, partly, largely; unknown without a beam."""
+
+VISIBILITY = ((0.8, "4"), (0.6, "3"), (0.4, "2"), (0.0, "1"))
+"""nuScenes' bins of visibility by their lower bounds."""
+
+
+def write_labels(
+    cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str
+) -> tuple[Path, ...]:
+    """Write the labels of a frame; returns the files, all of which appear whole or not at all.
+
+    path    where the cloud is or would be written: the labels are put beside it, by `label_paths`
+    format  a key of `formats.registry.LABELS`
+    Raises InputError for a cloud without truth, or one that does not know how its sensor stood.
+    """
+    with labels_stream(path, scene, format=format) as append:
+        append(cloud)
+    return label_paths(path, format=format)
+
+
+@contextmanager
+def labels_stream(path: str | os.PathLike[str], scene: Scene, *, format: str) -> Iterator[Append]:
+    """Write the labels of the clouds that are appended in the block, at least one, as those of one frame."""
+    first, *others = label_paths(path, format=format)
+    with _STREAMS[format](first, scene) as append:
+        yield append
+    if others:
+        _write_text(others[0], kitti_calibration())
+
+
+def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
+    """Names of the files that `write_labels` puts beside this file of a cloud."""
+    if format not in LABELS:
+        raise InputError(f"labels '{format}': there are none; the choices are {', '.join(LABELS)}")
+    stem = str(path)
+    try:
+        stem = stem[: -len(format_of(path).suffix)]
+    except InputError:
+        stem = str(Path(path).with_suffix(""))
+    return tuple(Path(stem + suffix) for suffix in LABELS[format])
+
+
+def kitti_calibration() -> str:
+    """The text of KITTI's `calib` file for our camera: the same for every frame."""
+    zero = np.zeros((3, 1))
+    entries = {f"P{i}": CAMERA for i in range(4)} | {
+        "R0_rect": np.eye(3),
+        "Tr_velo_to_cam": np.hstack([SENSOR_TO_CAMERA, zero]),
+        "Tr_imu_to_velo": np.hstack([np.eye(3), zero]),
+    }
+    return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in m.ravel())}\n" for name, m in entries.items())
+
+
+def semantic_kitti(cloud: PointCloud, scene: Scene) -> Array:
+    """(n,) uint32: class in the lower 16 bits, instance in the upper; instances from 65536 on begin again."""
+    semantic, instance = point_labels(cloud, scene)
+    short = np.where(instance > 0, (instance - 1) % 0xFFFF + 1, 0).astype(np.uint32)
+    return np.asarray(semantic | short << np.uint32(16), "<u4")
+
+
+def _kitti_line(box: Box) -> str:
+    """``box`` as the sensor sees it."""
+    (length, width, height), yaw = upright(box)
+    bottom = box.pose.position_m - [0.0, 0.0, 0.5 * height]
+    x, y, z = SENSOR_TO_CAMERA @ bottom
+    rotation_y = _wrapped(-yaw - 0.5 * math.pi)
+    alpha = _wrapped(rotation_y - math.atan2(x, z))
+    (left, top, right, low), truncated = _in_picture(box)
+    occluded = next((v for least, v in OCCLUDED if box.visibility >= least), UNKNOWN)
+    return (
+        f"{kind_of(box.class_name).kitti} {truncated:.2f} {occluded if box.beams else UNKNOWN} {alpha:.4f} "
+        f"{left:.2f} {top:.2f} {right:.2f} {low:.2f} {height:.4f} {width:.4f} {length:.4f} "
+        f"{x:.4f} {y:.4f} {z:.4f} {rotation_y:.4f}"
+    )
+
+
+def _in_picture(box: Box) -> tuple[tuple[float, float, float, float], float]:
+    """Left, top, right, bottom of the box in the picture, pixels, and the share of it that is outside."""
+    corners = box.corners_m() @ SENSOR_TO_CAMERA.T
+    if corners[:, 2].max() < NEAREST_M:
+        return (0.0, 0.0, 0.0, 0.0), 1.0
+    depth = np.maximum(corners[:, 2:], NEAREST_M)
+    seen = (corners[:, :2] * CAMERA[0, 0] + CAMERA[:2, 2] * depth) / depth
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    limit = np.array(PICTURE_PX) - 1.0
+    inner_low, inner_high = low.clip(0, limit), high.clip(0, limit)
+    inside = float(np.prod(inner_high - inner_low) / np.prod(np.maximum(high - low, 1e-9)))
+    return (*inner_low.tolist(), *inner_high.tolist()), 1.0 - inside
+
+
+def _wrapped(angle_rad: float) -> float:
+    """The same angle between -pi and pi."""
+    return math.remainder(angle_rad, 2.0 * math.pi)
+
+
+@contextmanager
+def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    """A line for each box that has a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
+        yield gathered.append
+        place = sensor_place(gathered.first)
+        found = [box.seen_from(place) for box in gathered.boxes() if box.has_points]
+        temporary.write_text("".join(_kitti_line(box) + "\n" for box in found), encoding="utf-8")
+
+
+@contextmanager
+def semantic_kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    """The labels of `semantic_kitti` for each point."""
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+
+        def append(cloud: PointCloud) -> None:
+            for first in range(0, len(cloud), PIECE_POINTS):
+                file.write(semantic_kitti(cloud.select(slice(first, first + PIECE_POINTS)), scene).data)
+
+        yield append
+
+
+@contextmanager
+def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
+        yield gathered.append
+        place = sensor_place(gathered.first)
+        content = {
+            "scene": scene.name,
+            "sensor": gathered.first.metadata.get("sensor", ""),
+            "num_lidar_pts": gathered.points,
+            # Position and quaternion (w, x, y, z) of the lidar in the world, in which the boxes are.
+            "lidar_to_world": {
+                "translation": place.position_m.tolist(),
+                "rotation": list(quaternion(place.rotation)),
+            },
+            "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
+        }
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _annotation(box: Box) -> dict[str, Any]:
+    length, width, height = box.size_m.tolist()
+    return {
+        "instance_name": box.name,
+        "category_name": kind_of(box.class_name).nuscenes,
+        "class_name": box.class_name,
+        "body": box.body,
+        "translation": box.pose.position_m.tolist(),
+        "size": [width, length, height],
+        "rotation": list(quaternion(box.pose.rotation)),
+        "velocity": box.velocity_m_s.tolist(),
+        "num_lidar_pts": box.points_inside,
+        "num_body_pts": box.points_on,
+        "visibility": round(box.visibility, 4),
+        "visibility_token": next(token for least, token in VISIBILITY if box.visibility >= least),
+    }
+
+
+@contextmanager
+def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
+    with (
+        atomic_output(path) as temporary,
+        GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered,
+    ):
+        yield gathered.append
+        start_s = gathered.first.frame_start_s
+        temporary.write_bytes(ground_truth(gathered.boxes(), start_s))
+
+
+def _write_text(path: Path, text: str) -> None:
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+_STREAMS: dict[str, Callable[[Path, Scene], AbstractContextManager[Append]]] = {
+    "kitti": kitti_stream,
+    "nuscenes": _nuscenes_stream,
+    "semantickitti": semantic_kitti_stream,
+    "osi": _osi_stream,
+}

@@ -1,0 +1,80 @@
+"""Boxes of a frame that comes in pieces: clouds and their Scene in, `Box`es out, in memory that does not grow.
+
+Where something moves, the boxes are where the points are on the average, and what is in them is counted afterwards:
+until then the points wait in a spool.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..files.spool import Spool
+from ..scene.model import Scene
+from .boxes import PIECE_POINTS, Box, BoxTally, truth_of
+
+
+class GatheredBoxes:
+    """Takes clouds of one frame, at least one.
+
+    first   the first of them without its points
+    points  of all of them
+    """
+
+    first: PointCloud
+
+    def __init__(self, folder: str | os.PathLike[str], scene: Scene, *, as_seen: bool = True) -> None:
+        """``folder`` is where points may wait."""
+        self._folder, self._scene, self._as_seen = folder, scene, as_seen
+        self._tally: BoxTally | None = None
+        self._spool: Spool | None = None
+        self.points = 0
+
+    def __enter__(self) -> GatheredBoxes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._spool is not None:
+            self._spool.__exit__()
+
+    def append(self, cloud: PointCloud) -> None:
+        """Add the points of a cloud."""
+        if self._tally is None:
+            self._begin(cloud)
+        self.points += len(cloud)
+        for first in range(0, len(cloud), PIECE_POINTS):
+            self._add(cloud.select(slice(first, first + PIECE_POINTS)))
+
+    def boxes(self) -> list[Box]:
+        """The boxes of everything that was appended. Once."""
+        assert self._tally is not None
+        if self._spool is not None:
+            self._tally.settle()
+            for rows in self._spool.blocks():
+                xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
+                self._tally.count(xyz_m, rows["true_range"], rows["status"], rows["sensor_index"])
+        return self._tally.boxes()
+
+    def _begin(self, cloud: PointCloud) -> None:
+        self.first = cloud.without_points()
+        self._tally = BoxTally(cloud, self._scene, as_seen=self._as_seen)
+        if self._tally.moves:
+            place = cloud.xyz_m.dtype
+            row: list[tuple[str, Any]] = [("x", place), ("y", place), ("z", place), ("true_range", "f4")]
+            self._spool = Spool(self._folder, [*row, ("status", "u1"), ("sensor_index", "u1")])
+        else:
+            self._tally.settle()
+
+    def _add(self, cloud: PointCloud) -> None:
+        assert self._tally is not None
+        self._tally.see(cloud)
+        if self._spool is None:
+            self._tally.count(cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index)
+            return
+        self._spool.append(
+            **dict(zip("xyz", cloud.xyz_m.T, strict=True)),
+            true_range=truth_of(cloud)[0], status=cloud.status, sensor_index=cloud.sensor_index,
+        )  # fmt: skip

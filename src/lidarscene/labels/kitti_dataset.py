@@ -1,0 +1,116 @@
+"""Data sets in KITTI's folders, frame by frame: a PointCloud and its Scene in, the files that loaders expect out.
+
+`write_object_frame` fills `training/velodyne`, `label_2` and `calib` (3D object detection), `write_sequence_frame`
+`dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not depend on the others,
+but `times.txt` and `poses.txt` have a line for each frame so far: frames are written in order.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..errors import InputError
+from ..files.atomic import atomic_output, named
+from ..formats.kitti import Append, kitti_stream
+from ..maths.pose import Pose
+from ..scene.model import Scene
+from . import files
+from .boxes import sensor_place
+from .files import SENSOR_TO_CAMERA, kitti_calibration
+
+
+def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:
+    """The file of the cloud of this frame, in a data set of `formats.registry.DATASETS`."""
+    parts = ("training",) if dataset == "kitti" else ("dataset", "sequences", sequence)
+    return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
+
+
+@contextmanager
+def frame_stream(
+    dataset: str, folder: str | os.PathLike[str], frame: int, scene: Scene, *, sequence: str = "00"
+) -> Iterator[Append]:
+    """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
+
+    frame  its number, from 0. Without labels where the clouds have no truth.
+    """
+    clouds = cloud_path(dataset, folder, frame, sequence=sequence)
+    first: list[PointCloud] = []
+    with ExitStack() as opened:
+        appended: list[Append] = []
+
+        def append(cloud: PointCloud) -> None:
+            if not first:
+                first.append(cloud.without_points())
+                appended.append(named(clouds, opened.enter_context(kitti_stream(clouds))))
+                if cloud.has_truth:
+                    path, labels = _labels(dataset, clouds, scene)
+                    appended.append(named(path, opened.enter_context(labels)))
+            for one in appended:
+                one(cloud)
+
+        yield append
+    if dataset == "kitti":
+        _write_text(clouds.parents[1] / "calib" / f"{clouds.stem}.txt", kitti_calibration().splitlines())
+    else:
+        _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
+
+
+def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene) -> None:
+    """Write frame number ``frame`` (from 0) of a data set for object detection."""
+    with frame_stream("kitti", folder, frame, scene) as append:
+        append(cloud)
+
+
+def write_sequence_frame(
+    folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene, *, sequence: str = "00"
+) -> None:
+    """Write frame number ``frame`` (from 0) of a sequence."""
+    with frame_stream("semantickitti", folder, frame, scene, sequence=sequence) as append:
+        append(cloud)
+
+
+def _labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
+    """The file of a frame's labels, and what writes it."""
+    if dataset == "kitti":
+        path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
+        return path, files.kitti_stream(path, scene)
+    path = clouds.parents[1] / "labels" / f"{clouds.stem}.label"
+    return path, files.semantic_kitti_stream(path, scene)
+
+
+def _write_sequence(root: Path, here: Path, frame: int, cloud: PointCloud) -> None:
+    """All of a sequence but points and labels."""
+    place = sensor_place(cloud)
+    # The odometry data set knows only the cameras and the way from the lidar to the first of them.
+    cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
+    lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
+    _write_text(here / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
+    _write_line(here / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
+    for poses in (here / "poses.txt", root / "poses" / f"{here.name}.txt"):
+        _write_line(poses, frame, camera_pose(place))
+
+
+def camera_pose(place: Pose) -> str:
+    """Where KITTI's camera stands: 12 numbers, a (3, 4) matrix row by row, world and camera with camera axes."""
+    rotation = SENSOR_TO_CAMERA @ place.rotation @ SENSOR_TO_CAMERA.T
+    rows = np.column_stack([rotation, SENSOR_TO_CAMERA @ place.position_m])
+    return " ".join(f"{x:.12e}" for x in rows.ravel())
+
+
+def _write_line(path: Path, frame: int, line: str) -> None:
+    """Make this line number ``frame``, behind those that there are."""
+    before = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
+    if len(before) != frame:
+        raise InputError(f"{path}: {frame} lines were expected before this frame, {len(before)} came")
+    _write_text(path, [*before, line])
+
+
+def _write_text(path: Path, lines: list[str]) -> None:
+    with atomic_output(path) as temporary:
+        temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")

@@ -1,0 +1,60 @@
+"""The truth of a frame as ASAM OSI 3.7: the boxes of its things in, a trace file of one GroundTruth out.
+
+Vehicles, people and animals are moving objects, all other things stationary ones, with the id body + 1, dimensions,
+position of the box's centre and orientation in the world frame when the frame starts; moving ones have a velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..files.protobuf import message, number
+from ..formats.osi import placed, timestamp, trace_file, vector, version
+from .boxes import Box
+
+VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
+"""Values of MovingObject.Type."""
+
+MOVING = {"pedestrian": PEDESTRIAN, "person": PEDESTRIAN, "animal": ANIMAL}
+VEHICLES = {
+    "car": 4, "van": 6, "truck": 7, "trailer": 10, "motorcycle": 11, "motorcyclist": 11, "bicycle": 12,
+    "cyclist": 12, "bus": 13, "tram": 14,
+}  # fmt: skip
+"""Values of MovingObject.VehicleClassification.Type by class."""
+
+STATIONARY = {"pole": 4, "sign": 12, "traffic_sign": 12, "barrier": 8}
+OTHER = 1
+"""Values of StationaryObject.Classification.Type by class: pole, vertical structure, barrier; other."""
+
+
+def ground_truth(boxes: Sequence[Box], start_s: float) -> bytes:
+    """The file of one frame."""
+    objects = [_moving(box) if _moves(box) else _stationary(box) for box in boxes]
+    return trace_file(version(1), timestamp(2, start_s), *objects)
+
+
+def _moves(box: Box) -> bool:
+    return box.class_name.lower() in (MOVING | VEHICLES)
+
+
+def _moving(box: Box) -> bytes:
+    name = box.class_name.lower()
+    base = message(2, _base(box), vector(4, box.velocity_m_s))
+    parts = [_identity(box), base, number(3, MOVING.get(name, VEHICLE))]
+    if name in VEHICLES:
+        parts.append(message(6, number(1, VEHICLES[name])))
+    return message(5, *parts)
+
+
+def _stationary(box: Box) -> bytes:
+    kind = STATIONARY.get(box.class_name.lower(), OTHER)
+    return message(4, _identity(box), message(2, _base(box)), message(3, number(1, kind)))
+
+
+def _identity(box: Box) -> bytes:
+    return message(1, number(1, box.body + 1))
+
+
+def _base(box: Box) -> bytes:
+    """Dimension, position and orientation, which have the same numbers in both kinds of base."""
+    return vector(1, box.size_m) + placed(box.pose, position=2, orientation=3)

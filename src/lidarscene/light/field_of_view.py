@@ -1,0 +1,57 @@
+"""Field of view: a Sensor in, directions all over what its receiver sees out; their background in, each pulse's out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..maths.arrays import Array, Table, xp
+from ..maths.vectors import dot, mixed
+from ..physics.optics import radiometry, sunlight
+from ..sensor.model import Sensor
+from .beams import Beams
+from .echoes import Ambient, background_aperture_m2, receive
+from .footprint import Footprint, points
+from .hits import Hits
+
+
+def field_of_view(sensor: Sensor, rays: int) -> Footprint:
+    """Directions that share the receiver's field of view evenly: the detector's disc, seen through the lens.
+
+    They start in the middle of the lens: the background's patch is sharp only where the lens is focused, far away.
+    """
+    slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
+    return Footprint(
+        points=Table(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0
+    )
+
+
+def background_power_w(
+    rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int
+) -> Array:
+    """(n,) mean over what the rays of each pulse see, by all ways of each; where one sees the sun's disc, its radiance.
+
+    rays, paths  ``count`` of each pulse, lane = pulse lane * count + number
+    """
+    seen = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
+    ops = xp(seen)
+    return sum(ops.column(seen, number, count) for number in range(count)) * (1.0 / count)
+
+
+def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Array:
+    """Background if all of the field of view saw what this ray does."""
+    light = receive(rays, hits, sensor, replace(ambient, sun_direction=None))
+    if ambient.sun_direction is None:
+        return light.background_power_w
+    apart = mixed(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
+    disc = radiometry.background_power_w(
+        radiance_w_m2_sr=sunlight.sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=ambient.sun_irradiance_w_m2),
+        aperture_m2=background_aperture_m2(rays),
+        field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
+            detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
+        ),
+        transmittance=1.0,  # the sun's irradiance is that at the sensor
+        efficiency=sensor.optics.efficiency_sun * hits.throughput,
+    )
+    on_disc = ~hits.found & (dot(apart, apart) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
+    return light.background_power_w + xp(light.background_power_w).where(on_disc, disc, 0.0)

@@ -1,0 +1,157 @@
+"""Material files of the catalogue, and the inline materials of scene files, to `Material`."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from ..files.toml import FileModel, read_toml, validated
+from .material import Material, Spectrum
+
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+
+# What each kind of surface needs beyond its reflectivity, and what it may have besides.
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "diffuse": (),
+    "coated": ("coat_ior", "coat_roughness"),
+    "conductor": ("roughness",),
+    "mirror": (),
+    "glass": ("index",),
+    "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
+}
+_OPTIONAL: dict[str, tuple[str, ...]] = {
+    "diffuse": ("transmittance", "cover"),
+    "coated": ("cover",),
+    "conductor": ("index", "cover"),
+    "mirror": ("index",),
+    "glass": ("thickness_mm",),
+    "retroreflector": ("cover",),
+}
+_KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
+
+
+class ReflectivityRow(FileModel):
+    """One published reflectivity or transmittance."""
+
+    wavelength_nm: Positive
+    value: UnitInterval
+    source: str = ""
+
+
+class IndexRow(FileModel):
+    """One published complex refractive index n + i k."""
+
+    wavelength_nm: Positive
+    n: Positive
+    k: Annotated[float, Field(ge=0)] = 0.0
+    source: str = ""
+
+
+def _is_table(value: object) -> str:
+    return "table" if isinstance(value, tuple) else "number"
+
+
+Reflectivity = Annotated[
+    Annotated[UnitInterval, Tag("number")] | Annotated[tuple[ReflectivityRow, ...], Tag("table")],
+    Discriminator(_is_table),
+]
+
+
+class MaterialFile(FileModel):
+    """A surface: its kind, its diffuse reflectivity by wavelength (or one for all), and what its kind needs."""
+
+    name: str = ""
+    description: str = ""
+    note: str = ""
+    bsdf: Literal["diffuse", "coated", "conductor", "mirror", "glass", "retroreflector"] = "diffuse"
+    reflectivity: Reflectivity
+    transmittance: Reflectivity | None = None
+    cover: Annotated[float, Field(gt=0, le=1)] | None = None
+    cover_source: str = ""
+    coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
+    coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
+    coat_source: str = ""
+    roughness: Annotated[float, Field(gt=0, le=1)] | None = None
+    roughness_source: str = ""
+    index: tuple[IndexRow, ...] | None = None
+    thickness_mm: Positive | None = None
+    thickness_source: str = ""
+    retro_coefficient_cd_per_lx_m2: Positive | None = None
+    retro_source: str = ""
+    retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = None
+    retro_half_angle_source: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> MaterialFile:
+        missing = [key for key in _NEEDED[self.bsdf] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"a {self.bsdf} material needs {' and '.join(missing)}")
+        allowed = {*_NEEDED[self.bsdf], *_OPTIONAL.get(self.bsdf, ())}
+        idle = [key for key in _KINDS_KEYS if key not in allowed and getattr(self, key) is not None]
+        if idle:
+            raise ValueError(f"a {self.bsdf} material has no {' and no '.join(idle)}")
+        for key in ("reflectivity", "transmittance", "index"):
+            rows = getattr(self, key)
+            if isinstance(rows, tuple):
+                wavelengths = [row.wavelength_nm for row in rows]
+                if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
+                    raise ValueError(f"{key}: rows of rising wavelength_nm were expected, {wavelengths} came")
+        self._no_more_than_came()
+        return self
+
+    def _no_more_than_came(self) -> None:
+        if self.transmittance is None:
+            return
+        back, through = _spectrum(self.reflectivity), _spectrum(self.transmittance)
+        tables = (one for one in (self.reflectivity, self.transmittance) if isinstance(one, tuple))
+        for wavelength_nm in sorted(row.wavelength_nm for table in tables for row in table) or [0.0]:
+            together = back.at(wavelength_nm * 1e-9) + through.at(wavelength_nm * 1e-9)
+            if together > 1.0:
+                where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
+                raise ValueError(
+                    f"reflectivity and transmittance: at most 1 together was expected, {together:.4g} came{where}"
+                )
+
+    def build(self, name: str) -> Material:
+        """The material, under this name."""
+        parameters: dict[str, float | Spectrum] = {}
+        for key in ("coat_ior", "coat_roughness", "roughness", "cover"):
+            if getattr(self, key) is not None:
+                parameters[key] = getattr(self, key)
+        if self.transmittance is not None:
+            parameters["transmittance"] = _spectrum(self.transmittance)
+        if self.thickness_mm is not None:
+            parameters["thickness_m"] = self.thickness_mm * 1e-3
+        if self.bsdf == "retroreflector":
+            parameters["retro_coefficient_cd_per_lx_m2"] = self.retro_coefficient_cd_per_lx_m2 or 0.0
+            parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0
+        if self.index:
+            wavelengths = tuple(row.wavelength_nm * 1e-9 for row in self.index)
+            parameters["index_n"] = Spectrum(
+                wavelength_m=wavelengths, value=tuple(row.n for row in self.index)
+            )
+            parameters["index_k"] = Spectrum(
+                wavelength_m=wavelengths, value=tuple(row.k for row in self.index)
+            )
+        return Material(
+            name=name, bsdf=self.bsdf, reflectivity=_spectrum(self.reflectivity), parameters=parameters,
+            description=self.description,
+        )  # fmt: skip
+
+
+def _spectrum(given: float | tuple[ReflectivityRow, ...]) -> Spectrum:
+    if not isinstance(given, tuple):
+        return Spectrum.constant(given)
+    return Spectrum(
+        wavelength_m=tuple(row.wavelength_nm * 1e-9 for row in given),
+        value=tuple(row.value for row in given),
+    )
+
+
+def read_material(path: Path) -> Material:
+    """A material from a TOML file. Raises InputError."""
+    return validated(MaterialFile, read_toml(path), str(path)).build(path.stem)

@@ -1,0 +1,75 @@
+"""Materials: how a surface sends light back, by wavelength. Descriptions only; `kernel.world.bsdfs` makes them real."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spectrum:
+    """A number that depends on wavelength, by linear interpolation between published values.
+
+    wavelength_m  (n,) rising
+    value         (n,)
+    """
+
+    wavelength_m: tuple[float, ...]
+    value: tuple[float, ...]
+
+    @classmethod
+    def constant(cls, value: float) -> Spectrum:
+        """The same at every wavelength."""
+        return cls(wavelength_m=(0.0, np.inf), value=(value, value))
+
+    def covers(self, wavelength_m: float) -> bool:
+        """Whether the table reaches this wavelength (to 1 nm)."""
+        return self.wavelength_m[0] - 1e-9 <= wavelength_m <= self.wavelength_m[-1] + 1e-9
+
+    def at(self, wavelength_m: float) -> float:
+        """The value at a wavelength inside the table."""
+        if self.value[0] == self.value[-1] and not np.isfinite(self.wavelength_m[-1]):
+            return self.value[0]
+        return float(np.interp(wavelength_m, self.wavelength_m, self.value))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Material:
+    """A surface.
+
+    bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
+    reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors, mirrors and glass
+    parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
+                  roughness, index_n, index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg;
+                  transmittance, diffuse hemispherical, of a thin surface; cover, the share that is not gaps
+    """
+
+    name: str
+    bsdf: str
+    reflectivity: Spectrum
+    parameters: Mapping[str, float | Spectrum] = field(default_factory=dict)
+    description: str = ""
+
+    def at(self, wavelength_m: float) -> dict[str, Any]:
+        """Name, kind, wavelength_m and numbers at one laser wavelength: reflectivity and the parameters.
+
+        Raises InputError where the table does not reach the wavelength.
+        """
+        values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf, "wavelength_m": wavelength_m}
+        for key, value in {"reflectivity": self.reflectivity, **self.parameters}.items():
+            values[key] = self._at(key, value, wavelength_m) if isinstance(value, Spectrum) else value
+        return values
+
+    def _at(self, key: str, spectrum: Spectrum, wavelength_m: float) -> float:
+        if not spectrum.covers(wavelength_m):
+            low, high = spectrum.wavelength_m[0], spectrum.wavelength_m[-1]
+            raise InputError(
+                f"material '{self.name}': no {key} at {wavelength_m * 1e9:.0f} nm; "
+                f"its table reaches from {low * 1e9:.0f} to {high * 1e9:.0f} nm"
+            )
+        return spectrum.at(wavelength_m)

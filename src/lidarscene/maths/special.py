@@ -1,0 +1,135 @@
+"""Special functions for numpy and Dr.Jit alike, with relative (not absolute) accuracy in the tails."""
+
+from __future__ import annotations
+
+import math
+
+from .arrays import Array, xp
+
+# erfc(z) = t exp(-z^2 + g), t = 2 / (2 + z), with g a polynomial in t fitted to scipy.special.erfcx by
+# Chebyshev interpolation on 0 <= z <= 12: 1.8e-10 relative in float64, a few 1e-7 in float32.
+_G = (
+    -0.574876301783, 0.585602105065, 0.0193236598742, -0.0319074323358, -0.00176507555013,
+    0.00431992303771, -0.00020373366824, -0.000704773165933, 0.000160267917169, 0.000100904262117,
+    -4.78213909494e-05, -8.71241465059e-06, 6.99029317878e-06,
+)  # fmt: skip
+_Z_MAX = 12.0
+_T_MIN = 2.0 / (2.0 + _Z_MAX)
+_T_MIDDLE, _T_HALF = 0.5 * (1.0 + _T_MIN), 0.5 * (1.0 - _T_MIN)
+
+
+def normal_tail(x: Array) -> Array:
+    """Q(x): probability that a standard normal deviate exceeds ``x``.
+
+    Relative error below 2e-10 in float64 and about 5e-7 (1 + x^2 / 2) in float32, for x up to 17;
+    beyond that it goes on falling to zero.
+    """
+    ops = xp(x)
+    z = ops.minimum(ops.abs(x) * math.sqrt(0.5), _Z_MAX)
+    t = 2.0 / (2.0 + z)
+    u = (t - _T_MIDDLE) / _T_HALF
+    g = _G[-1] + 0.0 * u
+    for coefficient in _G[-2::-1]:
+        g = g * u + coefficient
+    half = 0.5 * t * ops.exp(g - 0.5 * x * x)
+    return ops.where(x > 0.0, half, 1.0 - half)
+
+
+def log1p(x: Array) -> Array:
+    """log(1 + x), exact for small ``x`` in float32 too."""
+    ops = xp(x)
+    series = x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - 0.25 * x)))
+    return ops.where(ops.abs(x) < 2.0**-7, series, ops.log(1.0 + x))
+
+
+def expm1(x: Array) -> Array:
+    """exp(x) - 1, exact for small ``x`` in float32 too."""
+    ops = xp(x)
+    series = x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
+    return ops.where(ops.abs(x) < 2.0**-6, series, ops.exp(x) - 1.0)
+
+
+def log_gamma(x: Array) -> Array:
+    """log Gamma(x) for x >= 1: Stirling's series at x + 6, carried back by the recurrence (1e-10 relative)."""
+    ops = xp(x)
+    y = x + 6.0
+    inverse = 1.0 / y
+    square = inverse * inverse
+    series = inverse * (
+        1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square * (1.0 / 1680.0)))
+    )
+    stirling = (y - 0.5) * ops.log(y) - y + 0.5 * math.log(2.0 * math.pi) + series
+    product = x * (x + 1.0) * (x + 2.0) * (x + 3.0) * (x + 4.0) * (x + 5.0)
+    return stirling - ops.log(product)
+
+
+def binomial_tail(*, least: Array, trials: Array, probability: Array) -> Array:
+    """Probability that a binomial count is at least ``least``: the regularised incomplete beta I_p(k, n - k + 1).
+
+    By its continued fraction (Abramowitz and Stegun 26.5.8, evaluated by Lentz's method), on the side of the
+    mean where it converges within 60 terms for up to some 3000 trials. Relative error 1e-8 in float64; in
+    float32 some 1e-4 for 400 trials, from the logarithms of the factorials.
+    """
+    ops = xp(least, trials, probability)
+    k = ops.maximum(ops.minimum(least, trials), 1.0)
+    p = ops.minimum(ops.maximum(probability, 1e-30), 1.0 - 1e-7)
+    a, b = k, trials - k + 1.0
+    upper = p < (a + 1.0) / (a + b + 2.0)
+    side_a, side_b, x = ops.where(upper, a, b), ops.where(upper, b, a), ops.where(upper, p, 1.0 - p)
+    log_front = (
+        log_gamma(a + b) - log_gamma(a) - log_gamma(b) + side_a * ops.log(x) + side_b * log1p(-x)
+    ) - ops.log(side_a)
+    tail = ops.exp(log_front) * _incomplete_beta_fraction(side_a, side_b, x)
+    tail = ops.where(upper, tail, 1.0 - tail)
+    tail = ops.where(least <= 0.0, 1.0, ops.where(least > trials, 0.0, tail))
+    return ops.minimum(ops.maximum(tail, 0.0), 1.0)
+
+
+def _incomplete_beta_fraction(a: Array, b: Array, x: Array) -> Array:
+    """1 / (1 + d_1 / (1 + d_2 / ...)) of A&S 26.5.8, by Lentz's method with 60 pairs of terms."""
+    ops = xp(a, b, x)
+
+    def guarded(value: Array) -> Array:
+        return ops.where(ops.abs(value) < 1e-30, 1e-30, value)
+
+    c = 1.0 + 0.0 * x
+    d = 1.0 / guarded(1.0 - (a + b) * x / (a + 1.0))
+    fraction = d
+    for m in range(1, 61):
+        even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m))
+        d = 1.0 / guarded(1.0 + even * d)
+        c = guarded(1.0 + even / c)
+        fraction = fraction * (c * d)
+        odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0))
+        d = 1.0 / guarded(1.0 + odd * d)
+        c = guarded(1.0 + odd / c)
+        fraction = fraction * (c * d)
+    return fraction
+
+
+def scaled_normal_tail(x: Array) -> Array:
+    """Q(x) exp(x^2 / 2) for x >= 0, which does not underflow: a relative error below 1e-9 in float64."""
+    ops = xp(x)
+    near = ops.minimum(ops.abs(x), _Z_MAX * math.sqrt(2.0))
+    far = 1.0 / ops.maximum(ops.abs(x), 1.0)
+    square = far * far
+    series = far * (1.0 - square * (1.0 - square * (3.0 - square * (15.0 - square * 105.0))))
+    tail = normal_tail(near) * ops.exp(0.5 * near * near)
+    return ops.where(near < ops.abs(x), series / math.sqrt(2.0 * math.pi), tail)
+
+
+def normal_tail_inverse(probability: Array) -> Array:
+    """The x with Q(x) = ``probability``, 1e-60 < probability < 1: Newton's method on log Q."""
+    ops = xp(probability)
+    p = ops.minimum(ops.maximum(probability, 1e-60), 1.0 - 1e-16)
+    small = ops.minimum(p, 1.0 - p)
+    t = ops.sqrt(-2.0 * ops.log(small))
+    # Abramowitz and Stegun 26.2.23 (4.5e-4), then log Q(x) = log p, whose slope is -phi / Q.
+    x = t - (2.515517 + t * (0.802853 + t * 0.010328)) / (
+        1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))
+    )
+    for _ in range(4):
+        tail = normal_tail(x)
+        density = ops.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
+        x = x + (ops.log(tail) - ops.log(small)) * tail / density
+    return ops.where(p <= 0.5, x, -x)

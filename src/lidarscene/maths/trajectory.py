@@ -1,0 +1,307 @@
+"""Trajectories: where a rigid frame stands at any time, and how fast. Plain numpy in double precision.
+
+A frame's states are its pose and its velocities in its parent, which for vehicles and bodies is the world.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from .arrays import frozen
+from .pose import Pose
+
+Matrix = np.ndarray[Any, Any]
+
+SMALL_ANGLE_RAD = 1e-4
+"""Below it the series of sin(x)/x and its like, cut after x^2, are good to 1e-17."""
+
+LARGEST_STEP_RAD = math.radians(170.0)
+"""Between two poses of a spline: at 180 degrees nobody can tell which way round."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class States:
+    """A frame at n instants.
+
+    position_m      (n, 3) of its origin
+    rotation        (n, 3, 3) frame to parent
+    velocity_m_s    (n, 3) of its origin, in the parent's axes
+    turning_rad_s   (n, 3) angular velocity, in the parent's axes
+    """
+
+    position_m: Matrix
+    rotation: Matrix
+    velocity_m_s: Matrix
+    turning_rad_s: Matrix
+
+    def __matmul__(self, child: Pose) -> States:
+        """The states of a frame that is fixed in this one."""
+        arm = self.rotation @ child.position_m
+        return States(
+            position_m=self.position_m + arm,
+            rotation=self.rotation @ child.rotation,
+            velocity_m_s=self.velocity_m_s + np.cross(self.turning_rad_s, arm),
+            turning_rad_s=self.turning_rad_s,
+        )
+
+    def pose(self, index: int = 0) -> Pose:
+        """The pose at one of the instants."""
+        return Pose(position_m=self.position_m[index], rotation=self.rotation[index])
+
+
+class Motion(Protocol):
+    """Something that says where a frame is."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last instant for which it does."""
+
+    def at(self, time_s: Matrix) -> States:
+        """States at (n,) times [s] within the span; beyond it, as at its end."""
+
+
+def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
+    """Where a motion is at a time, or at the end of its span that is nearest to it."""
+    return motion.at(np.clip([time_s], *motion.span_s)).pose()
+
+
+ALWAYS = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """Constant speed and yaw rate: an arc, or a straight line.
+
+    start            pose at time 0
+    speed_m_s        along the frame's own x axis, which turns with it
+    yaw_rate_rad_s   about its own z axis, positive to the left
+    velocity_m_s     (x, y, z) added to it, in the parent's axes
+    """
+
+    start: Pose = field(default_factory=Pose)
+    speed_m_s: float = 0.0
+    yaw_rate_rad_s: float = 0.0
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """For ever."""
+        return ALWAYS
+
+    def at(self, time_s: Matrix) -> States:
+        """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
+        time_s = np.asarray(time_s, dtype=np.float64)
+        yaw = self.yaw_rate_rad_s * time_s
+        zero, one = np.zeros_like(yaw), np.ones_like(yaw)
+        # sin(x)/x and (1 - cos(x))/x = sin(x/2) sinc(x/2), good to the last bit at 0.
+        ahead = time_s * np.sinc(yaw / np.pi)
+        aside = time_s * np.sin(yaw / 2.0) * np.sinc(yaw / (2.0 * np.pi))
+        heading = np.stack([np.cos(yaw), np.sin(yaw), zero], axis=-1)
+        turn = np.stack(
+            [heading, np.stack([-np.sin(yaw), np.cos(yaw), zero], -1), np.stack([zero, zero, one], -1)], -1
+        )
+        way = self.speed_m_s * np.stack([ahead, aside, zero], axis=-1)
+        fixed = self.start.rotation
+        added = np.asarray(self.velocity_m_s, dtype=np.float64)
+        return States(
+            position_m=self.start.position_m + way @ fixed.T + time_s[:, None] * added,
+            rotation=fixed @ turn,
+            velocity_m_s=self.speed_m_s * heading @ fixed.T + added,
+            turning_rad_s=np.broadcast_to(self.yaw_rate_rad_s * fixed[:, 2], (len(time_s), 3)),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Riding:
+    """Fixed in a frame that moves: a sensor on a vehicle."""
+
+    carrier: Motion
+    pose: Pose
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """As long as the carrier's."""
+        return self.carrier.span_s
+
+    def at(self, time_s: Matrix) -> States:
+        """The carrier's states, moved to this pose in it."""
+        return self.carrier.at(time_s) @ self.pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spline:
+    """A smooth way through given poses: cubic on SE(3), with continuous velocities.
+
+    time_s     (k,) rising, k >= 2
+    poses      (k,) at these times
+
+    Between two poses T_i and T_(i+1) with twists x_i and x_(i+1) in their own frames, over the time h,
+
+        T(u) = T_i exp(b1 x_i h/3) exp(b2 y) exp(b3 x_(i+1) h/3),
+        y = log(exp(-x_i h/3) T_i^-1 T_(i+1) exp(-x_(i+1) h/3)),
+
+    with the cumulative Bernstein polynomials b1 = 1 - (1 - u)^3, b2 = 3 u^2 - 2 u^3, b3 = u^3 (Kim, Kim and Shin,
+    SIGGRAPH 1995, who write it for quaternions). The twist at a pose is the mean of those that lead to and from it,
+    each weighted by the other's time, as for a cubic through points (Catmull and Rom). A constant twist, so an arc
+    at constant speed, is met exactly.
+    """
+
+    time_s: Matrix
+    poses: tuple[Pose, ...]
+    _segments: _Segments = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Check the times, and find the twists. Raises ValueError."""
+        object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
+        if (
+            len(self.time_s) != len(self.poses)
+            or len(self.poses) < 2
+            or not (np.diff(self.time_s) > 0.0).all()
+        ):
+            raise ValueError("two poses or more, at rising times, were expected")
+        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses))
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """From the first pose to the last."""
+        return float(self.time_s[0]), float(self.time_s[-1])
+
+    def at(self, time_s: Matrix) -> States:
+        """States; before the first pose and after the last as there."""
+        time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
+        segment = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.poses) - 2)
+        return self._segments.at(segment, time_s - self.time_s[segment])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Segments:
+    """The pieces of a spline: lengths (k,), start rotations and places, and the three twists (k, 3, 6) of each."""
+
+    length_s: Matrix
+    rotation: Matrix
+    place: Matrix
+    twists: Matrix
+
+    @classmethod
+    def through(cls, time_s: Matrix, poses: tuple[Pose, ...]) -> _Segments:
+        length = np.diff(time_s)
+        rotation = np.stack([pose.rotation for pose in poses])
+        place = np.stack([pose.position_m for pose in poses])
+        steps = _between(rotation[:-1], place[:-1], rotation[1:], place[1:])
+        logs = _log(*steps)
+        widest = float(np.linalg.norm(logs[:, 3:], axis=1).max())
+        if widest > LARGEST_STEP_RAD:
+            raise ValueError(
+                f"a turn of {math.degrees(widest):.0f} degrees came between two poses, "
+                f"at most {math.degrees(LARGEST_STEP_RAD):.0f} were expected"
+            )
+        rates = logs / length[:, None]
+        # The rate towards a pose, carried along itself, is the same in that pose's own frame.
+        before, after = np.concatenate([rates[:1], rates]), np.concatenate([rates, rates[-1:]])
+        h_before, h_after = np.concatenate([length[:1], length]), np.concatenate([length, length[-1:]])
+        share = (h_after / (h_before + h_after))[:, None]
+        at_poses = share * before + (1.0 - share) * after
+        first = at_poses[:-1] * length[:, None] / 3.0
+        last = at_poses[1:] * length[:, None] / 3.0
+        middle = _log(*_product(_product(_exp(-first), steps), _exp(-last)))
+        return cls(
+            length_s=length,
+            rotation=rotation[:-1],
+            place=place[:-1],
+            twists=np.stack([first, middle, last], axis=1),
+        )
+
+    def at(self, segment: Matrix, since_s: Matrix) -> States:
+        length = self.length_s[segment]
+        u = (since_s / length)[:, None]
+        weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
+        rates = (3.0 * (1.0 - u) ** 2, 6.0 * u * (1.0 - u), 3.0 * u * u)
+        pose = self.rotation[segment], self.place[segment]
+        twist = np.zeros((len(u), 6))
+        for number, (weight, rate) in enumerate(zip(weights, rates, strict=True)):
+            own = self.twists[segment, number]
+            step = _exp(weight * own)
+            pose = _product(pose, step)
+            twist = _seen_from(step, twist) + rate / length[:, None] * own
+        turned = pose[0]
+        return States(
+            position_m=pose[1],
+            rotation=turned,
+            velocity_m_s=_apply(turned, twist[:, :3]),
+            turning_rad_s=_apply(turned, twist[:, 3:]),
+        )
+
+
+# SE(3) as pairs (rotation (n, 3, 3), place (n, 3)); twists are (n, 6): velocity, then angular velocity.
+_Rigid = tuple[Matrix, Matrix]
+
+
+def _apply(rotation: Matrix, vector: Matrix) -> Matrix:
+    return np.asarray(np.einsum("nij,nj->ni", rotation, vector))
+
+
+def _product(a: _Rigid, b: _Rigid) -> _Rigid:
+    return a[0] @ b[0], a[1] + _apply(a[0], b[1])
+
+
+def _between(rotation: Matrix, place: Matrix, later_rotation: Matrix, later_place: Matrix) -> _Rigid:
+    """The later pose as seen from the earlier."""
+    back = rotation.transpose(0, 2, 1)
+    return back @ later_rotation, _apply(back, later_place - place)
+
+
+def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
+    """A twist of the frame before the step, in that after it: Ad(step^-1) twist."""
+    back = step[0].transpose(0, 2, 1)
+    velocity, turning = twist[:, :3], twist[:, 3:]
+    return np.concatenate(
+        [_apply(back, velocity + np.cross(turning, step[1])), _apply(back, turning)], axis=1
+    )
+
+
+def _skew(v: Matrix) -> Matrix:
+    x, y, z = v.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+
+
+def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, each (n, 1, 1)."""
+    a = angle[:, None, None]
+    small = a < SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, a)
+    return (
+        np.where(small, 1.0 - a * a / 6.0, np.sin(safe) / safe),
+        np.where(small, 0.5 - a * a / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
+        np.where(small, 1.0 / 6.0 - a * a / 120.0, (safe - np.sin(safe)) / safe**3),
+    )
+
+
+def _exp(twist: Matrix) -> _Rigid:
+    """Rodrigues' formula, and the integral of the rotation for the place."""
+    turn = _skew(twist[:, 3:])
+    first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
+    square = turn @ turn
+    rotation = np.eye(3) + first * turn + second * square
+    along = np.eye(3) + second * turn + third * square
+    return rotation, _apply(along, twist[:, :3])
+
+
+def _log(rotation: Matrix, place: Matrix) -> Matrix:
+    """The twist whose exponential this is, for turns below 180 degrees."""
+    cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
+    odd = rotation - rotation.transpose(0, 2, 1)
+    axis_sin = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=-1)
+    sin = np.linalg.norm(axis_sin, axis=1)
+    angle = np.arctan2(sin, cos)
+    small = angle < SMALL_ANGLE_RAD
+    stretch = np.where(small, 1.0 + angle * angle / 6.0, angle / np.where(small, 1.0, sin))
+    turning = stretch[:, None] * axis_sin
+    turn = _skew(turning)
+    _, second, third = _coefficients(angle)
+    along = np.eye(3) + second * turn + third * (turn @ turn)
+    return np.concatenate([np.linalg.solve(along, place[:, :, None])[:, :, 0], turning], axis=1)

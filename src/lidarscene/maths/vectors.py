@@ -1,0 +1,67 @@
+"""Vector optics on tuples (x, y, z) of numbers or arrays: mirrors, faces of glass, angles."""
+
+from __future__ import annotations
+
+from .arrays import Array, xp
+
+Vector = tuple[Array, Array, Array]
+
+
+def dot(a: Vector, b: Vector) -> Array:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def mixed(a: Array, u: Vector, b: Array, v: Vector) -> Vector:
+    """a u + b v."""
+    return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
+
+
+def unit(a: Vector) -> Vector:
+    """a / |a|."""
+    length = xp(*a).sqrt(dot(a, a))
+    return a[0] / length, a[1] / length, a[2] / length
+
+
+def reflected(direction: Vector, normal: Vector) -> Vector:
+    """d - 2 (d . n) n: a ray off a mirror, whichever way its unit normal points."""
+    return mixed(1.0, direction, -2.0 * dot(direction, normal), normal)
+
+
+def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Vector, Array]:
+    """A ray through a face, by Snell's law in vector form, and cos(theta_t) / cos(theta_i).
+
+    normal       unit, pointing the way that the light goes (d . n > 0)
+    index_ratio  index before the face over index behind it
+
+    That ratio of cosines is by how much a beam gets wider, since both beams cover the same part of the face.
+    Where light is totally reflected both have no meaning and the ratio is 0.
+    """
+    cos_in = dot(direction, normal)
+    inside = 1.0 - index_ratio * index_ratio * (1.0 - cos_in * cos_in)
+    ops = xp(inside)
+    cos_out = ops.sqrt(ops.maximum(inside, 0.0))
+    bent = mixed(index_ratio, direction, cos_out - index_ratio * cos_in, normal)
+    return bent, cos_out / cos_in
+
+
+def angles_of(direction: Vector) -> tuple[Array, Array]:
+    """Azimuth and elevation [rad] of a direction; the inverse of `maths.pose.direction_from_angles`."""
+    x, y, z = direction
+    ops = xp(x, y, z)
+    return ops.atan2(y, x), ops.atan2(z, ops.sqrt(x * x + y * y))
+
+
+def across(direction: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors square to a unit direction and to one another (Duff and others, JCGT 6(1), 2017)."""
+    x, y, z = direction
+    ops = xp(z)
+    sign = ops.where(z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)

@@ -1,0 +1,241 @@
+"""Electrons out of an avalanche photodiode: McIntyre's distribution, Webb's approximation, and their tails.
+
+An electron that enters the avalanche leaves as a random number of electrons with mean M and second moment
+M^2 F, F by McIntyre (1966). The sum over Poisson primaries is skewed: its upper tail lies above that of the
+Gaussian (9) with the same variance. Sources: R. J. McIntyre, IEEE Trans. Electron Devices 19, 703 (1972);
+J. Conradi, ibid. 713; P. P. Webb, R. J. McIntyre and J. Conradi, RCA Review 35, 234 (1974).
+
+Everything here takes electrons: primaries in, output counts in one resolution time 1 / (2 B), in which the
+shot noise 2 e i B of (14) is exactly the Poisson variance of the count. Electrons start the avalanche; the
+ratio k of the ionisation rates (hole over electron) is constant over the junction, 0 <= k < 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Array, xp
+from ...maths.special import log1p, log_gamma, normal_tail, scaled_normal_tail
+from ..constants import ELEMENTARY_CHARGE_C
+
+Matrix = np.ndarray[Any, Any]
+
+_STEPS = 14
+_TERMS = 14
+
+
+def ionisation_ratio(*, gain: Array, excess_noise: Array) -> Array:
+    """The k whose McIntyre F at this gain is ``excess_noise``, within [0, 0.999].
+
+    So a diode that is described by F = M^x gets a k: 0.02225 for x = 0.3 at M = 80. A gain of one leaves no
+    avalanche and no k: 0.
+    """
+    ops = xp(gain, excess_noise)
+    floor = 2.0 - 1.0 / gain
+    span = gain - floor
+    ratio = (excess_noise - floor) / ops.where(span > 0.0, span, 1.0)
+    return ops.minimum(ops.maximum(ops.where(span > 0.0, ratio, 0.0), 0.0), 0.999)
+
+
+def resolution_time_s(*, bandwidth_hz: Array) -> Array:
+    """1 / (2 B): counting over it makes Poisson's variance the shot noise 2 e i B."""
+    return 0.5 / bandwidth_hz
+
+
+def log_probability(*, primary: Array, total: Array, gain: Array, ionisation_ratio: Array) -> Array:
+    """Log of the probability that ``primary`` electrons leave as ``total``, McIntyre (1972); -inf below.
+
+    n Gamma(m / (1 - k) + 1) / (m (m - n)! Gamma(k m / (1 - k) + n + 1))
+    ((1 + k (M - 1)) / M)^(n + k m / (1 - k)) ((1 - k)(M - 1) / M)^(m - n), for n in and m out. numpy.
+    """
+    n, m = np.broadcast_arrays(np.asarray(primary, dtype=float), np.asarray(total, dtype=float))
+    k = ionisation_ratio
+    possible = m >= n
+    m = np.where(possible, m, n)
+    through = k * m / (1.0 - k)
+    log_beta = math.log((1.0 - k) * (gain - 1.0) / gain) if gain > 1.0 else -math.inf
+    created = np.where(m > n, (m - n) * log_beta, 0.0) if gain > 1.0 else np.where(m > n, log_beta, 0.0)
+    value = (
+        np.log(n) - np.log(m)
+        + log_gamma(m + through + 1.0) - log_gamma(m - n + 1.0) - log_gamma(through + n + 1.0)
+        + (n + through) * math.log((1.0 + k * (gain - 1.0)) / gain) + created
+    )  # fmt: skip
+    return np.where(possible, value, -np.inf)
+
+
+def webb_density(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
+    """Density per electron of Poisson primaries' output ``excess`` above its mean (Webb et al., 1974).
+
+    With sigma^2 = N M^2 F, x = excess / sigma and lambda = sqrt(N F) / (F - 1):
+    exp(-x^2 / (2 (1 + x / lambda))) / (sqrt(2 pi) sigma (1 + x / lambda)^(3/2)), zero below x = -lambda.
+    Needs F > 1.
+    """
+    ops = xp(excess, primaries, gain, excess_noise)
+    sigma = gain * ops.sqrt(primaries * excess_noise)
+    x = excess / sigma
+    y = 1.0 + x * (excess_noise - 1.0) / ops.sqrt(primaries * excess_noise)
+    inside = ops.where(y > 0.0, y, 1.0)
+    density = ops.exp(-0.5 * x * x / inside) / (math.sqrt(2.0 * math.pi) * sigma * inside * ops.sqrt(inside))
+    return ops.where(y > 0.0, density, 0.0)
+
+
+def webb_tail(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
+    """Probability of an output more than ``excess`` above its mean, by Webb's approximation; no amplifier.
+
+    In closed form, since 1 + x / lambda is an inverse Gaussian variable (K. R. Baker, IEEE Trans. Commun. 44,
+    15, 1996). Needs F > 1; the mean may be undershot.
+    """
+    ops = xp(excess, primaries, gain, excess_noise)
+    shape = ops.sqrt(primaries * excess_noise) / (excess_noise - 1.0)
+    y = 1.0 + excess / (gain * ops.sqrt(primaries * excess_noise)) / shape
+    inside = ops.maximum(y, 1e-12)
+    below, above = shape * (inside - 1.0) / ops.sqrt(inside), shape * (inside + 1.0) / ops.sqrt(inside)
+    tail = normal_tail(below) - ops.exp(-0.5 * below * below) * scaled_normal_tail(above)
+    return ops.where(y > 0.0, ops.maximum(tail, 0.0), 1.0)
+
+
+def tail_probability(
+    *, excess: Array, primaries: Array, gain: Array, ionisation_ratio: Array, amplifier: Array
+) -> Array:
+    """Probability that Poisson primaries through McIntyre's avalanche, plus amplifier noise, exceed the mean.
+
+    excess     output electrons above the mean, > 0
+    primaries  mean number of primary electrons
+    amplifier  standard deviation of the Gaussian noise of the amplifier, in output electrons
+
+    The generating function G of one electron's output obeys z = G (1 - b + b G)^(-1 / (1 - k)) with
+    b = (1 - k)(M - 1) / M (expanding it by Lagrange's theorem gives `log_probability`). So the cumulants are
+    known exactly with d = G - 1 as parameter, and the saddle point gives the tail: Q(r + ln(v / r) / r), in
+    Barndorff-Nielsen's form (Biometrika 73, 307, 1986), which stays between 0 and 1. Against the exact sum
+    (`tail_probability_exact`) it is 0.7 % low with 24 primaries, 10 % with 2.4 and a half with 0.5. With
+    fewer, single electrons that the amplifier does not hide are missed. numpy and Dr.Jit.
+    """
+    ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
+    k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
+    variance = amplifier * amplifier
+    tiny = 1e-30
+
+    def log_z(d: Array) -> Array:
+        return log1p(d) - log1p(b * d) / (1.0 - k)
+
+    # p(d) = (K'(d) - excess) (1 / M - k q d) changes its sign once; without amplifier it is a quadratic, whose
+    # root is an upper bound. Newton's method, and bisection where a step would leave the bracket.
+    linear = primaries * (1.0 + b + gain * k * q) + excess * k * q
+    square = primaries * b
+    high = 2.0 * (excess / gain) / (linear + ops.sqrt(linear * linear + 4.0 * square * excess / gain) + tiny)
+    low = 0.0 * high
+    second_moment = k * gain + (1.0 - k) * (2.0 - 1.0 / gain)
+    total = primaries * gain * gain * second_moment + variance
+    d = ops.minimum(gain * excess / (total + tiny), 0.9 * high)
+    for _ in range(_STEPS):
+        room = 1.0 / gain - k * q * d
+        s = log_z(d)
+        value = d * (linear + square * d) - excess / gain + variance * s * room
+        low, high = ops.where(value < 0.0, d, low), ops.where(value < 0.0, high, d)
+        slope = room / ((1.0 + d) * (1.0 + b * d))
+        rise = linear + 2.0 * square * d + variance * (slope * room - k * q * s)
+        newton = d - value / ops.where(ops.abs(rise) > tiny, rise, tiny)
+        d = ops.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+    # The cumulants above the mean: M s - d, from its series where the logarithms would cancel.
+    series, power = 0.0 * d, 1.0 + 0.0 * b
+    coefficients = []
+    for n in range(1, _TERMS + 1):
+        power = power * b
+        coefficients.append((1.0 - power / (1.0 - k)) / n)
+    for coefficient in coefficients[:0:-1]:
+        series = d * (coefficient - series)
+    beyond = gain * ops.where(d < 0.125, -d * series, log_z(d) - d / gain)
+    s = (d + beyond) / gain
+    room = ops.maximum(1.0 / gain - k * q * d, 1e-7 / gain)
+    grown = (1.0 + d) * (1.0 + b * d) / room  # G'(s)
+    bend = grown * (1.0 + b + 2.0 * b * d + k * q * grown) / room  # G''(s)
+    exponent = s * excess + primaries * beyond - 0.5 * variance * s * s
+    r = ops.sqrt(ops.maximum(2.0 * exponent, tiny))
+    v = s * ops.sqrt(primaries * bend + variance)
+    tail = normal_tail(r + ops.log(ops.maximum(v / r, tiny)) / r)
+    # The amplifier alone, when no electron comes at all: a lower bound, and the whole of it in the dark.
+    alone = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
+    tail = ops.where(primaries > 1e-3, ops.maximum(tail, alone), alone)
+    return ops.where(total > 0.0, tail, 0.0)
+
+
+def false_alarm_probability(
+    *,
+    threshold_a: Array,
+    primary_current_a: Array,
+    unmultiplied_variance_a2: Array,
+    gain: Array,
+    excess_noise: Array,
+    bandwidth_hz: Array,
+) -> Array:
+    """P_f of one comparison with McIntyre's tail in place of the Gaussian (9): `tail_probability` in amperes.
+
+    primary_current_a         photocurrent of the background and bulk dark current, before the avalanche
+    unmultiplied_variance_a2  noise that the avalanche does not multiply, as in (18): taken as Gaussian
+    excess_noise              F at this gain; k follows from it (`ionisation_ratio`), so the variance is (18)'s
+    """
+    electrons_per_ampere = resolution_time_s(bandwidth_hz=bandwidth_hz) / ELEMENTARY_CHARGE_C
+    return tail_probability(
+        excess=threshold_a * electrons_per_ampere,
+        primaries=primary_current_a * electrons_per_ampere,
+        gain=gain,
+        ionisation_ratio=ionisation_ratio(gain=gain, excess_noise=excess_noise),
+        amplifier=xp(unmultiplied_variance_a2).sqrt(unmultiplied_variance_a2) * electrons_per_ampere,
+    )
+
+
+def tail_probability_exact(
+    *, excess: float, primaries: float, gain: float, ionisation_ratio: float, amplifier: float
+) -> float:
+    """`tail_probability` by summing McIntyre's own probabilities: slow and without approximation. numpy.
+
+    The distribution of one electron's output is tabulated, compounded over Poisson primaries and convolved
+    with the amplifier's noise by Fourier transform. It is first tilted by exp(s m), with s near the saddle
+    point, so that the tail comes out with its relative precision however small it is.
+    """
+    deviation = math.hypot(amplifier, gain * math.sqrt(primaries * _second_moment(gain, ionisation_ratio)))
+    mean = primaries * gain
+    tilt = 0.9 * excess / deviation**2
+    tilt = min(tilt, 0.5 * _steepest(gain, ionisation_ratio))
+    length = 2 ** math.ceil(math.log2(mean + 4.0 * excess + 24.0 * deviation + 64.0 * gain))
+    electrons = np.arange(length, dtype=float)
+    single = np.zeros(length)
+    single[1:] = np.exp(
+        log_probability(primary=1.0, total=electrons[1:], gain=gain, ionisation_ratio=ionisation_ratio)
+        + tilt * (electrons[1:] - gain)
+    )
+    weight = single.sum()
+    # Both factors are centred on their means, so that the exponentials stay within the floating range.
+    frequency = 2.0 * math.pi * np.fft.rfftfreq(length)
+    growth = math.exp(tilt * gain)
+    transform = np.exp(
+        primaries * growth * (np.fft.rfft(single) - weight)
+        - 0.5 * (amplifier * frequency) ** 2 - 1j * frequency * amplifier**2 * tilt
+    )  # fmt: skip
+    tilted = np.fft.irfft(transform, length)
+    log_scale = primaries * (growth * weight - 1.0 - tilt * gain) + 0.5 * (amplifier * tilt) ** 2
+    # Untilt, and sum what lies above; half of the count at the limit, as a continuous variable has it.
+    above = electrons - mean - excess
+    share = np.clip(above + 0.5, 0.0, 1.0)
+    with np.errstate(over="ignore"):
+        kept = np.where(share > 0.0, tilted * share * np.exp(np.minimum(-tilt * above, 50.0)), 0.0)
+    return float(kept.sum() * math.exp(log_scale - tilt * excess))
+
+
+def _second_moment(gain: float, k: float) -> float:
+    """F: second moment of one electron's output over the square of its mean."""
+    return k * gain + (1.0 - k) * (2.0 - 1.0 / gain)
+
+
+def _steepest(gain: float, k: float) -> float:
+    """The s beyond which the mean of exp(s m) over one electron's output does not exist."""
+    if gain <= 1.0:
+        return math.inf
+    b = (1.0 - k) * (gain - 1.0) / gain
+    if k <= 0.0:
+        return -math.log(b)
+    d = 1.0 / (k * (gain - 1.0))
+    return math.log1p(d) - math.log1p(b * d) / (1.0 - k)

@@ -1,0 +1,182 @@
+"""The received waveform: pulses of one width, shifted and added, and what follows from their sum.
+
+Times are in units of the pulse's standard deviation sigma_p = FWHM / sqrt(8 ln 2), powers in any unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from ...maths.arrays import Array, State, xp
+
+SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
+
+Shape = tuple[Array, Array, Array]
+"""A function and its first two derivatives at some place."""
+
+_TOLERANCE = 1e-5
+"""Of a root, in sigma_p: 0.03 ps of a pulse of 6 ns; the step before it was some hundred times that."""
+
+_MOST_STEPS = 40
+
+_REACH = 13.0
+"""From the middle of even places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
+
+_RAISED = 60.0
+"""Exponent by which parts are raised while they are multiplied: from e^-86 to e^71 nothing leaves single precision."""
+
+
+def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Array]) -> Shape:
+    """P(t) = sum_k P_k exp(-(t - t_k)^2 / 2) and its first two derivatives."""
+    ops = xp(at, *centres[:1])
+    value, slope, bend = 0.0, 0.0, 0.0
+    for centre, height in zip(centres, heights, strict=True):
+        ahead = centre - at
+        part = height * ops.exp(-0.5 * ahead * ahead)
+        pull = part * ahead
+        value, slope, bend = value + part, slope + pull, bend + (pull * ahead - part)
+    return value, slope, bend
+
+
+def evenly(
+    *, start: Array, spacing: Array, middle: Array, centres: Sequence[Array], heights: Sequence[Array]
+) -> tuple[list[Array], list[Array]]:
+    """The same sum at places u that follow each other evenly: each pulse's part of it at the first one, and by what
+    that is multiplied from place to place.
+
+    middle  of the places, which are not farther from it than 2 t_FWHM
+
+    P(u) = exp(-(u - m)^2 / 2) sum_k P_k exp(-(t_k - m)^2 / 2) exp((t_k - m)(u - m)): one exponential for all pulses,
+    and the last factor grows by exp((t_k - m) du). Pulses farther than 8 sigma_p from all places, whose light is
+    1e-14 of their peak there, are left out. Rounding adds up: a hundred places are good to 1e-5.
+    """
+    ops = xp(start, middle, *centres[:1])
+    parts, growths = [], []
+    for centre, height in zip(centres, heights, strict=True):
+        ahead = centre - middle
+        near = ops.abs(ahead) < _REACH
+        ahead = ops.where(near, ahead, 0.0)
+        part = height * ops.exp(_RAISED + ahead * (start - middle - 0.5 * ahead))
+        parts.append(ops.where(near, part, 0.0))
+        growths.append(ops.exp(ahead * spacing))
+    return parts, growths
+
+
+def even_sum(*, at: Array, middle: Array, parts: Sequence[Array]) -> Array:
+    """P at one of the places of `evenly`, from the pulses' parts there."""
+    off = at - middle
+    value: Array = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
+    return value
+
+
+def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, light_m_s: float) -> Array:
+    """Width of the echo of a plane that leans by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
+
+    Across the beam the power has the standard deviation w / 2, the ranges w tangent / 2, the times w tangent / c;
+    variances add: sigma^2 = sigma_p^2 + (w tangent / c)^2. The echo is a Gaussian again.
+    """
+    spread = SIGMAS_PER_FWHM * radius_m * tangent / light_m_s
+    return xp(pulse_fwhm_s, spread).sqrt(pulse_fwhm_s * pulse_fwhm_s + spread * spread)
+
+
+def highest_between(
+    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
+) -> tuple[Array, Shape]:
+    """Where the waveform is highest between two places, uphill at the first and downhill at the second.
+
+    Returns the place and the shape there.
+
+    wanted  (n,) bool, which lanes are looked at; the others' answers mean nothing
+    """
+
+    def uphill(shape: Shape) -> tuple[Array, Array]:
+        _, slope, bend = _relative(shape)
+        return -slope, slope * slope - bend
+
+    return _root(evaluate, uphill, low, high, 0.5 * (low + high), wanted)
+
+
+def lowest_between(
+    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
+) -> tuple[Array, Shape]:
+    """The same where it is lowest, downhill at the first place and uphill at the second."""
+
+    def downhill(shape: Shape) -> tuple[Array, Array]:
+        _, slope, bend = _relative(shape)
+        return slope, bend - slope * slope
+
+    return _root(evaluate, downhill, low, high, 0.5 * (low + high), wanted)
+
+
+def crossing(
+    evaluate: Callable[[Array], Shape],
+    level: Array,
+    *,
+    far: Array,
+    peak: Array,
+    top: Shape,
+    wanted: Array,
+    near: Array | None = None,
+) -> Array:
+    """Where the waveform crosses a level between a peak and a place on either side that lies lower.
+
+    top   shape at the peak
+    near  place between both that is known to be above the level; the peak if None
+
+    The first guess is a Gaussian with the peak's height and curvature, exact for a lone pulse.
+    """
+    ops = xp(level, far, peak)
+    highest, _, bend = top
+    log_level = ops.log(ops.maximum(level, 1e-37))
+    side = ops.where(far < peak, 1.0, -1.0)
+
+    def above(shape: Shape) -> tuple[Array, Array]:
+        value, slope, _ = _relative(shape)
+        return side * (ops.log(value) - log_level), side * slope
+
+    variance = highest / ops.maximum(-bend, ops.maximum(1e-3 * highest, 1e-37))
+    above_level = ops.maximum(ops.log(ops.maximum(highest, 1e-37)) - log_level, 0.0)
+    guess = peak - side * ops.sqrt(2.0 * variance * above_level)
+    near = peak if near is None else near
+    return _root(evaluate, above, ops.minimum(far, near), ops.maximum(far, near), guess, wanted)[0]
+
+
+def _relative(shape: Shape) -> Shape:
+    """The value, kept off zero, and slope and bend as shares of it."""
+    value, slope, bend = shape
+    kept = xp(value).maximum(value, 1e-37)
+    return kept, slope / kept, bend / kept
+
+
+def _root(
+    evaluate: Callable[[Array], Shape],
+    residual: Callable[[Shape], tuple[Array, Array]],
+    low: Array,
+    high: Array,
+    guess: Array,
+    wanted: Array,
+) -> tuple[Array, Shape]:
+    """Root of a residual that rises through zero from ``low`` to ``high``, by Newton's method kept between them.
+
+    residual  its value and slope from the waveform's shape
+    """
+    ops = xp(low, high, guess)
+    guess = ops.where((guess > low) & (guess < high), guess, 0.5 * (low + high))
+
+    def going(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> Array:
+        return (moved > _TOLERANCE) & (steps < _MOST_STEPS)
+
+    def step(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> State:
+        there = evaluate(at)
+        value, slope = residual(there)
+        low, high = ops.where(value < 0.0, at, low), ops.where(value < 0.0, high, at)
+        newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
+        inside = (slope > 1e-30) & (newton >= low) & (newton <= high)
+        following = ops.where(inside, newton, 0.5 * (low + high))
+        return low, high, following, ops.abs(following - at), steps + 1, *there
+
+    nothing = ops.full(guess, 0.0)
+    start = (low, high, guess, ops.where(wanted, 1.0, nothing), ops.full(guess, 0), nothing, nothing, nothing)
+    _, _, place, _, _, *shape = ops.loop(start, going, step)
+    return place, tuple(shape)

@@ -1,0 +1,114 @@
+"""An amplifier that clips: what it makes of a strong pulse's height, width and timing.
+
+The input stage passes s g(t), the Gaussian pulse, up to a level S. What it cannot pass it holds as charge: from the
+moment the pulse has fallen back to S the output is what is left of the peak s, draining with the recovery time tau,
+and still clipped,
+
+    v(t) = min(S, s g(t))                 up to t_S,     s g(t_S) = S on the falling side
+    v(t) = min(S, s exp(-(t - t_S)/tau))  after, or s g(t) where that is more
+
+so that the output leaves S tau ln(s / S) late and the pulse is longer by so much: recovery times and pulse widths of
+receivers do grow with the logarithm of the overdrive. The rising edge is not touched below S.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...maths.arrays import Array, xp
+from ..constants import SPEED_OF_LIGHT_M_S
+from ..optics.pulse import gaussian_pulse, leading_edge_time_s
+
+_HALVINGS = 24
+LARGEST_OVERDRIVE = 80.0
+"""In which exp still fits single precision."""
+
+
+def clipped(*, signal: Array, saturation: Array) -> Array:
+    """A peak as it comes out of the amplifier: no more than S."""
+    return xp(signal, saturation).minimum(signal, saturation)
+
+
+def clipped_waveform(
+    *, time_s: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
+) -> Array:
+    """v(t) of a pulse of this peak, centred on zero; the pulse itself where the peak is below S."""
+    ops = xp(time_s, signal, saturation)
+    pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
+    released = -leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s)
+    since = ops.maximum(time_s - released, 0.0)
+    drained = signal * ops.exp(-since / ops.maximum(recovery_s, 1e-18))
+    held = (signal > saturation) & (time_s > released)
+    return ops.minimum(ops.where(held, ops.maximum(pulse, drained), pulse), saturation)
+
+
+def width_at_level_s(
+    *, level: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
+) -> Array:
+    """Time that v(t) spends above a level at or below S: between the comparator's two crossings. 0 above the peak.
+
+    Not saturated it is 2 t(U) with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)); else t(U) + max(t(U), t(S) +
+    tau ln(s / U)).
+    """
+    ops = xp(level, signal, saturation)
+    rise = -leading_edge_time_s(level=level / signal, fwhm_s=fwhm_s)
+    fall = held_until(
+        fall_s=rise, released_s=-leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s),
+        level=level, signal=signal, saturation=saturation, recovery_s=recovery_s,
+    )  # fmt: skip
+    return ops.where(signal > level, rise + fall, 0.0)
+
+
+def held_until(
+    *, fall_s: Array, released_s: Array, level: Array, signal: Array, saturation: Array, recovery_s: Array
+) -> Array:
+    """When v(t) falls through a level up to S, if the light does so at ``fall_s`` and through S at ``released_s``.
+
+    Any unit of time will do. A peak below S falls with the light.
+    """
+    ops = xp(fall_s, released_s, level, signal)
+    drained = released_s + recovery_s * ops.log(ops.maximum(signal / level, 1.0))
+    return ops.where(signal > saturation, ops.maximum(fall_s, drained), fall_s)
+
+
+def overdrive_of_width(
+    *, width_s: Array, level: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
+) -> Array:
+    """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
+
+    That grows with the peak without end, so there is one answer; by bisection, to 1e-7 of the largest it could be:
+    draining takes tau ln(s / U) at least.
+    """
+    even = overdrive_of_symmetric_width(width_s=width_s, fwhm_s=fwhm_s)
+    ops = xp(even, level, saturation)
+    draining = ops.maximum(width_s / ops.maximum(recovery_s, 1e-15), ops.log(saturation / level))
+    high = ops.minimum(even, draining)
+    low = high * 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        width = width_at_level_s(
+            level=level, signal=level * ops.exp(ops.minimum(middle, LARGEST_OVERDRIVE)), saturation=saturation,
+            fwhm_s=fwhm_s, recovery_s=recovery_s,
+        )  # fmt: skip
+        longer = width > width_s
+        low, high = ops.where(longer, low, middle), ops.where(longer, middle, high)
+    return 0.5 * (low + high)
+
+
+def overdrive_of_symmetric_width(*, width_s: Array, fwhm_s: Array) -> Array:
+    """The same of a pulse that falls as it rises: ln 2 (w / FWHM)^2."""
+    ratio = width_s / fwhm_s
+    return math.log(2.0) * ratio * ratio
+
+
+def walk_bias_m(*, threshold: Array, signal: Array, saturation: Array, fwhm_s: Array) -> Array:
+    """Range error that is left where the walk is corrected by the clipped peak: negative, too near; 0 below S.
+
+    The edge crosses U at -t(U / s) of the pulse, and is thought to have at -t(U / S). Without noise. Of a detector
+    whose answer is not linear all three are the light's powers: at U, of the echo, and the largest that its
+    amplitude tells.
+    """
+    true_s = leading_edge_time_s(level=threshold / signal, fwhm_s=fwhm_s)
+    seen = clipped(signal=signal, saturation=saturation)
+    thought_s = leading_edge_time_s(level=threshold / seen, fwhm_s=fwhm_s)
+    return 0.5 * SPEED_OF_LIGHT_M_S * (true_s - thought_s)

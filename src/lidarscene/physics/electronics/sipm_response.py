@@ -1,0 +1,163 @@
+"""SiPM in the time domain: how many cells are busy while a pulse passes, and a table of the peak.
+
+A cell that is dead for tau after each firing is busy at t if it fired in (t - tau, t], so its busy share obeys
+
+    b(t) = int_{t-tau}^{t} r(u) (1 - b(u)) du,       r = background + dark counts + pulse,        (B)
+
+exactly. Cells are independent and alike, so the count at any one time is exactly binomial, N cells of share
+b(t): variance N b (1 - b), skewness (1 - 2b) / sqrt(N b (1 - b)). Nothing is left to sample but what joins
+different times (first crossings, timing) and what ties cells together; `studies.sipm_events.events` does that, and
+checks this. Numbers of the page: docs/sipm.md.
+
+In units of tau the peak depends on three numbers only: the busy share before the pulse, the pulse's width
+over tau, and its light per cell. Hence one table for every sensor, computed once per process when first asked.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Array, Table, xp
+from ...maths.special import log1p, normal_tail
+
+Matrix = np.ndarray[Any, Any]
+
+_LN2 = math.log(2.0)
+_ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and width, 1.0645
+LATEST_PEAK = 0.6
+"""Dead times after the light's peak by which the count has peaked: it does at half of one if the light is weak,
+earlier if it is strong, and with a short pulse when all of it has come."""
+
+_EDGE = 2.0  # a pulse is cut off this many FWHM from its peak: 1.5e-5 of it
+
+_WIDTHS, _SHARES, _FLASHES = 49, 15, 65
+_LARGEST_BACKGROUND = 30.0
+_LARGEST_FLASH = 1e3
+_LARGEST_YIELD = 14.0  # -log(1 - share) that the inverse reaches; single precision ends at 1 - 1e-6
+
+
+def captured_photons(*, photons: Array, pulse_fwhm_s: Array, dead_time_s: Array) -> Array:
+    """Photons of a Gaussian pulse in the dead time centred on its peak, of ``photons`` counted as in (24).
+
+    (24) takes half of P_r FWHM. A box of tau around the peak holds 2 1.0645 erf(sqrt(ln 2) tau / FWHM) as
+    much: 1.62 times at tau = FWHM, 2.13 times (the whole pulse) at tau >> FWHM, the same at tau = 0.53 FWHM.
+    """
+    inner = 1.0 - 2.0 * normal_tail(math.sqrt(2.0 * _LN2) * dead_time_s / pulse_fwhm_s)
+    return 2.0 * _ENERGY * inner * photons
+
+
+def peak_photons(
+    *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
+) -> Array:
+    """Photons of a flash that would fire as many free cells as the pulse has busy at its peak, above before.
+
+    photons             of the pulse in the dead time around its peak, `captured_photons`
+    busy_share          before the pulse, x / (1 + x)
+    pulse_to_dead_time  FWHM / tau
+
+    Fewer than came: cells that fired early in the pulse are dead or alive again by its peak, and the background
+    finds fewer free cells meanwhile. Interpolated to 0.5 % (docs/sipm.md).
+    """
+    forward, _ = tables()
+    per_cell = photons * pde / cells
+    ratio = forward.at(*_place(pulse_to_dead_time, busy_share), log1p(per_cell) / math.log1p(_LARGEST_FLASH))
+    return photons * xp(ratio).exp(ratio)
+
+
+def captured_for_peak(
+    *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
+) -> Array:
+    """`peak_photons` solved for the photons of the pulse, by a table of its own."""
+    _, inverse = tables()
+    per_cell = photons * pde / cells
+    ratio = inverse.at(*_place(pulse_to_dead_time, busy_share), per_cell / _LARGEST_YIELD)
+    return photons * xp(ratio).exp(ratio)
+
+
+def _place(pulse_to_dead_time: Array, busy_share: Array) -> tuple[Array, Array]:
+    """Coordinates in the tables: both the short and the long pulse are at a finite place, 1 and 0."""
+    return 1.0 / (1.0 + pulse_to_dead_time), -log1p(-busy_share) / math.log1p(_LARGEST_BACKGROUND)
+
+
+def binomial_skewness(*, share: Array, cells: Array) -> Array:
+    """Third standardised moment of a count of cells: (1 - 2b) / sqrt(N b (1 - b))."""
+    variance = cells * share * (1.0 - share)
+    return (1.0 - 2.0 * share) / xp(variance).sqrt(variance)
+
+
+def busy_share_over_time(
+    *, background: Matrix, flash: Matrix, pulse_to_dead_time: float, steps: int | None = None
+) -> tuple[Matrix, Matrix]:
+    """Solve (B): times in dead times from the pulse's peak, and the busy share at them.
+
+    background  (...) firings per cell and dead time, x
+    flash       (...) what the whole pulse would fire in a cell that never dies
+    steps       per dead time; fine enough for the table if None
+
+    From 2 FWHM before the light's peak until the count has peaked.
+    Second order in the step, stable for any light: within a step the rate and the share of reviving cells are
+    taken as even.
+    """
+    steps = steps or max(24, math.ceil(24.0 / pulse_to_dead_time))
+    before = math.ceil(_EDGE * pulse_to_dead_time * steps)
+    after = math.ceil(min(_EDGE * pulse_to_dead_time, LATEST_PEAK) * steps)
+    times = np.arange(-before, after + 1) / steps
+    arrived = _arrived(times / pulse_to_dead_time)
+    x, y = np.broadcast_arrays(np.asarray(background, float), np.asarray(flash, float))
+    alive = 1.0 / (1.0 + x)
+    fired = np.zeros((len(times) - 1, *x.shape))
+    free = np.zeros((len(times), *x.shape))
+    free[0] = alive
+    early = x * alive / steps  # what revives in a step before any cell of this solution does
+    for k in range(len(times) - 1):
+        exponent = x / steps + y * (arrived[k + 1] - arrived[k])
+        revived = fired[k - steps] if k >= steps else early
+        survive = np.exp(-exponent)
+        mean = np.where(exponent > 1e-6, -np.expm1(-exponent) / np.maximum(exponent, 1e-6), 1.0)
+        later = alive * survive + revived * mean
+        fired[k] = alive - later + revived
+        free[k + 1] = alive = later
+    return times, 1.0 - free
+
+
+def _arrived(time: Matrix) -> Matrix:
+    """Share of a Gaussian pulse that has come by ``time``, in FWHM."""
+    return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))
+
+
+@functools.cache
+def tables() -> tuple[Table, Table]:
+    """log(peak / captured photons) over (width, busy share, light), and log of its inverse; about 1 s, once."""
+    places = np.linspace(0.0, 1.0, _WIDTHS)
+    shares = -np.expm1(-np.linspace(0.0, math.log1p(_LARGEST_BACKGROUND), _SHARES))
+    captured = np.expm1(np.linspace(0.0, math.log1p(_LARGEST_FLASH), _FLASHES))
+    captured[0] = 1e-6
+    reached = np.linspace(0.0, 1.0, _FLASHES) * _LARGEST_YIELD
+    reached[0] = 1e-6
+    forward = np.zeros((_WIDTHS, _SHARES, _FLASHES))
+    inverse = np.zeros_like(forward)
+    for i, place in enumerate(places):
+        peak = _peak(place, shares[:, None], captured[None, :])
+        forward[i] = np.log(peak / captured)
+        for j in range(_SHARES):
+            rising = np.maximum.accumulate(peak[j])
+            inverse[i, j] = np.interp(np.log(reached), np.log(rising), -forward[i, j])
+    return Table(forward), Table(inverse)
+
+
+def _peak(place: float, share: Matrix, captured: Matrix) -> Matrix:
+    """Photons per cell of the flash that matches the pulse's peak; both ends of ``place`` in closed form."""
+    background = share / (1.0 - share)
+    if place == 0.0:  # a pulse so long that the cells follow it: x / (1 + x) of all the light
+        return np.log1p(captured * (1.0 - share))
+    if place == 1.0:  # a flash
+        return np.broadcast_to(captured, np.broadcast_shapes(share.shape, captured.shape)).copy()
+    width = 1.0 / place - 1.0
+    inner = math.erf(math.sqrt(_LN2) / width)
+    _, busy = busy_share_over_time(background=background, flash=captured / inner, pulse_to_dead_time=width)
+    fired = (busy.max(axis=0) - share) / (1.0 - share)
+    return np.asarray(-np.log1p(-np.minimum(fired, 1.0 - 1e-12)))

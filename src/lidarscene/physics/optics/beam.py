@@ -1,0 +1,38 @@
+"""The laser beam across its axis: where the parts of its power are, and what its width and divergence say of it.
+
+Lengths across the beam are in units of its radius w: of the 1/e^2 radius of a Gaussian, of the edge of a top hat.
+Both have the variance w^2 / 4 on each axis, so that 2 w is the width D4sigma of ISO 11146.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...maths.arrays import Array, xp
+
+
+def gaussian_ring(*, inside: Array, outside: Array) -> Array:
+    """Mean of r^2 / w^2 over the ring of a Gaussian beam between two shares of its power, 0 <= inside < outside <= 1.
+
+    The share within r is 1 - exp(-2 r^2 / w^2) (ISO 11146-1), so r^2 / w^2 = -ln(1 - share) / 2, and the mean over
+    the ring is [F(1 - inside) - F(1 - outside)] / (2 (outside - inside)) with F(s) = s - s ln s.
+    """
+    ops = xp(inside, outside)
+
+    def integral(rest: Array) -> Array:
+        return rest * (1.0 - ops.log(ops.maximum(rest, 1e-30)))
+
+    return 0.5 * (integral(1.0 - inside) - integral(1.0 - outside)) / (outside - inside)
+
+
+def top_hat_ring(*, inside: Array, outside: Array) -> Array:
+    """Mean of r^2 / w^2 over the ring of an evenly lit disc between two shares of its power."""
+    return 0.5 * (inside + outside)
+
+
+def beam_quality(*, exit_diameter_m: Array, divergence_rad: Array, wavelength_m: Array) -> Array:
+    """M^2 = pi w_0 (theta / 2) / lambda of a beam whose waist is its exit; below 1 there is no such beam.
+
+    exit_diameter_m, divergence_rad  both at 1/e^2 and full, ISO 11146-1
+    """
+    return 0.25 * math.pi * exit_diameter_m * divergence_rad / wavelength_m

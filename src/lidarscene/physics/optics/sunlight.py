@@ -1,0 +1,69 @@
+"""Ambient light in the receiver's band: sun irradiance from illuminance, sky, and what a surface returns.
+
+A sensor file states its in-band solar irradiance at normal incidence for 100 klux, filter included
+(29.4 W/m2 in Table 1); it is linear in the illuminance.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...maths.arrays import Array
+from ..constants import REFERENCE_ILLUMINANCE_KLUX
+from .receiver import circles_overlap
+
+SUN_RADIUS_RAD = math.radians(959.63 / 3600.0)
+"""Angular radius of the sun's disc at one astronomical unit, 0.26656 degrees (Auwers 1891, as almanacs still have it).
+Over the year it varies by 1.7 %, as the distance does."""
+
+
+def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Array, illuminance_klux: Array) -> Array:
+    """E_sun of (6) at another illuminance: linear, since the spectrum is taken not to change."""
+    return irradiance_at_100_klux_w_m2 * illuminance_klux / REFERENCE_ILLUMINANCE_KLUX
+
+
+def sky_irradiance_w_m2(*, sun_irradiance_w_m2: Array, diffuse_share: Array) -> Array:
+    """Diffuse irradiance of the sky, as a share of the sun's at normal incidence."""
+    return sun_irradiance_w_m2 * diffuse_share
+
+
+def surface_radiance_w_m2_sr(
+    *, sun_irradiance_w_m2: Array, sun_scatter_per_sr: Array, sky_irradiance_w_m2: Array, reflectivity: Array
+) -> Array:
+    """Radiance of a surface towards the sensor, L = E_sun V f_r(w_sun, w) cos(theta_s) + rho E_sky / pi.
+
+    sun_scatter_per_sr holds V f_r cos(theta_s), zero in shadow. The sky is uniform and reflected by the
+    diffuse part of the surface only; what of it the surroundings hide is left out.
+    """
+    return sun_irradiance_w_m2 * sun_scatter_per_sr + reflectivity * sky_irradiance_w_m2 / math.pi
+
+
+def sky_radiance_w_m2_sr(*, sky_irradiance_w_m2: Array) -> Array:
+    """Radiance of the uniform sky that a beam sees when it meets nothing."""
+    return sky_irradiance_w_m2 / math.pi
+
+
+def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Array) -> Array:
+    """Radiance of the sun's disc, taken to be even (its limb is darker): E_sun over its solid angle."""
+    return sun_irradiance_w_m2 / (math.pi * SUN_RADIUS_RAD * SUN_RADIUS_RAD)
+
+
+def sun_disc_power_w(
+    *,
+    sun_irradiance_w_m2: Array,
+    sun_angle_rad: Array,
+    field_rad: Array,
+    aperture_m2: Array,
+    efficiency: Array,
+) -> Array:
+    """Power of the sun itself on the detector: the disc's radiance over what it covers of the field of view.
+
+    sun_irradiance_w_m2  at the sensor, so that no air is left to weaken it
+    sun_angle_rad        from the receiver's axis to the middle of the disc
+    field_rad            half angle of the round field of view; small angles
+    """
+    seen_sr = circles_overlap(
+        first_radius=field_rad, second_radius=SUN_RADIUS_RAD + 0.0 * field_rad, distance=sun_angle_rad
+    )
+    radiance = sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=sun_irradiance_w_m2)
+    return radiance * seen_sr * aperture_m2 * efficiency

@@ -1,0 +1,148 @@
+"""Drops and flakes one by one: the strongest echoes of the particles in a beam, drawn for every pulse.
+
+The particles in a beam are a Poisson process in range and size, so their echoes are one in strength: strengths
+above s number Lambda(s) on the average. The strongest is then where Lambda(s) is a standard exponential
+deviate, the next one where it is the sum of two, and so on (the mapping theorem; J. F. C. Kingman, Poisson
+Processes (1993), chapter 2). So the few that matter are drawn outright, whatever the number of the others.
+Particles weaker than a cut are left to `physics.weather.soft_target`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...maths import random
+from ...maths.arrays import Array, Table, xp
+from .precipitation import Sizes
+
+Matrix = np.ndarray[Any, Any]
+
+MEAN_HITS = {4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
+"""Particles to draw for a pulse, and how many of each pulse may on the average be stronger than the cut: pulses
+with more lose the weakest, which is less than 0.5 % of those above the cut, and less of their power."""
+
+_FIRST_LOG = math.log(1e-6)  # of Lambda: stronger than once in 1e6 pulses counts as that
+_RANGES, _LEVELS, _SHARES = 1000, 193, 1025
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Strengths:
+    """Strengths and ranges of the particles that are drawn, and what is left of the medium without them.
+
+    count         particles to draw for a pulse
+    log_strength  ln s against the logarithm of Lambda, from 1e-6 to `MEAN_HITS` of the count
+    log_range     ln R of a particle so strong, against the same and the share of those nearer
+    range_m       (n,) rising, from the nearest to the farthest particle
+    backscatter_per_m_sr  (n,) beta of the particles that are too weak to be drawn, at these ranges
+    """
+
+    count: int
+    log_strength: Table
+    log_range: Table
+    range_m: Matrix
+    backscatter_per_m_sr: Matrix
+
+    def weak_backscatter_per_m_sr(self, range_m: Matrix) -> Matrix:
+        """beta of what is not drawn: with these hits, it makes up the whole medium."""
+        return np.interp(range_m, self.range_m, self.backscatter_per_m_sr)
+
+
+def strengths(
+    *,
+    sizes: Sizes,
+    backscatter_m2_sr: Callable[..., Matrix],
+    beam_area_m2: Callable[[Matrix], Matrix],
+    overlap: Callable[[Matrix], Matrix],
+    extinction_per_m: float,
+    nearest_m: float,
+    farthest_m: float,
+    count: int = 4,
+) -> Strengths:
+    """Tables for `hits`. A particle of diameter D at range R has the strength, power over P_t eta A in 1/m2,
+
+        s = sigma(D) xi(R) exp(-2 alpha R) / (S(R) R^2)
+
+    backscatter_m2_sr  sigma(diameter_m=D), rising: W/sr for each W/m2 on the particle
+    beam_area_m2       S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2
+                       radius, pi w^2: mean and variance of the echoes are then those of the Gaussian
+    overlap            xi(R), 0 where the receiver sees nothing of the beam
+    count              a key of `MEAN_HITS`; the more, the weaker the cut
+
+    Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``, which so stands for
+    what is seen that close: take the distance from which on the receiver sees its beam, not less.
+    """
+    r = np.geomspace(nearest_m, farthest_m, _RANGES)
+    area = beam_area_m2(r)
+    seen = overlap(r) * np.exp(-2.0 * extinction_per_m * r) / (area * r * r)
+    diameter = np.linspace(0.0, 40.0 / sizes.slope_per_m, 4001)
+    sigma = backscatter_m2_sr(diameter_m=diameter)
+
+    def smallest_m(strength: Array) -> Matrix:
+        """(m, n) diameter that a particle at each range needs to be so strong."""
+        needed = np.atleast_1d(strength)[:, None] / np.maximum(seen, 1e-300)
+        return np.interp(needed, sigma, diameter, right=np.inf)
+
+    def nearer(strength: Array) -> Matrix:
+        """(m, n) mean number of particles so strong up to each range."""
+        larger = (
+            sizes.intercept_per_m4 / sizes.slope_per_m * np.exp(-sizes.slope_per_m * smallest_m(strength))
+        )
+        per_m = area * larger
+        steps = 0.5 * (per_m[:, 1:] + per_m[:, :-1]) * np.diff(r)
+        return np.concatenate([np.zeros((len(per_m), 1)), np.cumsum(steps, axis=1)], axis=1)
+
+    strongest = float(sigma[-1] * seen.max())
+    trial = strongest * np.geomspace(1.0, 1e-12, 1500)
+    expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 30)])
+    usable = expected > 1e-12
+    last_log = math.log(MEAN_HITS[count])
+    half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
+    level = np.linspace(_FIRST_LOG - half, last_log + half, 2 * _LEVELS + 1)
+    log_strength = np.interp(level, np.log(expected[usable]), np.log(trial[usable]))
+    counted = nearer(np.exp(log_strength[::2]))
+    between = np.diff(counted, axis=0)  # around each level: particles of just that strength
+    share = np.linspace(0.0, 1.0, _SHARES).clip(1e-4, 1.0 - 1e-4)  # without the endless tails
+    log_range = np.stack([np.interp(share, row / row[-1], np.log(r)) for row in between])
+    moment = _below(diameter, sizes, sigma)
+    return Strengths(
+        count=count,
+        log_strength=Table(log_strength[1::2]),
+        log_range=Table(log_range),
+        range_m=r,
+        backscatter_per_m_sr=np.interp(smallest_m(np.exp(log_strength[-2]))[0], diameter, moment),
+    )
+
+
+def _below(diameter: Matrix, sizes: Sizes, sigma: Matrix) -> Matrix:
+    """beta of the particles smaller than each diameter."""
+    density = sizes.intercept_per_m4 * np.exp(-sizes.slope_per_m * diameter) * sigma
+    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(diameter)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def hits(tables: Strengths, *, seed: Array, pulse: Array, first_draw: int = 0) -> list[tuple[Array, Array]]:
+    """Range and strength of the strongest particles of each pulse, strongest first; strength 0 where none is left.
+
+    seed, pulse  as in `maths.random.words`
+    first_draw   2 count draws are used from here on: another population takes others
+    """
+    ops = xp(pulse)
+    found = []
+    expected: Array = 0.0
+    mean_hits = MEAN_HITS[tables.count]
+    for number in range(tables.count):
+        draw = first_draw + 2 * number
+        words = [
+            random.words(seed=seed, stage=random.STAGE_PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)
+        ]
+        expected = expected + random.exponential(words[0])
+        level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)
+        range_m = ops.exp(tables.log_range.at(level, random.open_uniform(words[1][0])))
+        strength = ops.where(expected <= mean_hits, ops.exp(tables.log_strength.at(level)), 0.0)
+        found.append((range_m, strength))
+    return found

@@ -1,0 +1,69 @@
+"""Light in files: the ambient counts of a frame in, or waveforms of chosen pulses, an NPZ or a 16-bit PNG out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cloud.pixels import NOTHING, cells_of_beams
+from ..detection.sampled_waveforms import Waveforms
+from ..files.atomic import atomic_output
+from ..files.png import encoded
+from ..sensor.model import Sensor
+
+Array = np.ndarray[Any, Any]
+
+
+def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:
+    """One array for each field of `detection.sampled_waveforms.Waveforms`, by its name."""
+    _save(path, {one.name: getattr(waveforms, one.name) for one in dataclasses.fields(waveforms)})
+
+
+class AmbientImage:
+    """Background counts of every pulse of a frame, gathered chunk by chunk."""
+
+    def __init__(self) -> None:
+        self._pulses: list[Array] = []
+        self._counts: list[Array] = []
+
+    def __call__(self, pulse: Array, counts: Array) -> None:
+        """Add the pulses of a chunk."""
+        self._pulses.append(pulse)
+        self._counts.append(counts)
+
+    def save(self, path: str | os.PathLike[str], sensor: Sensor) -> None:
+        """As .npz: pulse, counts, channel, azimuth_rad and elevation_rad of every pulse; the image of ring by azimuth,
+        and azimuth_deg and elevation_deg, the edges of its pixels. As .png the image, 16 bit.
+
+        Rows run from the highest elevation down, columns from the left to the right; 0 where no pulse looks. Of
+        pulses that share a pixel the last is shown. The .png says what a step is; from twice the 99th percentile
+        on it is white.
+        """
+        pulse, counts = np.concatenate(self._pulses), np.concatenate(self._counts)
+        azimuth, elevation = sensor.scanner.angles(pulse)
+        cells = cells_of_beams(azimuth, elevation, np.ones(len(pulse), np.uint8))
+        place = cells.point[::-1, ::-1]
+        image = np.append(counts, np.uint64(0))[np.where(place == NOTHING, len(counts), place)]
+        if Path(path).suffix.lower() == ".png":
+            # The sun itself is a million times as bright as the rest: it may saturate.
+            step = max(1, math.ceil(2.0 * float(np.quantile(counts, 0.99)) / 65535.0))
+            text = {"Title": "ambient", "Description": f"one step is {step} count{'s' if step > 1 else ''}"}
+            levels = np.rint(image / step).clip(0, 65535).astype(np.uint16)
+            with atomic_output(path) as temporary:
+                temporary.write_bytes(encoded(levels, text=text))
+            return
+        _save(path, {
+            "pulse": pulse, "counts": counts, "channel": sensor.scanner.channel(pulse),
+            "azimuth_rad": azimuth, "elevation_rad": elevation, "image": image,
+            "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1],
+        })  # fmt: skip
+
+
+def _save(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:
+    with atomic_output(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)

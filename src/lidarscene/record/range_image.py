@@ -1,0 +1,114 @@
+"""Range images: a PointCloud in, pictures of ring by azimuth out, one pixel a beam, as PNG or NPZ.
+
+Rows run from the highest elevation down, columns from the left to the right. Of several points of one beam the
+first return is shown.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cloud.pixels import NOTHING, cells_of
+from ..cloud.points import CloudBuilder, PointCloud
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from ..files.png import encoded
+from ..formats.described import unit_of
+
+Array = np.ndarray[Any, Any]
+
+RANGE_STEP_M = 0.01
+"""Of a 16-bit range: it ends at 655.35 m."""
+
+OPTIONAL = ("ambient",)
+"""Columns that are shown where a cloud has them, beside range, intensity and status."""
+
+SUFFIXES = (".png", ".npz")
+
+
+def images(cloud: PointCloud) -> dict[str, Array]:
+    """(rows, columns) arrays by name, 0 where no point is.
+
+    range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
+    that 0 is nothing and 1 an echo; point is the index of the point, -1 for none.
+    azimuth_deg (columns + 1,) falls and elevation_deg (rows + 1,) falls: the edges of the pixels.
+    """
+    cells = cells_of(cloud)
+    point = cells.point[::-1, ::-1]
+    names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
+    found = {name: _pixels(cloud.column(name), point) for name in names}
+    found["status"] = _pixels(cloud.status + np.uint8(1), point)
+    return found | {
+        "point": point,
+        "azimuth_deg": cells.azimuth_deg[::-1],
+        "elevation_deg": cells.elevation_deg[::-1],
+    }
+
+
+@contextmanager
+def range_image_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+    """Write the images of the clouds that are appended in the block, at least one; their other columns are not kept."""
+    builder = CloudBuilder()
+    yield lambda cloud: builder.add(_shown(cloud))
+    write_range_image(path, builder.build())
+
+
+def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[Path, ...]:
+    """Write all images: one NPZ, or a 16-bit PNG of the range and one of each other beside it; returns the files."""
+    found = images(cloud)
+    files = range_image_paths(path, cloud)
+    if files[0].suffix.lower() == ".npz":
+        with atomic_output(files[0]) as temporary, open(temporary, "wb") as archive:
+            np.savez_compressed(archive, **found)  # type: ignore[arg-type]
+        return files
+    for name, file in zip(found, files, strict=False):
+        levels, unit = _levels(found[name], name, cloud)
+        with atomic_output(file) as temporary:
+            temporary.write_bytes(encoded(levels, text={"Title": name, "Description": f"one step is {unit}"}))
+    return files
+
+
+def range_image_paths(path: str | os.PathLike[str], cloud: PointCloud | None = None) -> tuple[Path, ...]:
+    """The files of `write_range_image`: F.png is the range, F.intensity.png and so on stand beside it."""
+    file = Path(path)
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{file}: a name that ends in {' or '.join(SUFFIXES)} was expected")
+    if file.suffix.lower() == ".npz":
+        return (file,)
+    has = () if cloud is None else tuple(c.name for c in cloud.columns)
+    others = ["intensity", *(name for name in OPTIONAL if name in has), "status"]
+    return (file, *(file.with_name(f"{file.stem}.{name}{file.suffix}") for name in others))
+
+
+def _shown(cloud: PointCloud) -> PointCloud:
+    """The same points; columns that no image needs are one number, repeated."""
+    needed = {"azimuth", "elevation", "return_number", "range", "intensity", "status", *OPTIONAL}
+    measured = cloud.without_truth()
+    repeated: dict[str, Any] = {}
+    for column in measured.columns:
+        if column.name not in needed:
+            values = getattr(measured, column.attribute)
+            repeated[column.attribute] = np.broadcast_to(values.dtype.type(0), values.shape)
+    return dataclasses.replace(measured, **repeated)
+
+
+def _pixels(values: Array, point: Array) -> Array:
+    """The values of the points that the pixels show."""
+    return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]
+
+
+def _levels(image: Array, name: str, cloud: PointCloud) -> tuple[Array, str]:
+    """16-bit levels, and what one of them is."""
+    if image.dtype.kind != "f":
+        return image.astype(np.uint16), "1"
+    step, unit = RANGE_STEP_M, "m"
+    if name != "range":
+        step, unit = float(image.max(initial=0.0)) / 65535.0 or 1.0, unit_of(cloud, name)
+    return np.rint(image.astype(np.float64) / step).clip(0, 65535).astype(np.uint16), f"{step!r} {unit}"

@@ -1,0 +1,96 @@
+"""What a run says of itself: the summary as text and as JSON, the missed pulses, the catalogue's lists."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from .. import catalog
+from ..detection.returns import OUTCOME_TEXT as OUTCOME_TEXT
+from ..detection.returns import Outcome
+from ..kernel.device.profile import KernelHistory, peak_memory_bytes
+from ..render.simulator import Summary
+
+# Stages whose time goes with the number of beams; the rest is start-up and files.
+_FRAME_STAGES = ("record", "trace", "collect", "assemble")
+
+
+def beams_per_second(summary: Summary) -> float:
+    """Beams over the time from beams to points, files and start-up left out."""
+    seconds = sum(summary.seconds.get(stage, 0.0) for stage in _FRAME_STAGES)
+    return summary.beams / seconds if seconds > 0.0 else 0.0
+
+
+def as_dict(summary: Summary) -> dict[str, Any]:
+    """The summary for machines."""
+    return {
+        "beams": summary.beams,
+        "hits": summary.hits,
+        "points": summary.points,
+        "echoes": summary.points - summary.false_alarms - summary.weather,
+        "false_alarms": summary.false_alarms,
+        "weather": summary.weather,
+        "missed": {text.replace(" ", "_"): int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items()},
+        "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
+        "beams_per_second": round(beams_per_second(summary)),
+    }
+
+
+def profile_as_dict(history: KernelHistory) -> dict[str, Any]:
+    """Kernels and memory for machines; the time by stage is the summary's."""
+    return {
+        "kernels": {key: round(value, 6) for key, value in dataclasses.asdict(history).items()},
+        "peak_memory_bytes": peak_memory_bytes(),
+    }
+
+
+def profile_as_text(summary: Summary, history: KernelHistory) -> str:
+    """Time by stage, kernels and memory for people."""
+    total = sum(summary.seconds.values())
+    lines = ["profile"]
+    for stage, seconds in summary.seconds.items():
+        lines.append(f"  {stage:<12}{seconds:>12.3f} s {seconds / total:>6.1%}")
+    peak = peak_memory_bytes()
+    counts = (
+        f"{history.launched} launched, {history.compiled} compiled, {history.from_disk} from the disk cache; "
+        f"{history.helpers} helpers"
+    )
+    times = (
+        f"{history.device_s:.3f} s on the device, {history.codegen_s:.3f} s to write, "
+        f"{history.compile_s:.3f} s to compile"
+    )
+    memory = "unknown" if peak is None else f"{peak / 2**20:,.0f} MiB"
+    lines += [f"  kernels     {counts}", f"  their time  {times}", f"  peak memory {memory}"]
+    return "\n".join(lines)
+
+
+def as_text(summary: Summary, written: Sequence[str]) -> str:
+    """The summary for people; ``written`` says what there is now."""
+    lines = [
+        f"beams         {summary.beams:>12,}",
+        f"hits          {summary.hits:>12,}",
+        f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms"
+        + (f", {summary.weather:,} of the weather" if summary.weather else ""),
+    ]
+    for outcome, text in OUTCOME_TEXT.items():
+        head = "missed        " if outcome == Outcome.NO_SURFACE else " " * 14
+        lines.append(f"{head}{int(summary.outcomes[outcome]):>12,}   {text}")
+    stages = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in summary.seconds.items())
+    lines.append(f"seconds       {sum(summary.seconds.values()):>12.3f}   {stages}")
+    lines.append(f"beams/second  {beams_per_second(summary):>12,.0f}   from beams to points")
+    lines.append(f"wrote         {', '.join(written)}")
+    return "\n".join(lines)
+
+
+def catalog_text(kind: str) -> str:
+    """One line for each entry of the catalogue."""
+    lines = [f"{kind}:"]
+    for name in catalog.names(kind):
+        if kind == "sensors":
+            lines.append(f"  {name:<26} {catalog.sensor(name).description}")
+        else:
+            material = catalog.material(name)
+            value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"
+            lines.append(f"  {name:<26} {value:<18} {material.bsdf:<15} {material.description}")
+    return "\n".join(lines)

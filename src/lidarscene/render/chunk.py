@@ -1,0 +1,181 @@
+"""Chunk: some pulses of a frame on the device, after the stages, and what takes them apart and puts them together."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..detection.returns import Detection, Outcome
+from ..kernel.device import transfer
+from ..light.beams import Beams
+from ..light.echoes import Echoes
+from ..light.hits import Hits
+from ..maths.arrays import inverse, is_drjit, xp
+from ..maths.pose import Pose
+from ..sensor.model import Sensor
+from .frame import LARGEST_FLOAT32_M
+
+Matrix = np.ndarray[Any, Any]
+
+Numbers = Callable[[], Matrix]
+"""Gives pulse numbers as numpy, where they are needed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chunk:
+    """Some pulses after all stages, on the device; by pulse unless ``order`` says otherwise."""
+
+    pulse: Any
+    paths: Sequence[Hits]
+    detection: Detection
+    goes_on: Any = None
+    order: Order | None = None
+
+    def arrays(self) -> list[Any]:
+        """Everything that is still needed once the stages are done."""
+        detection = self.detection
+        needed = [
+            self.pulse,
+            detection.snr,
+            detection.detection_probability,
+            detection.outcome,
+            detection.ambient,
+        ]
+        needed += [one for one in (self.goes_on, detection.source) if one is not None]
+        for hits in self.paths:
+            needed += needed_of(hits)
+        for stop in detection.stops:
+            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
+            own = (stop.width_s, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            needed += [one for one in own if one is not None]
+        return needed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """In which order the pulses of a chunk are on the lanes.
+
+    pulse          (n,) uint32, of each lane, from the chunk's first one
+    lane           (n,) uint32, of each pulse
+    device_pulse, device_lane  the same, on the device
+    """
+
+    pulse: Matrix
+    lane: Matrix
+    device_pulse: Any
+    device_lane: Any
+
+    @classmethod
+    def of(cls, pulse: Matrix) -> Order:
+        """From the pulses of the lanes."""
+        lane = inverse(pulse)
+        return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
+
+    def pulse_from(self, first: int) -> Matrix:
+        """(n,) uint32 pulse numbers of the lanes of a chunk whose first one is given."""
+        return self.pulse + np.uint32(first)
+
+    def on_device(self, first: int) -> Any:
+        """The same, on the device."""
+        return self.device_pulse + transfer.opaque_uint32(first)
+
+
+def numbered(first: int, count: int) -> Numbers:
+    """``count`` numbers from ``first`` on."""
+    return functools.partial(np.arange, first, first + count, dtype=np.uint32)
+
+
+def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> Chunk:
+    """A chunk; what goes on is left out of it."""
+    if goes_on is None:
+        return Chunk(pulse, paths, detection)
+    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
+    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
+    return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
+
+
+def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Matrix:
+    """What detections say of each pulse from ``first`` on; later parts go before the first.
+
+    ordered  by pulse, or as they are on the lanes, which is enough to count them
+    """
+    values: Matrix = getattr(parts[0].detection, name).numpy()
+    order = parts[0].order
+    if len(parts) > 1:
+        values = values.copy()
+    for one in parts[1:]:
+        pulse = one.pulse.numpy() - first
+        values[pulse if order is None else order.lane[pulse]] = getattr(one.detection, name).numpy()
+    return values[order.lane] if ordered and order is not None else values
+
+
+def all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
+    """Columns of several collections as one, by pulse."""
+    filled = [one for one in parts if one]
+    if not filled:
+        return {}
+    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
+    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lit:
+    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
+
+    pulse: Any
+    rays: Beams
+    paths: Sequence[Hits]
+    light: Sequence[Echoes]
+    goes_on: Any
+
+
+def is_plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    return sensor.sampler is None and sensor.tdc.keep == "first"
+
+
+def of_light(light: Echoes) -> list[Any]:
+    """What pulses are put together from."""
+    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
+    found += [one.peak_power_w for one in light.interference]
+    return [one for one in found if is_drjit(one)]
+
+
+def needed_of(hits: Hits) -> list[Any]:
+    """What the truth of points is made of."""
+    needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    return [*needed, *(one for one in counted if is_drjit(one))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """From the sensor's frame to that of the points, once for a frame: a sensor does not know that it moves.
+
+    turn, shift  rotation and place, on the device
+    added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
+    """
+
+    turn: Any
+    shift: Any
+    added_m: Matrix | None
+
+    @classmethod
+    def of(cls, goal: Pose) -> Placing:
+        """The sensor stands at ``goal`` in the frame of the points."""
+        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
+        return cls(
+            turn=transfer.opaque(numbers_of(goal.rotation)),
+            shift=transfer.opaque(numbers_of(goal.position_m if near else np.zeros(3))),
+            added_m=None if near else goal.position_m,
+        )
+
+
+def numbers_of(values: Matrix) -> tuple[Any, ...]:
+    """An array as plain numbers, row by row."""
+    return tuple(float(x) for x in values.ravel())

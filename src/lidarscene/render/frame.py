@@ -1,0 +1,168 @@
+"""Frame: which pulses one frame has, when they leave, and where the sensor and all that moves are then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernel.device import transfer
+from ..kernel.world.build import World, at_rest
+from ..maths.paths import Paths, Placement
+from ..maths.pose import Pose
+from ..maths.trajectory import Course, Motion, Riding, pose_at
+from ..scan import Scanner
+from ..scene.model import Scene
+from ..sensor.model import Sensor
+
+Matrix = np.ndarray[Any, Any]
+
+LARGEST_FLOAT32_M = 1000.0
+"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
+
+COORDINATES = ("world", "vehicle", "sensor")
+
+PULSE_NUMBERS = 2**31
+"""Scanners know their pulses by numbers below this."""
+
+TOLERANCE_S = 1e-6
+"""A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
+
+SHORTEST_S = 1e-9
+"""The length of a frame whose pulses all leave at once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One frame of a scanner, as the device needs it.
+
+    number        of the frame
+    first_pulse   its number
+    scanner_s     when that leaves, by the scanner's clock
+    start_s       when that leaves, by the scene's clock, in which motions are given
+    place         pose of the sensor in the world at the start
+    vehicle       pose of the ego vehicle in the world at the start
+    origin        the same place in the traced frame, opaque; for all pulses unless the sensor moves
+    paths         where the sensor (0) and the world's movers (1, ...) are, numbers on the device; None: all stands
+    moves         whether the sensor does
+    """
+
+    number: int
+    first_pulse: int
+    scanner_s: float
+    start_s: float
+    place: Pose
+    vehicle: Pose
+    origin: Placement
+    paths: Paths | None
+    moves: bool
+    _scanner: Scanner
+
+    @classmethod
+    def of(
+        cls, scene: Scene, sensor: Sensor, world: World, *, number: int, begin_s: float, sensor_pose: Pose
+    ) -> Frame:
+        """Frame ``number`` of a run that begins at ``begin_s`` by the scene's clock.
+
+        Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+        """
+        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=begin_s)
+        start_s = begin_s + scanner_s
+        riding = motion_of(scene, sensor, sensor_pose)
+        place = pose_at(riding, start_s)
+        paths = None
+        if scene.ego is not None or world.movers:
+            paths = Paths.of(
+                [riding, *(mover.motion for mover in world.movers)],
+                start_s=start_s, length_s=length_s, centre_m=world.centre_m,
+            )  # fmt: skip
+        return cls(
+            number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
+            place=place, vehicle=pose_at(scene.ego or Course(), start_s),
+            origin=at_rest(place, world.centre_m),
+            paths=None if paths is None else replace(transfer.opaque(paths), table=transfer.from_numpy(paths.table)),
+            moves=scene.ego is not None, _scanner=sensor.scanner,
+        )  # fmt: skip
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """(n,) float64 times since the start of the frame at which these pulses leave."""
+        return self._scanner.time_s(pulse) - self.scanner_s
+
+    def times(self, pulse: Callable[[], Matrix]) -> Any:
+        """(n,) when pulses leave after the frame's first one, on the device; None where nothing moves.
+
+        pulse  gives their numbers (n,), if they are needed
+        """
+        # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
+        return None if self.paths is None else transfer.from_numpy(self.time_s(pulse()))
+
+    def placements(
+        self, pulse: Callable[[], Matrix], rays: int = 1
+    ) -> tuple[Placement, list[Placement] | None]:
+        """`placements` of the sensor and of each mover when pulses of so many rays leave."""
+        times = self.times(pulse)
+        if times is not None and rays > 1:
+            times, _ = transfer.repeated(times, rays)
+        return placements(self.origin, self.paths, times, moves=self.moves)
+
+    def goal(self, coordinates: str) -> Pose:
+        """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""
+        if coordinates == "sensor":
+            return Pose()
+        return self.place if coordinates == "world" else self.vehicle.inverse() @ self.place
+
+
+def placements(
+    origin: Placement, paths: Paths | None, times: Any, *, moves: bool
+) -> tuple[Placement, list[Placement] | None]:
+    """Of the sensor and of each mover at these times; None: nothing moves.
+
+    origin  of the sensor unless it ``moves``
+    """
+    if paths is None:
+        return origin, None
+    sensor, *movers = (paths.at(times, number) for number in range(paths.count))
+    return sensor if moves else origin, movers
+
+
+def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:
+    """The sensor's own: it rides on the ego vehicle, at a pose there that its mounting is added to."""
+    return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
+
+
+def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) -> tuple[float, float]:
+    """When a frame's first pulse leaves by the scanner's clock [s], and how long after it the last one does.
+
+    Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+    """
+    first = number * scanner.pulses
+    if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
+        raise InputError(
+            f"frame number: 0 to {PULSE_NUMBERS // scanner.pulses - 1} was expected, with {scanner.pulses} "
+            f"pulses in a frame; {number} came"
+        )
+    edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
+    scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
+    _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
+    return scanner_s, max(end_s - scanner_s, SHORTEST_S)
+
+
+def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
+    motions = [("ego", scene.ego), *((f"body '{body.name}'", body.motion) for body in scene.bodies)]
+    for name, motion in motions:
+        if motion is None:
+            continue
+        first, last = motion.span_s
+        if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
+            had, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))
+            raise InputError(
+                f"scene '{scene.name}': motion of {name}: poses from {had} came, the frame needs {needed}"
+            )
+
+
+def _seconds(time_s: float) -> str:
+    """To a microsecond: times may be of a clock that began in 1970."""
+    return f"{round(time_s, 6):.16g}"

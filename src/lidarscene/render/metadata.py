@@ -1,0 +1,50 @@
+"""Metadata: what a cloud says of the frame that it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import SENSOR_TO_WORLD
+from ..scene.model import Scene
+from ..sensor.detectors import Apd
+from ..sensor.model import Sensor
+from .frame import Frame
+
+Matrix = np.ndarray[Any, Any]
+
+
+def metadata_of(scene: Scene, sensor: Sensor, now: Frame, *, seed: int, frame: str) -> dict[str, str]:
+    """Of a frame whose points are in this ``frame``."""
+    from .._version import __version__
+
+    metadata = {
+        "software": "lidarscene",
+        "version": __version__,
+        "scene": scene.name,
+        "sensor": sensor.name,
+        "seed": str(seed),
+        "intensity_unit": _intensity_unit(sensor),
+        "frame": frame,
+        "frame_number": str(now.number),
+        "frame_start_s": repr(now.start_s),
+        SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
+    }
+    if now.moves:
+        metadata["ego_motion"] = "in the points"
+    if frame != "sensor":
+        goal = now.goal(frame)
+        metadata["sensor_position_m"] = _text(goal.position_m)
+        metadata["sensor_rotation"] = _text(goal.rotation)
+    return metadata
+
+
+def _intensity_unit(sensor: Sensor) -> str:
+    if sensor.intensity is not None:
+        return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
+    return "A" if isinstance(sensor.detector, Apd) else "cells"
+
+
+def _text(values: Matrix) -> str:
+    return " ".join(repr(float(x)) for x in values.ravel())

@@ -1,0 +1,231 @@
+"""Stages: the chain on the device, from pulse numbers to what the electronics report. Reads as the picture in
+docs/architecture.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from ..detection import multi_echo, returns
+from ..kernel.device import transfer
+from ..kernel.device.replay import Replay
+from ..kernel.rays import columns
+from ..kernel.rays.trace import trace
+from ..kernel.world.build import World
+from ..light import beams, echoes
+from ..light import pulse_train as train
+from ..light.air_light import AirLight, air_light
+from ..light.beams import Beams
+from ..light.echoes import Ambient, EchoTrain
+from ..light.field_of_view import background_power_w, field_of_view
+from ..light.footprint import Footprint, aim, footprint, spread
+from ..light.hits import Hits
+from ..maths.arrays import is_drjit
+from ..maths.paths import Paths, Placement
+from ..physics.optics import sunlight
+from ..scene.model import Scene
+from ..sensor.model import Sensor
+from .chunk import Chunk, Lit, Numbers, is_plain, left_out, needed_of, numbers_of, of_light
+from .frame import Frame, placements
+
+Places = Callable[[int], tuple[Placement, list[Placement] | None]]
+"""Where the sensor and each mover are when pulses of so many rays leave, ray by ray; None: nothing moves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stages:
+    """What the stages are made for; numbers are on the device, so that others compile nothing.
+
+    rays          of each pulse
+    interactions  panes and mirrors that a beam may meet
+    footprint     of the laser's rays
+    field         of the receiver's, over which the background is gathered, or None: what the laser's rays see
+    air           light of fog, rain and snow, or None
+    sun           unit vector towards it
+    """
+
+    world: World
+    rays: int
+    interactions: int
+    sensor: Sensor
+    ambient: Ambient
+    footprint: Footprint
+    field: Footprint | None
+    air: AirLight | None
+    sun: Any
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        sensor: Sensor,
+        world: World,
+        *,
+        rays: int,
+        interactions: int,
+        background_rays: int | None,
+    ) -> Stages:
+        """For `Simulator`."""
+        ambient = ambient_of(scene, sensor)
+        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
+        field = None if background_rays is None else field_of_view(sensor, background_rays)
+        return cls(
+            world=world,
+            rays=rays,
+            interactions=interactions,
+            sensor=transfer.opaque(sensor),
+            ambient=transfer.opaque(ambient),
+            footprint=transfer.opaque(footprint(sensor.laser, rays, sensor.optics.halo)),
+            field=transfer.opaque(field),
+            air=transfer.opaque(air),
+            sun=transfer.opaque(numbers_of(scene.sun.direction)),
+        )
+
+    def chain(self, places: Places, pulse: Any, seed: Any, *, survey: bool) -> Chunk:
+        """Beams, hits, echoes, returns of some pulses, on the device.
+
+        survey  leave out the pulses that meet panes or mirrors, and say which these are
+        """
+        sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey)
+        if self.rays == len(lit.paths) == 1 and self.air is None and is_plain(sensor):
+            detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
+            return left_out(pulse, lit.paths, detection, lit.goes_on)
+        whole = self._together(lit, seed)
+        goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
+        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+
+    def train(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any) -> EchoTrain:
+        """All that comes back of some pulses, on the device."""
+        return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
+
+    def _lit(self, places: Places, pulse: Any, seed: Any, *, survey: bool = False) -> Lit:
+        """The optical stages: beams, hits, echoes."""
+        background = None if self.field is None else self._background(places, pulse, seed, self.field)
+        rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey)
+        light = echoes.with_all_background(
+            [echoes.receive(rays, one, self.sensor, self.ambient) for one in paths]
+        )
+        if background is not None:
+            of_ray = background if self.rays == 1 else transfer.repeated(background, self.rays)[0]
+            light[0] = replace(light[0], background_power_w=of_ray)
+        return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
+
+    def _traced(
+        self, places: Places, pulse: Any, seed: Any, shape: Footprint, *, survey: bool = False
+    ) -> tuple[Beams, Sequence[Hits]]:
+        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
+        of_ray, ray = (pulse, None) if shape.rays == 1 else transfer.repeated(pulse, shape.rays)
+        place, movers = places(shape.rays)
+        axes = beams.fire(
+            self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
+        )
+        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        aimed = None
+        if self.world.speculars is not None and shape is self.footprint:
+            aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
+        return rays, trace(
+            self.world, rays, sun=self.sun, placements=movers,
+            sensor_velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
+            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
+            aim=aimed,
+        )  # fmt: skip
+
+    def _background(self, places: Places, pulse: Any, seed: Any, shape: Footprint) -> Any:
+        """Of each pulse, gathered over the receiver's field of view."""
+        rays, paths = self._traced(places, pulse, seed, shape)
+        power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
+        transfer.start([power])
+        return power
+
+    def _together(self, lit: Lit, seed: Any) -> EchoTrain:
+        """All that comes back of each pulse, with the light of the air."""
+        # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
+        transfer.start(
+            [
+                *(array for one in lit.light for array in of_light(one)),
+                *(one for hits in lit.paths for one in needed_of(hits)),
+                *([] if lit.goes_on is None else [lit.goes_on]),
+            ]
+        )
+        return train.together(
+            lit.light, lit.rays, self.sensor, self.ambient,
+            rays=self.rays, skirt=self.footprint.skirt, air=self.air, seed=seed, pulse=lit.pulse,
+        )  # fmt: skip
+
+
+class Chain:
+    """`Stages.chain` for the pulses of frames, started; written down for the device but once where that may be."""
+
+    def __init__(self, stages: Stages) -> None:
+        self._stages = stages
+        self._replays: dict[tuple[bool, ...], Replay] = {}
+
+    def __call__(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
+        """Some pulses of a frame."""
+        if self.repeats:
+            moving = (
+                ()
+                if now.paths is None
+                else (now.paths.table, now.paths.rate_hz, now.paths.last, now.times(numbers))
+            )
+            place = now.origin.origin_m, now.origin.rotation
+            repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving)
+            return repeated
+        part = self._stages.chain(partial(now.placements, numbers), pulse, seed, survey=survey)
+        transfer.start(part.arrays())
+        return part
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the stages may be written down once for all frames.
+
+        With several rays to a pulse the number of lanes becomes part of the kernels.
+        """
+        return self._stages.rays == 1 and self._stages.field is None
+
+    @property
+    def recordings(self) -> list[int]:
+        """How often the stages were written down, each way that they are needed."""
+        return [one.recordings for one in self._replays.values()]
+
+    def _replay(self, now: Frame, survey: bool) -> Replay:
+        """The stages, written down for a sensor that moves or not among bodies that do or do not."""
+        moves, count = now.moves, 0 if now.paths is None else now.paths.count
+        key = survey, moves, count > 0
+        if key not in self._replays:
+            stages = self._stages
+
+            def chain(pulse: Any, seed: Any, place: tuple[Any, ...], moving: tuple[Any, ...]) -> Chunk:
+                paths, times = None, None
+                if moving:
+                    table, rate_hz, last, times = moving
+                    paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count)
+                origin_m, rotation = place
+                found = placements(Placement(origin_m=origin_m, rotation=rotation), paths, times, moves=moves)
+                return stages.chain(lambda _: found, pulse, seed, survey=survey)
+
+            held = (stages.sensor, stages.ambient, stages.footprint, stages.air, stages.sun, stages.world)
+            self._replays[key] = Replay(chain, Chunk.arrays, held=held)
+        return self._replays[key]
+
+
+def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
+    """Light and air of a scene in a sensor's band."""
+    sun = sunlight.sun_irradiance_w_m2(
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
+        illuminance_klux=scene.sun.illuminance_klux,
+    )
+    return Ambient(
+        sun_irradiance_w_m2=sun,
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
+            sun_irradiance_w_m2=sun, diffuse_share=scene.sky.diffuse_share
+        ),
+        transmittance=scene.air.transmittance,
+        extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
+        sun_direction=numbers_of(scene.sun.direction),
+        lamps_w_m2=scene.lamps_w_m2 or None,
+        interferers=scene.interferers,
+    )

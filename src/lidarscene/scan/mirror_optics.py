@@ -1,0 +1,125 @@
+"""Mirrors that turn about two axes: two mechanical angles in, the reflected beam and what it sees of the mirror out.
+
+Each beam is a ray off a plane mirror, r = d - 2 (d . n) n, with the normal n that the mechanical angles give; so
+a grid in mechanical angles is not one in azimuth and elevation, and only near the axis do mechanical angles count
+twice. At rest the beam leaves along the sensor's x axis; positive turns move it to the left and up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..maths.arrays import Array, xp
+from ..maths.vectors import Vector, dot, mixed, reflected
+from .aperture import mirror_share, round_mirror_share
+
+_X: Vector = (1.0, 0.0, 0.0)
+_LEFT: Vector = (0.0, 1.0, 0.0)
+_UP: Vector = (0.0, 0.0, 1.0)
+_SIDES: dict[str, Vector] = {
+    "left": _LEFT,
+    "right": (0.0, -1.0, 0.0),
+    "above": _UP,
+    "below": (0.0, 0.0, -1.0),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gimbal:
+    """One mirror on two axes (MEMS, gimballed galvanometer).
+
+    incidence_rad    angle between the incoming beam and the normal at rest; the beam folds by pi - twice that
+    side             from where the beam comes: "left", "right", "above" or "below" the x axis
+    outer            the turn whose axis stands still: "azimuth" or "elevation"; the other's axis is carried by it
+    mirror_radius_m  of a round mirror before the lens, or None: the mirror is the stop
+    lens_radius_m    of the receiver's lens; used with a mirror radius only
+
+    One axis is square to the plane of incidence: a turn about it moves the beam by twice as much. The other lies in
+    the mirror, in that plane: a turn by t moves the beam out of it by asin(cos(incidence) sin(2 t)).
+
+    Aperture: the mirror is the stop, so that A goes with its projected area (`aperture.mirror_share`); with a round
+    mirror of given size the lens is the stop as long as the mirror's projection covers it
+    (`aperture.round_mirror_share`, share of the lens's whole area, so below 1 at rest if the mirror is the smaller).
+    """
+
+    incidence_rad: Array
+    side: str
+    outer: str
+    mirror_radius_m: Array | None = None
+    lens_radius_m: Array | None = None
+
+    def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
+        """Direction and share of the aperture, with the mirror turned by so much about its two axes."""
+        side = _SIDES[self.side]
+        folds_upright = self.side in ("above", "below")
+        in_plane, out_of_plane = (
+            (elevation_turn_rad, azimuth_turn_rad)
+            if folds_upright
+            else (azimuth_turn_rad, elevation_turn_rad)
+        )
+        across = _LEFT if folds_upright else _UP
+        # A positive turn moves the beam left or up, wherever it came from.
+        towards_side = in_plane * sum(side)
+        ops = xp(in_plane, out_of_plane, self.incidence_rad)
+        cos_rest, sin_rest = ops.cos(self.incidence_rad), ops.sin(self.incidence_rad)
+        rest, along = mixed(cos_rest, _X, sin_rest, side), mixed(-sin_rest, _X, cos_rest, side)
+        cos_in, sin_in = ops.cos(towards_side), ops.sin(towards_side)
+        cos_out, sin_out = ops.cos(out_of_plane), ops.sin(out_of_plane)
+        if folds_upright == (self.outer == "elevation"):  # the in-plane turn is the outer one
+            normal = mixed(cos_out, mixed(cos_in, rest, sin_in, along), sin_out, across)
+        else:
+            normal = mixed(cos_in, mixed(cos_out, rest, sin_out, across), sin_in, along)
+        incoming = mixed(1.0, _X, -2.0 * cos_rest, rest)
+        cos_incidence = -dot(incoming, normal)
+        return reflected(incoming, normal), self._share(cos_incidence, cos_rest)
+
+    def _share(self, cos_incidence: Array, cos_rest: Array) -> Array:
+        if self.mirror_radius_m is None:
+            return mirror_share(cos_incidence=cos_incidence, cos_at_rest=cos_rest)
+        return round_mirror_share(
+            cos_incidence=cos_incidence,
+            mirror_radius_m=self.mirror_radius_m,
+            lens_radius_m=self.lens_radius_m,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MirrorPair:
+    """Two mirrors on one axis each, at 45 degrees to the beam at rest (the usual pair of galvanometers).
+
+    last  the turn of the mirror that the beam leaves from: "azimuth" or "elevation"
+
+    Before the last mirror the beam has been moved by exactly twice the first one's turn; the last mirror turns all
+    of it by twice its own. So lines of equal first turn are cones about the last mirror's axis.
+
+    Aperture: both mirrors are rectangles that just take the beam at rest. Each narrows it in its own plane of
+    incidence, and the planes are square to one another, so the shares multiply. The walk of the beam over the
+    second mirror is left out: the mirrors stand close together.
+    """
+
+    last: str
+
+    def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
+        """Direction and share of the aperture, with the mirrors turned by so much."""
+        upright = self.last == "elevation"
+        first, last = (
+            (azimuth_turn_rad, elevation_turn_rad) if upright else (elevation_turn_rad, azimuth_turn_rad)
+        )
+        # Where the first mirror moves the beam, and from where the last one gets it.
+        moved, side = (_LEFT, _UP) if upright else (_UP, _LEFT)
+        ops = xp(first, last)
+        angle, after = 0.25 * math.pi + first, 0.25 * math.pi + last
+        normal = mixed(-ops.cos(angle), moved, -ops.sin(angle), side)
+        between = reflected(moved, normal)
+        last_normal = mixed(ops.cos(after), _X, ops.sin(after), side)
+        cos_rest = math.sqrt(0.5)
+        shares = (
+            mirror_share(cos_incidence=-dot(before, n), cos_at_rest=cos_rest)
+            for before, n in ((moved, normal), (between, last_normal))
+        )
+        one, other = shares
+        return reflected(between, last_normal), one * other
+
+
+Mirrors = Gimbal | MirrorPair

@@ -1,0 +1,106 @@
+"""Mirror raster (galvanometers, MEMS): lines by a fast turn, one below the other by a slow one.
+
+The grid is even in the mirror's own angles; what the reflection makes of it, and the aperture, is in `mirrors`.
+Lines are fired at an even rate; between them the mirror flies back or turns round, and no pulse leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..maths.arrays import Array, xp
+from ..maths.vectors import Vector
+from .base import Matrix, Mechanism, in_frame
+from .mirror_optics import Mirrors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MirrorRaster(Mechanism):
+    """A frame of ``rows`` lines of ``columns`` pulses, from the top, the first from the left.
+
+    fast_turn_rad, slow_turn_rad  mechanical amplitudes, zero to peak
+    fast      "azimuth" or "elevation": what the lines scan; with "elevation" rows are columns, from the left
+    waveform  of the fast turn: "sawtooth" (every line the same way), "triangle" (there and back), both even and
+              with both ends included; "sine" (there and back, resonant), pulses evenly in time
+    slow      "step" (a line is scanned with the slow turn at rest) or "ramp" (it goes on moving)
+    line_duty, frame_duty  part of the time in which pulses leave, in a line and in a frame; a sine's pulses
+              are those around its middle, so that less of its amplitude is seen with a smaller duty
+    """
+
+    columns: int
+    rows: int
+    mirrors: Mirrors
+    fast_turn_rad: Array
+    slow_turn_rad: Array
+    rate_hz: float
+    fast: str = "azimuth"
+    waveform: str = "sawtooth"
+    slow: str = "step"
+    line_duty: Array = 1.0
+    frame_duty: Array = 1.0
+
+    @property
+    def pulses(self) -> int:
+        """Pulses in one frame."""
+        return self.columns * self.rows
+
+    @property
+    def line_pulses(self) -> int:
+        """Pulses of a line."""
+        return self.columns
+
+    @property
+    def line_s(self) -> float:
+        """From line to line."""
+        return float(self.columns / (self.rate_hz * self.line_duty))
+
+    @property
+    def frame_s(self) -> float:
+        """Length of a frame, fly-back included."""
+        return float(self.rows * self.line_s / self.frame_duty)
+
+    def _row_and_column(self, pulse: Array) -> tuple[Array, Array]:
+        number = xp(pulse).int32(pulse)
+        line = number // self.columns
+        return line % self.rows, number - line * self.columns
+
+    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+        ops = xp(pulse)
+        row, column = self._row_and_column(pulse)
+        if self.waveform == "sine":
+            middle = (ops.float32(2 * column + 1) / ops.float32(2 * self.columns) - 0.5) * self.line_duty
+            fast = -ops.sin(math.pi * middle)
+        else:
+            fast = _ends_included(column, self.columns)
+        if self.waveform != "sawtooth":
+            fast = ops.where(row % 2 == 0, fast, -fast)
+        if self.slow == "ramp":
+            within = ops.float32(column) / ops.float32(self.columns) * self.line_duty
+            slow = 1.0 - 2.0 * (ops.float32(row) + within) / ops.float32(self.rows)
+        else:
+            slow = _ends_included(row, self.rows)
+        fast, slow = fast * self.fast_turn_rad, slow * self.slow_turn_rad
+        return (fast, slow) if self.fast == "azimuth" else (slow, fast)
+
+    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+        return self.mirrors.beam(turned[0], turned[1])
+
+    def channel(self, pulse: Array) -> Array:
+        """Line of each pulse."""
+        return self._row_and_column(pulse)[0]
+
+    def time_s(self, pulse: Matrix) -> Matrix:
+        """Pulses of a line at the rate, lines and frames after their pauses."""
+        frame, number = in_frame(pulse, self.pulses)
+        row, column = np.divmod(number, self.columns)
+        return np.asarray(frame * self.frame_s + row * self.line_s + column / self.rate_hz)
+
+
+def _ends_included(number: Array, count: Array) -> Array:
+    """1 to -1 in even steps; 0 if there is only one. Twice the offset is a whole number: the middle is exactly 0."""
+    ops = xp(number, count)
+    steps = ops.float32(count) - 1.0
+    return ops.float32(count - 1 - 2 * number) / ops.maximum(steps, 1.0)

@@ -1,0 +1,275 @@
+"""Scene files: TOML (or a Mitsuba XML) in, `Scene` out. Paths in a scene file are relative to it."""
+
+from __future__ import annotations
+
+import functools
+import os
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.toml import read_toml, validated, with_overrides
+from ..materials.material import Material, Spectrum
+from ..maths.pose import Pose
+from ..maths.trajectory import Motion, Riding
+from ..sensor.file import LARGEST_COORDINATE_M
+from . import interferers, meshes
+from .model import Ball, Body, Part, Scene, Sky, View
+from .submesh import SubMesh
+from .tables import BodyFile, SceneFile
+
+MaterialLookup = Callable[[str], Material]
+
+SMALLEST_BODY_M = 1e-6
+"""A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
+
+
+def read_scene(path: Path, *, catalogue: MaterialLookup, overrides: Sequence[str] = ()) -> Scene:
+    """A scene from a TOML or Mitsuba XML file; ``catalogue`` finds materials the file does not define.
+
+    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
+    Raises InputError, one line that names the file and the key.
+    """
+    if _is_xml(path):
+        _no_overrides(path, overrides)
+        return Scene(name=path.stem, base=xml_file(path))
+    return scene_from_model(scene_model(path, overrides=overrides), path=path, catalogue=catalogue)
+
+
+def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
+    """A TOML scene file, checked, with overrides. Raises InputError."""
+    option = "--scene-set"
+    tables = with_overrides(read_toml(path), overrides, option=option)
+    return validated(SceneFile, tables, str(path), overrides=overrides, option=option)
+
+
+def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
+    """The scene's own sensor, a catalogue name or a file; no mesh is read for it. Raises InputError."""
+    if _is_xml(path):
+        _no_overrides(path, overrides)
+        return Scene(name="").sensor_name
+    return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
+
+
+def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
+    """The scene file and all that it names: meshes, base scene, sensor. None of them may be an output.
+
+    The file is one that `read_scene` has taken; of an XML file, what it takes from others is not known.
+    """
+    yield path
+    if _is_xml(path):
+        with suppress(OSError, LookupError, ValueError, ElementTree.ParseError):
+            for element in ElementTree.parse(path).getroot().iter():
+                if element.tag in ("string", "include"):
+                    yield path.parent / (element.get("filename") or element.get("value") or "")
+        return
+    file = scene_model(path, overrides=overrides)
+    yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
+    for motion in (file.ego, *(body.motion for body in file.bodies)):
+        if motion is not None and motion.poses_file:
+            yield path.parent / motion.poses_file
+    yield Path(_sensor_name(file.sensor.name, path.parent))
+    if file.base:
+        yield from files_of_scene(path.parent / file.base)
+
+
+def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) -> Scene:
+    """A scene from a checked scene file that lies at ``path``."""
+    surfaces = _Surfaces(file, catalogue)
+    reader = functools.cache(meshes.read_mesh)
+    ego = None
+    if file.ego is not None:
+        ego = file.ego.motion(file.ego.pose(), folder=path.parent, where=f"{path}: ego")
+    bodies: list[Body] = []
+    for index, body in enumerate(file.bodies):
+        where = f'{path}: bodies[{index} "{body.name}"]'
+        parts = _parts(body, folder=path.parent, where=where, surfaces=surfaces, reader=reader)
+        _check_extent(parts, where)
+        bodies.extend(_placed(body, parts, ego=ego, folder=path.parent, where=where))
+    _check_names(bodies, path)
+    for identity, name in file.base_materials.items():
+        surfaces.require(name, f"{path}: base_materials.{identity}")
+    return Scene(
+        name=file.name or path.stem,
+        bodies=tuple(bodies),
+        materials=surfaces.materials,
+        sun=file.sun.build(),
+        sky=Sky(diffuse_share=file.sky.diffuse_share),
+        air=file.air.build(file.weather.build()),
+        lamps_w_m2=interferers.lamps_w_m2(file.interference),
+        interferers=interferers.interferers(file.interference),
+        sensor_name=_sensor_name(file.sensor.name, path.parent),
+        sensor_pose=file.sensor.pose(),
+        ego=ego,
+        view=View(**file.picture.model_dump()) if file.picture else None,
+        base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
+        base_materials=file.base_materials,
+    )
+
+
+def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
+    if overrides:
+        raise InputError(f"--scene-set {overrides[0]}: goes with a scene file (.toml), {path} came")
+
+
+def _is_xml(path: Path) -> bool:
+    return path.suffix.lower() == ".xml"
+
+
+def xml_file(path: Path, where: str = "") -> Path:
+    """The path, if there is an XML file. Raises InputError."""
+    if not os.path.isfile(path):
+        what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
+        raise InputError(f"{where}{path}: {what}")
+    if not _is_xml(path):
+        raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")
+    return path
+
+
+def _sensor_name(name: str, folder: Path) -> str:
+    """A catalogue name as it is, a sensor file relative to the scene file."""
+    return str(folder / name) if name.endswith(".toml") else name
+
+
+class _Surfaces:
+    """The materials of a scene by name: the file's own, and those of the catalogue that something needs."""
+
+    def __init__(self, file: SceneFile, catalogue: MaterialLookup) -> None:
+        self.materials = {name: model.build(name) for name, model in file.materials.items()}
+        self._catalogue = catalogue
+
+    def require(self, name: str, where: str) -> str:
+        """The name, once there is such a material."""
+        if name not in self.materials:
+            try:
+                self.materials[name] = self._catalogue(name)
+            except InputError as error:
+                raise InputError(f"{where}: {error}") from None
+        return name
+
+    def add_grey(self, name: str, grey: float) -> str:
+        """A mesh file's own colour as a diffuse surface."""
+        self.materials[name] = grey_material(name, grey)
+        return name
+
+
+def grey_material(name: str, grey: float) -> Material:
+    """A mesh's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+    return Material(
+        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
+        description="estimate: mean of the mesh file's base colour",
+    )  # fmt: skip
+
+
+def _check_names(bodies: list[Body], path: Path) -> None:
+    seen: set[str] = set()
+    for body in bodies:
+        if body.name in seen:
+            raise InputError(f"{path}: two bodies are named '{body.name}', every name once was expected")
+        seen.add(body.name)
+
+
+def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
+    """Refuse a body too small or too far out for the arithmetic."""
+    points = [part.vertices_m for part in parts if isinstance(part, Part)]
+    points += [
+        np.array([[part.radius_m] * 3, [-part.radius_m] * 3]) for part in parts if isinstance(part, Ball)
+    ]
+    low = np.min([p.min(axis=0) for p in points], axis=0)
+    high = np.max([p.max(axis=0) for p in points], axis=0)
+    extent, reach = float((high - low).max()), float(np.maximum(high, -low).max())
+    if extent < SMALLEST_BODY_M or reach > LARGEST_COORDINATE_M:
+        raise InputError(
+            f"{where}: is {extent:.3g} m across and reaches {reach:.3g} m from its origin, with its scale; "
+            f"{SMALLEST_BODY_M:g} m or more, and {LARGEST_COORDINATE_M:g} m or less, was expected"
+        )
+
+
+def _placed(
+    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
+) -> list[Body]:
+    """The body, or one for each of its instances."""
+    label = body.class_name or body.name
+
+    def placed(name: str, pose: Pose) -> Body:
+        motion: Motion | None = None
+        if body.motion is not None and body.motion.with_ego and ego is not None:
+            motion = Riding(carrier=ego, pose=pose)
+        elif body.motion is not None:
+            motion = body.motion.motion(pose, folder=folder, where=f"{where}.motion")
+        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
+
+    if body.instances is None:
+        return [placed(body.name, body.pose())]
+    return [
+        placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)
+    ]
+
+
+MeshReader = Callable[[Path], list[SubMesh]]
+
+
+def _parts(
+    body: BodyFile, *, folder: Path, where: str, surfaces: _Surfaces, reader: MeshReader
+) -> tuple[Part | Ball, ...]:
+    """The body's shape, scaled, with a material name for every part."""
+    if body.material is not None:
+        surfaces.require(body.material, f"{where}.material")
+    for key, name in body.materials.items():
+        surfaces.require(name, f"{where}.materials.{key}")
+    if body.mesh is not None:
+        return _mesh_parts(body, folder / body.mesh, where=where, surfaces=surfaces, reader=reader)
+    material, scale = body.material or "", body.scale
+    size_m = tuple(scale * length for length in body.size_m or ())
+    radius_m, height_m = scale * (body.radius_m or 0.0), scale * (body.height_m or 0.0)
+    if body.primitive == "sphere":
+        return (Ball(radius_m=radius_m, material=material),)
+    if body.primitive == "plane":
+        vertices, faces = meshes.plane_mesh(size_m=cast(tuple[float, float], size_m))
+    elif body.primitive == "box":
+        vertices, faces = meshes.box_mesh(size_m=cast(tuple[float, float, float], size_m))
+    else:
+        vertices, faces = meshes.cylinder_mesh(radius_m=radius_m, height_m=height_m)
+    return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
+
+
+def _mesh_parts(
+    body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader
+) -> tuple[Part, ...]:
+    try:
+        pieces = reader(path)
+    except InputError as error:
+        raise InputError(f"{where}.mesh: {error}") from None
+    known = {key for piece in pieces for key in piece.keys}
+    unknown = sorted(set(body.materials) - known)
+    if unknown:
+        raise InputError(
+            f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
+        )
+    return tuple(
+        Part(
+            vertices_m=piece.vertices_m * body.scale,
+            faces=piece.faces,
+            material=_material_of(piece, body, where, surfaces),
+            name=piece.keys[0],
+        )
+        for piece in pieces
+    )
+
+
+def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+    """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
+    named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
+    if named is not None:
+        return named
+    if piece.grey is None:
+        raise InputError(
+            f"{where}: no material for sub-mesh '{piece.keys[0]}' of {body.mesh}, which has no colour of its "
+            "own; material or materials was expected"
+        )
+    return surfaces.add_grey(f"{body.mesh}:{piece.keys[0]}", piece.grey)

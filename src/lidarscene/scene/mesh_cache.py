@@ -1,0 +1,91 @@
+"""Mesh cache: the pieces of a mesh file kept as plain arrays, so that the next start needs no mesh library.
+
+An entry goes by the hash of the file's content, of how it is read and by which trimesh: it is never out of date. Only
+files that stand alone are kept. The cache is in `LIDARSCENE_CACHE`, or else in the user's cache folder; an empty
+`LIDARSCENE_CACHE` turns it off. Whatever goes wrong with it, the mesh is read from its file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import OutputError
+from ..files.atomic import atomic_output
+from .submesh import SubMesh
+
+VARIABLE = "LIDARSCENE_CACHE"
+
+_LAYOUT = 1
+"""Of an entry; a new number makes all old ones unknown."""
+
+
+def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
+    """What ``read`` gives of the mesh file, from the cache if it is there."""
+    entry = _entry(path)
+    if entry is None:
+        return read()
+    with suppress(Exception):  # an entry that is missing, damaged or foreign is one that is not there
+        return _load(entry)
+    pieces = read()
+    with suppress(OSError, OutputError):
+        _save(entry, pieces)
+    return pieces
+
+
+def folder() -> Path | None:
+    """Where entries are, or None: nowhere."""
+    given = os.environ.get(VARIABLE)
+    if given is not None:
+        return Path(given) / "meshes" if given else None
+    with suppress(RuntimeError):  # no home
+        base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
+        return (Path(base) if base else Path.home() / ".cache") / "lidarscene" / "meshes"
+    return None
+
+
+def _entry(path: Path) -> Path | None:
+    """The file's entry, or None where it cannot have one."""
+    where, suffix = folder(), path.suffix.lower()
+    if where is None or suffix not in (".glb", ".ply", ".stl", ".off"):
+        return None
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if suffix == ".glb" and b'"uri"' in content:  # takes something from another file
+        return None
+    how = f"{_LAYOUT} {metadata.version('trimesh')} {suffix}".encode()
+    return where / f"{hashlib.sha256(how + content).hexdigest()}.npz"
+
+
+def _save(entry: Path, pieces: list[SubMesh]) -> None:
+    named = {
+        f"{kind}_{number}": getattr(piece, kind)
+        for number, piece in enumerate(pieces)
+        for kind in ("vertices_m", "faces")
+    }
+    about = json.dumps([{"keys": piece.keys, "grey": piece.grey} for piece in pieces])
+    with atomic_output(entry) as temporary, temporary.open("wb") as file:
+        np.savez(file, about=np.array(about), **named)
+
+
+def _load(entry: Path) -> list[SubMesh]:
+    with entry.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        about = json.loads(str(file["about"]))
+        return [
+            SubMesh(
+                vertices_m=file[f"vertices_m_{number}"],
+                faces=file[f"faces_{number}"],
+                keys=tuple(one["keys"]),
+                grey=one["grey"],
+            )
+            for number, one in enumerate(about)
+        ]

@@ -1,0 +1,96 @@
+"""What scene files say of motion: the pydantic models of [ego] and of a body's motion."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..errors import InputError
+from ..files.toml import FileModel
+from ..maths.pose import Pose
+from ..maths.trajectory import Course, Motion, Riding
+from ..sensor.file import PoseFile
+from .poses import read_poses, spline
+
+LARGEST_SPEED_M_S = 1e4
+LARGEST_YAW_RATE_DEG_S = 36_000.0
+"""A hundred turns a second: 18 degrees from one instant of the tables (motion.STEP_S) to the next."""
+
+Speed = Annotated[float, Field(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S)]
+
+
+class TimedPoseFile(PoseFile):
+    """A pose at a time."""
+
+    time_s: float
+
+
+class MotionFile(FileModel):
+    """A motion: constant speed and yaw rate, or poses with times."""
+
+    speed_m_s: Speed = Field(default=0.0, description="along its own x axis")
+    yaw_rate_deg_s: Annotated[float, Field(ge=-LARGEST_YAW_RATE_DEG_S, le=LARGEST_YAW_RATE_DEG_S)] = Field(
+        default=0.0, description="positive to the left"
+    )
+    velocity_m_s: tuple[Speed, Speed, Speed] = Field(
+        default=(0.0, 0.0, 0.0), description="added to it, in the axes of the world"
+    )
+    poses: Annotated[tuple[TimedPoseFile, ...], Field(min_length=2)] | None = Field(
+        default=None, description="at rising times; smoothly from one to the next"
+    )
+    poses_file: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="the same from a file, CSV or TUM, beside the scene file"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> MotionFile:
+        ways = [
+            sorted(self.model_fields_set & keys)
+            for keys in ({"speed_m_s", "yaw_rate_deg_s", "velocity_m_s"}, {"poses"}, {"poses_file"})
+        ]
+        given = [keys[0] for keys in ways if keys]
+        if len(given) > 1:
+            raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
+        return self
+
+    def motion(self, pose: Pose, *, folder: Path, where: str) -> Motion:
+        """From ``pose`` on at time 0, or at this pose in the frame that the poses are of. Raises InputError."""
+        if self.poses is not None:
+            times = np.array([one.time_s for one in self.poses])
+            return Riding(
+                carrier=spline(times, [one.pose() for one in self.poses], f"{where}.poses"), pose=pose
+            )
+        if self.poses_file is not None:
+            try:
+                return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
+            except InputError as error:
+                raise InputError(f"{where}.poses_file: {error}") from None
+        return Course(
+            start=pose,
+            speed_m_s=self.speed_m_s,
+            yaw_rate_rad_s=math.radians(self.yaw_rate_deg_s),
+            velocity_m_s=self.velocity_m_s,
+        )
+
+
+class EgoFile(MotionFile, PoseFile):
+    """[ego]: the vehicle that carries the sensor."""
+
+
+class BodyMotionFile(MotionFile):
+    """[bodies.motion]: as [ego], or the ego vehicle's own."""
+
+    with_ego: bool = Field(
+        default=False, description="fixed to the ego vehicle, where the body's own pose says"
+    )
+
+    @model_validator(mode="after")
+    def _ego_alone(self) -> BodyMotionFile:
+        others = sorted(self.model_fields_set - {"with_ego"})
+        if self.with_ego and others:
+            raise ValueError(f"one way to say it was expected, with_ego and {others[0]} came")
+        return self

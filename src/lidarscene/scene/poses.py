@@ -1,0 +1,93 @@
+"""Trajectory files: poses with their times, from CSV or in the format of the TUM RGB-D benchmark, to a `Spline`."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.csv import read_columns
+from ..maths.pose import Pose, rotation_numbers
+from ..maths.trajectory import Spline
+
+Matrix = np.ndarray[Any, Any]
+
+PLACE = ("x_m", "y_m", "z_m")
+ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
+QUATERNION = ("qx", "qy", "qz", "qw")
+TUM = ("time_s", *PLACE, *QUATERNION)
+_KNOWN = {"time_s", *PLACE, *ANGLES, *QUATERNION}
+
+
+def read_poses(path: Path) -> Spline:
+    """A spline through the poses of a file.
+
+    CSV: a first line that names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out)
+    or qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM
+    RGB-D benchmark (Sturm and others, IROS 2012). Raises InputError.
+    """
+    columns = (
+        read_columns(path, known=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
+    )
+    missing = [name for name in ("time_s", *PLACE) if name not in columns]
+    if missing:
+        raise InputError(f"{path}: column {missing[0]} is missing")
+    for name, values in columns.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(f"{path}: {name} of pose {bad[0] + 1} is not a finite number")
+    places = np.stack([columns[name] for name in PLACE], axis=1)
+    poses = [
+        Pose(position_m=place, rotation=rotation)
+        for place, rotation in zip(places, _rotations(path, columns), strict=True)
+    ]
+    return spline(columns["time_s"], poses, str(path))
+
+
+def spline(time_s: Matrix, poses: list[Pose], where: str) -> Spline:
+    """A spline, or InputError."""
+    try:
+        return Spline(time_s=np.asarray(time_s), poses=tuple(poses))
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _read_tum(path: Path) -> dict[str, Matrix]:
+    try:
+        with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that there are no rows is told by the caller
+            values = np.loadtxt(file, ndmin=2, dtype=np.float64)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if values.size and values.shape[1] != len(TUM):
+        raise InputError(
+            f"{path}: lines of 8 numbers were expected ({' '.join(TUM)}), {values.shape[1]} came"
+        )
+    return dict(zip(TUM, values.reshape(-1, len(TUM)).T, strict=True))
+
+
+def _rotations(path: Path, columns: dict[str, Matrix]) -> list[Matrix]:
+    turned = [name for name in QUATERNION if name in columns]
+    if not turned:
+        zero = np.zeros(len(columns["time_s"]))
+        angles = np.stack([columns.get(name, zero) for name in ANGLES], axis=1)
+        return [
+            Pose.from_degrees(yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll).rotation
+            for yaw, pitch, roll in angles
+        ]
+    if len(turned) < len(QUATERNION) or any(name in columns for name in ANGLES):
+        raise InputError(f"{path}: either {', '.join(QUATERNION)} or {', '.join(ANGLES)} were expected")
+    x, y, z, w = (columns[name] for name in QUATERNION)
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    wrong = np.flatnonzero(np.abs(length - 1.0) > 0.01)
+    if len(wrong):
+        raise InputError(
+            f"{path}: a quaternion of length 1 was expected, {length[wrong[0]]:.3g} came for pose {wrong[0] + 1}"
+        )
+    numbers = rotation_numbers(w / length, x / length, y / length, z / length)
+    return list(np.stack(numbers, axis=-1).reshape(-1, 3, 3))

@@ -1,0 +1,244 @@
+"""What a scene file may hold: the pydantic models of its tables."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from ..files import pvlib
+from ..files.toml import FileModel
+from ..materials.file import MaterialFile
+from ..sensor.file import PoseFile, Vector
+from .interferers import AnyInterferenceFile
+from .model import Air, Sun
+from .motion import BodyMotionFile, EgoFile
+from .weather import Weather
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Length = Annotated[float, Field(gt=0, le=1e6)]
+Name = Annotated[str, Field(min_length=1)]
+FogKind = Literal[
+    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
+]
+
+
+def _instant(value: object) -> datetime:
+    """A time with its offset from UTC, from a TOML date-time or from text."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = datetime.fromisoformat(value)
+    if not isinstance(value, datetime):
+        raise ValueError(f"a time such as {_TIME} was expected, {value} came")
+    if value.utcoffset() is None:
+        raise ValueError(f"no offset from UTC in {value.isoformat()}; a time such as {_TIME} was expected")
+    if not 1900 <= value.year <= 2100:
+        raise ValueError(f"a year of 1900 to 2100 was expected, {value.year} came")
+    return value
+
+
+_TIME = "2026-06-21T12:00:00+02:00"
+
+
+class SunFile(FileModel):
+    """[sun]: direction towards it, or the place and time that it follows from, and illuminance on a surface that
+    faces it.
+    """
+
+    azimuth_deg: float = 0.0
+    elevation_deg: Annotated[float, Field(ge=-90, le=90)] = 45.0
+    place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = (
+        Field(default=None, description="latitude (north positive) and longitude (east positive) in degrees")
+    )
+    time: Annotated[datetime, BeforeValidator(_instant)] | None = Field(
+        default=None, description="with its offset from UTC"
+    )
+    north_deg: float = Field(
+        default=90.0, description="azimuth of north in the scene; at 90 degrees x points east and y north"
+    )
+    illuminance_klux: NotNegative = 100.0
+
+    @model_validator(mode="after")
+    def _one_way(self) -> SunFile:
+        given = self.model_fields_set
+        by_angles, by_place = given & {"azimuth_deg", "elevation_deg"}, given & {"place", "time", "north_deg"}
+        if by_angles and by_place:
+            came = " and ".join(sorted(by_angles | by_place))
+            raise ValueError(f"the sun's angles or its place and time were expected, {came} came")
+        if by_place and (self.place is None or self.time is None):
+            raise ValueError(f"place and time were expected together, {' and '.join(sorted(by_place))} came")
+        return self
+
+    def build(self) -> Sun:
+        """The sun in radians. Raises LidarSceneError where place and time are given and pvlib is missing."""
+        azimuth_deg, elevation_deg = self.azimuth_deg, self.elevation_deg
+        if self.place is not None and self.time is not None:
+            clockwise_deg, elevation_deg = pvlib.sun_north_up_deg(
+                latitude_deg=self.place[0], longitude_deg=self.place[1], time=self.time
+            )
+            azimuth_deg = 180.0 - (180.0 - self.north_deg + clockwise_deg) % 360.0
+        return Sun(
+            azimuth_rad=math.radians(azimuth_deg),
+            elevation_rad=math.radians(elevation_deg),
+            illuminance_klux=self.illuminance_klux,
+        )
+
+
+class SkyFile(FileModel):
+    """[sky]: diffuse irradiance as a share of the sun's at normal incidence."""
+
+    diffuse_share: NotNegative = 0.0
+
+
+class AirFile(FileModel):
+    """[air]: one of the three ways to say it; clear (transmittance 1) without."""
+
+    transmittance: Annotated[float, Field(gt=0, le=1)] | None = None
+    extinction_per_m: NotNegative | None = None
+    visibility_km: Positive | None = None
+    model: Literal["kruse", "kim"] = "kim"
+
+    @model_validator(mode="after")
+    def _only_one(self) -> AirFile:
+        given = [
+            k for k in ("transmittance", "extinction_per_m", "visibility_km") if getattr(self, k) is not None
+        ]
+        if len(given) > 1:
+            raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
+        return self
+
+    def build(self, weather: Weather) -> Air:
+        """The air in metres, with this weather in it."""
+        return Air(
+            transmittance=1.0 if self.transmittance is None else self.transmittance,
+            extinction_per_m=self.extinction_per_m or 0.0,
+            visibility_m=math.inf if self.visibility_km is None else self.visibility_km * 1e3,
+            model=self.model,
+            weather=weather,
+        )
+
+
+class WeatherFile(FileModel):
+    """[weather]: what falls or floats in the air, on top of [air]; none without."""
+
+    fog: FogKind | None = Field(
+        default=None, description="kind, as dense as published unless fog_visibility_km is given"
+    )
+    fog_visibility_km: Annotated[float, Field(ge=0.005, le=50)] | None = None
+    rain_mm_h: Annotated[float, Field(ge=0, le=300)] = 0.0
+    snow_mm_h: Annotated[float, Field(ge=0, le=50, description="of water")] = 0.0
+    snow: Literal["dry", "wet"] = "dry"
+
+    def build(self) -> Weather:
+        """The weather in metres."""
+        return Weather(
+            fog=self.fog,
+            fog_visibility_m=None if self.fog_visibility_km is None else self.fog_visibility_km * 1e3,
+            rain_mm_h=self.rain_mm_h,
+            snow_mm_h=self.snow_mm_h,
+            snow=self.snow,
+        )
+
+
+class SceneSensorFile(PoseFile):
+    """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
+
+    name: Name = "table1-apd"
+
+
+class PictureFile(FileModel):
+    """[picture]: where pictures of the scene are taken from; chosen by what is near the sensor without."""
+
+    eye_m: Vector
+    target_m: Vector
+    fov_deg: Annotated[float, Field(gt=0, lt=180, description="across")] = 60.0
+
+    @model_validator(mode="after")
+    def _not_from_above(self) -> PictureFile:
+        if self.eye_m[:2] == self.target_m[:2]:
+            raise ValueError("eye_m and target_m one above the other: which way is up cannot be told")
+        return self
+
+
+# What gives the size of each shape; a mesh has its own.
+_SIZES: dict[str | None, tuple[str, ...]] = {
+    None: (),
+    "plane": ("size_m",),
+    "box": ("size_m",),
+    "sphere": ("radius_m",),
+    "cylinder": ("radius_m", "height_m"),
+}
+_LENGTHS = {"plane": 2, "box": 3}
+
+
+class BodyFile(PoseFile):
+    """[[bodies]]: a mesh file or a primitive, its materials, and where it stands.
+
+    Instances stand in the body's own frame, and are bodies named NAME.0, NAME.1, ...
+    """
+
+    name: Name
+    mesh: Name | None = None
+    primitive: Literal["plane", "box", "sphere", "cylinder"] | None = None
+    size_m: tuple[Length, ...] | None = None
+    radius_m: Length | None = None
+    height_m: Length | None = None
+    class_name: str = Field(default="", alias="class", description="the body's name if left out")
+    material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
+    materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
+    scale: Length = 1.0
+    motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
+    instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> BodyFile:
+        if (self.mesh is None) == (self.primitive is None):
+            raise ValueError("one of mesh and primitive was expected, not both or none")
+        shape = f"a {self.primitive}" if self.primitive else "a mesh"
+        needed = _SIZES[self.primitive]
+        given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
+        if set(given) != set(needed):
+            expected = f"takes {' and '.join(needed)}" if needed else "has its own size"
+            raise ValueError(f"{shape} {expected}, {' and '.join(given) or 'none'} came")
+        length = _LENGTHS.get(self.primitive or "")
+        if length and len(self.size_m or ()) != length:
+            raise ValueError(f"size_m of {shape} has {length} numbers, {len(self.size_m or ())} came")
+        if self.primitive and self.material is None:
+            raise ValueError("key 'material' is missing")
+        if self.primitive and self.materials:
+            raise ValueError(f"materials is for the sub-meshes of a mesh, {shape} has only 'material'")
+        return self
+
+
+class SceneFile(FileModel):
+    """A whole scene file."""
+
+    name: str = ""
+    description: str = ""
+    base: Name | None = Field(default=None, description="Mitsuba XML scene whose shapes are added")
+    base_materials: dict[str, Name] = Field(default_factory=dict, description="BSDF id in it to material")
+    sun: SunFile = SunFile()
+    sky: SkyFile = SkyFile()
+    air: AirFile = AirFile()
+    weather: WeatherFile = WeatherFile()
+    interference: tuple[AnyInterferenceFile, ...] = ()
+    ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
+    sensor: SceneSensorFile = SceneSensorFile()
+    picture: PictureFile | None = None
+    materials: dict[str, MaterialFile] = Field(default_factory=dict)
+    bodies: tuple[BodyFile, ...] = ()
+
+    @model_validator(mode="after")
+    def _something(self) -> SceneFile:
+        if not self.bodies and self.base is None:
+            raise ValueError("the scene is empty: [[bodies]] or base = ... was expected")
+        riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]
+        if riding and self.ego is None:
+            raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
+        if self.base_materials and self.base is None:
+            raise ValueError("base_materials came without base")
+        return self

@@ -1,0 +1,319 @@
+"""Detectors as data, and the working point that a background puts them in.
+
+A `WorkingPoint` is all that the comparator needs to know of a detector: its noise without echo, how the
+echo's own noise grows along the edge, and the response from optical power to signal and back.
+Signals are amperes at the amplifier's input (APD) or fired cells (SiPM).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..maths.arrays import Array, xp
+from ..maths.special import binomial_tail
+from ..physics.constants import ELEMENTARY_CHARGE_C
+from ..physics.electronics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkingPoint:
+    """A detector under one background, per pulse.
+
+    noise             sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
+    kappa_1, kappa_2  sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
+    least_threshold   below this the comparator cannot be set: one cell of a SiPM, 0 of an APD
+    signal            optical peak power [W] to peak signal
+    power_w           signal to the optical power that makes it
+    cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    saturation        signal at which the amplifier clips; None: nowhere
+    recovery_s        with which a clipped pulse drains; None: at once
+    knee              amplitude from which a pulse's width tells its power better than its height; None: none
+    largest           amplitude above which the height tells no power at all; None: none
+    noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
+    """
+
+    noise: Array
+    kappa_1: Array
+    kappa_2: Array
+    least_threshold: Array
+    signal: Callable[[Array], Array]
+    power_w: Callable[[Array], Array]
+    cells: Array | None = None
+    busy: Array | None = None
+    saturation: Array | None = None
+    recovery_s: Array | None = None
+    knee: Array | None = None
+    largest: Array | None = None
+    noise_tail: Callable[[Array], Array] | None = None
+
+    @property
+    def exact(self) -> bool:
+        """Whether probabilities are those of counted cells rather than of a Gaussian."""
+        return self.cells is not None
+
+    def measured(self, signal: Array) -> Array:
+        """A peak as the amplifier passes it on."""
+        if self.saturation is None:
+            return signal
+        return saturation.clipped(signal=signal, saturation=self.saturation)
+
+    def told_power_w(
+        self, measured: Array, *, width_s: Array | None, threshold: Array, pulse_fwhm_s: Array
+    ) -> Array:
+        """Optical peak power that a sensor infers from an amplitude and, if it times both edges, the pulse's width.
+
+        As a maker calibrates it, on flat targets of any reflectivity up to retro-reflectors.
+        """
+        if self.largest is not None:
+            measured = xp(measured, self.largest).minimum(measured, self.largest)
+        power = self.power_w(measured)
+        if self.knee is None or width_s is None:
+            return power
+        by_width = self.power_of_width_w(width_s, threshold=threshold, pulse_fwhm_s=pulse_fwhm_s)
+        return xp(measured, power).where(measured < self.knee, power, by_width)
+
+    def power_of_width_w(self, width_s: Array, *, threshold: Array, pulse_fwhm_s: Array) -> Array:
+        """Optical peak power of a lone pulse that stays above a threshold for so long."""
+        if self.recovery_s is None:
+            overdrive = saturation.overdrive_of_symmetric_width(width_s=width_s, fwhm_s=pulse_fwhm_s)
+        else:
+            overdrive = saturation.overdrive_of_width(
+                width_s=width_s, level=threshold, saturation=self.saturation, fwhm_s=pulse_fwhm_s,
+                recovery_s=self.recovery_s,
+            )  # fmt: skip
+        ops = xp(overdrive)
+        return self.power_w(threshold) * ops.exp(ops.minimum(overdrive, saturation.LARGEST_OVERDRIVE))
+
+    def reachable(self, threshold: Array, probability: Array) -> Array:
+        """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
+        if self.saturation is None:
+            return probability
+        return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
+
+    def false_alarm_probability(self, threshold: Array) -> Array:
+        """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
+        if self.noise_tail is not None:
+            tail = self.noise_tail(threshold)
+        elif self.cells is None:
+            tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
+        else:
+            tail = self._tail(threshold, self.busy / self.cells)
+        return self.reachable(threshold, tail)
+
+    def detection_probability(self, threshold: Array, signal: Array, sigma: Array) -> Array:
+        """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
+        if self.cells is not None:
+            return self._tail(threshold, (self.busy + signal) / self.cells)
+        found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
+        return self.reachable(threshold, found)
+
+    def _tail(self, threshold: Array, share: Array) -> Array:
+        """Probability of a count that lies ``threshold`` or more above the mean background."""
+        ops = xp(threshold, share)
+        # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
+        least = -ops.floor(-(threshold + self.busy - 1e-4))
+        return binomial_tail(least=least, trials=self.cells, probability=share)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Apd:
+    """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
+
+    tail          of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), whose variance is the same
+                  and whose upper tail is higher; detection is Gaussian with either
+    saturation_a  current at which the amplifier clips (`physics.electronics.saturation`), at its input; None: nowhere
+    recovery_s    time constant with which it drains after that; None: at once
+    """
+
+    gain: Array
+    radius_m: Array
+    quantum_efficiency: Array
+    surface_dark_current_a: Array
+    bulk_dark_current_a: Array
+    excess_noise_index: Array | None
+    ionisation_ratio: Array | None = None
+    load_resistance_ohm: Array
+    temperature_k: Array
+    circuit_noise_a: Array
+    tail: str = "gaussian"
+    saturation_a: Array | None = None
+    recovery_s: Array | None = None
+
+    @property
+    def saturates(self) -> bool:
+        """Whether strong echoes lose their height."""
+        return self.saturation_a is not None
+
+    @property
+    def excess_noise(self) -> Array:
+        """F of (14): McIntyre's if an ionisation ratio is given, else M^x."""
+        if self.ionisation_ratio is not None:
+            return apd.excess_noise_mcintyre(gain=self.gain, ionisation_ratio=self.ionisation_ratio)
+        return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
+
+    def unmultiplied_variance_a2(self, bandwidth_hz: Array) -> Array:
+        """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
+        surface = apd.dark_shot_variance_a2(
+            surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=0.0, gain=1.0,
+            excess_noise=1.0, bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        thermal = apd.thermal_variance_a2(
+            temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
+            bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
+
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
+        light = counting.detected_photons_hz(
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
+
+    def working_point(
+        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+    ) -> WorkingPoint:
+        """Noise (18) and response (12) under this background; the pulse width plays no part."""
+        excess = self.excess_noise
+        responsivity = apd.responsivity_a_w(
+            quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
+        primary = responsivity * background_power_w + self.bulk_dark_current_a
+        multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)
+        rest = self.unmultiplied_variance_a2(bandwidth_hz)
+        variance = multiplied + rest
+
+        def mcintyre_tail(threshold: Array) -> Array:
+            return mcintyre.false_alarm_probability(
+                threshold_a=threshold, unmultiplied_variance_a2=rest, **avalanche,
+                primary_current_a=primary,
+            )  # fmt: skip
+
+        ampere_per_watt = responsivity * self.gain
+        return WorkingPoint(
+            noise=xp(variance).sqrt(variance),
+            kappa_1=apd.shot_variance_per_ampere_a(**avalanche),
+            kappa_2=0.0,
+            least_threshold=0.0,
+            signal=lambda power_w: ampere_per_watt * power_w,
+            power_w=lambda signal: signal / ampere_per_watt,
+            saturation=self.saturation_a,
+            recovery_s=self.recovery_s,
+            knee=self.saturation_a,
+            noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sipm:
+    """Silicon photomultiplier, (21)-(27). SI units; the dark count rate is for each cell.
+
+    statistics   "steady_state" (derived) or "published" ((23)-(27) as printed), see `physics.electronics.sipm`;
+                 "time_domain": noise as derived, signal from the cells' course in time through a table,
+                 see `physics.electronics.sipm_response`
+    counting     "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which
+                 matter where the background fires few cells
+    cell_floor   least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to
+                 reproduce the paper's Fig. 6
+    """
+
+    cells: Array
+    radius_m: Array
+    pde: Array
+    dead_time_s: Array
+    dark_count_rate_hz: Array
+    cell_floor: Array = 1.0
+    statistics: str = "steady_state"
+    counting: str = "gaussian"
+
+    @property
+    def saturates(self) -> bool:
+        """Always: there are only so many cells."""
+        return True
+
+    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+        """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
+        busy = self._busy_share(
+            sipm.background_photons(
+                power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+            )
+        )
+        rate = counting.fired_cells_hz(busy_share=busy, cells=self.cells, dead_time_s=self.dead_time_s)
+        return rate, 1.0 - busy
+
+    def working_point(
+        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+    ) -> WorkingPoint:
+        """Noise, free cells and response under this background; the bandwidth is that of the dead time."""
+        photons = sipm.background_photons(
+            power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+        )
+        published = self.statistics == "published"
+        noise_state = self._published_state(photons) if published else self._steady_state(photons)
+        variance, free_cells, kappa_1, kappa_2 = noise_state
+        share_of = sipm.fired_share_published if published else sipm.fired_share
+        photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
+        at_peak, before_peak = self._in_time(1.0 - free_cells / self.cells, pulse_fwhm_s)
+
+        def signal(power_w: Array) -> Array:
+            arriving = sipm.signal_photons(
+                peak_power_w=power_w, pulse_fwhm_s=pulse_fwhm_s, photon_energy_j=photon_energy_j
+            )
+            return free_cells * share_of(photons=at_peak(arriving), pde=self.pde, cells=self.cells)
+
+        def power_w(level: Array) -> Array:
+            arriving = photons_of(share=level / free_cells, pde=self.pde, cells=self.cells)
+            return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
+
+        return WorkingPoint(
+            noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2,
+            least_threshold=self.cell_floor, signal=signal, power_w=power_w,
+            cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
+            knee=sipm.MOST_TELLING_SHARE * free_cells,
+            largest=free_cells - 0.5,
+        )  # fmt: skip
+
+    def _in_time(
+        self, busy_share: Array, pulse_fwhm_s: Array
+    ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+        """From photons of (24) to those that count at the peak, and back; the same but for "time_domain"."""
+        if self.statistics != "time_domain":
+            return (lambda photons: photons), (lambda photons: photons)
+        pulse = {"pulse_fwhm_s": pulse_fwhm_s, "dead_time_s": self.dead_time_s}
+        state = {
+            "busy_share": busy_share, "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s,
+            "pde": self.pde, "cells": self.cells,
+        }  # fmt: skip
+        captured = sipm_response.captured_photons(photons=1.0, **pulse)
+        return (
+            lambda photons: sipm_response.peak_photons(photons=photons * captured, **state),
+            lambda photons: sipm_response.captured_for_peak(photons=photons, **state) / captured,
+        )
+
+    def _published_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+        """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""
+        busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.pde, cells=self.cells)
+        dark = sipm.dark_counts(
+            cells=self.cells, dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s
+        )
+        # Only a darkness of 1 / tau per cell could empty this; the bound keeps the division below finite.
+        free = xp(busy, dark).maximum(self.cells - busy - dark, 1e-6 * self.cells)
+        return sipm.fired_variance_published(fired=busy, cells=self.cells) + dark, free, 1.0, -1.0 / free
+
+    def _steady_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+        """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance."""
+        busy = self._busy_share(photons)
+        variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
+        return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
+
+    def _busy_share(self, photons: Array) -> Array:
+        """Share of time that a cell is dead, with so many background photons in a dead time."""
+        return sipm.busy_share_steady_state(
+            photons=photons, pde=self.pde, cells=self.cells,
+            dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s,
+        )  # fmt: skip
+
+
+Detector = Apd | Sipm

@@ -1,0 +1,67 @@
+"""Overlap of the laser's spot with the receiver's field of view, as a table over the range."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..maths.arrays import Array, Table
+from ..physics.optics import receiver
+
+_PLACES = 1025  # linear between them: 1e-5 where the share changes within a third of the range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overlap:
+    """Share of the spot's light that reaches the detector, by range.
+
+    table    the share, even in s / (s + R): from far (0) to near (1)
+    scale_m  s, the range around which the share changes
+    """
+
+    table: Table
+    scale_m: Array
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        profile: str,
+        half_divergence_rad: float,
+        exit_radius_m: float,
+        aperture_radius_m: float,
+        field_rad: float,
+        offset_m: float = 0.0,
+        crossing_m: float = math.inf,
+        focus_m: float = math.inf,
+    ) -> Overlap:
+        """From the optics, as `physics.optics.receiver` has them.
+
+        profile     of the beam: "gaussian" or "top_hat"
+        field_rad   r_PD / f
+        offset_m    from the receiver's axis to the transmitter's, at the sensor
+        crossing_m  range at which the axes meet; inf: side by side
+        focus_m     range at which the receiver is in focus
+        """
+        scale = (offset_m + aperture_radius_m + exit_radius_m) / (field_rad + half_divergence_rad)
+        place = np.linspace(0.0, 1.0, _PLACES)
+        with np.errstate(divide="ignore"):
+            ranges = np.maximum(scale * (1.0 / place - 1.0), 1e-9 * scale)
+        share = receiver.spot_share(
+            profile=profile,
+            spot_rad=receiver.spot_radius_rad(
+                exit_radius_m=exit_radius_m, half_divergence_rad=half_divergence_rad, range_m=ranges
+            ),
+            off_axis_rad=receiver.parallax_rad(offset_m=offset_m, crossing_m=crossing_m, range_m=ranges),
+            field_rad=field_rad,
+            blur_rad=receiver.blur_radius_rad(
+                aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges
+            ),
+        )
+        return cls(table=Table(share), scale_m=scale)
+
+    def share(self, range_m: Array) -> Array:
+        """(n,) share of the light at these ranges."""
+        return self.table.at(self.scale_m / (self.scale_m + range_m))

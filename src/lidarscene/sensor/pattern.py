@@ -1,0 +1,86 @@
+"""Pattern files: azimuth, elevation and time of every pulse of a frame, from CSV or npz, to a `Pattern`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.csv import read_columns
+from ..scan import Pattern
+
+Matrix = np.ndarray[Any, Any]
+
+# What a column may be called, and what takes it to radians and seconds.
+NAMES: dict[str, dict[str, float]] = {
+    "azimuth": {"azimuth_deg": math.pi / 180.0, "azimuth_rad": 1.0},
+    "elevation": {"elevation_deg": math.pi / 180.0, "elevation_rad": 1.0},
+    "time": {"time_s": 1.0, "time_ms": 1e-3, "time_us": 1e-6},
+}
+
+
+def read_pattern(
+    path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None
+) -> Pattern:
+    """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
+    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_known)
+    length = len(next(iter(columns.values()), ()))
+    for name, values in columns.items():
+        if values.ndim != 1 or len(values) != length:
+            raise InputError(f"{path}: column {name} has the shape {values.shape}, ({length},) was expected")
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+            raise InputError(f"{path}: {name} of pulse {row} is not a finite number")
+    azimuth, elevation, time_s = (_column(path, columns, kind) for kind in NAMES)
+    if not length:
+        raise InputError(f"{path}: no pulses, at least one was expected")
+    if length >= 2**31:
+        raise InputError(f"{path}: {length} pulses came, fewer than 2^31 were expected")
+    if np.abs(elevation).max() > 0.5 * math.pi + 1e-9:
+        raise InputError(f"{path}: elevations from -90 to 90 degrees were expected")
+    back = np.flatnonzero(np.diff(time_s) < 0.0)
+    if len(back):
+        raise InputError(f"{path}: times that never fall were expected; that of pulse {back[0] + 2} does")
+    channel = columns.get("channel")
+    if channel is not None and (np.any(channel != np.rint(channel)) or np.abs(channel).max() >= 2**24):
+        raise InputError(f"{path}: channels that are whole numbers below 2^24 were expected")
+    time_s = time_s - time_s[0]
+    if frame_s is None:
+        if length < 2 or time_s[-1] == 0.0:
+            raise InputError(f"{path}: all pulses are at one time, so scanner.frame_ms must be given")
+        frame_s = float(time_s[-1]) * length / (length - 1)
+    elif frame_s < time_s[-1]:
+        raise InputError(
+            f"{path}: pulses up to {time_s[-1] * 1e3:g} ms came, scanner.frame_ms = {frame_s * 1e3:g} ends before"
+        )
+    return Pattern.of(
+        azimuth_rad=azimuth, elevation_rad=elevation, time_s=time_s, channel=channel, frame_s=frame_s,
+        jitter_rad=jitter_rad, encoder_rad=encoder_rad,
+    )  # fmt: skip
+
+
+def _column(path: Path, columns: Mapping[str, Matrix], kind: str) -> Matrix:
+    """One of the columns in SI units."""
+    found = [name for name in NAMES[kind] if name in columns]
+    if len(found) != 1:
+        came = " and ".join(found) or "none"
+        raise InputError(f"{path}: one column of {', '.join(NAMES[kind])} was expected, {came} came")
+    return np.asarray(columns[found[0]] * NAMES[kind][found[0]], dtype=np.float64)
+
+
+def _read_npz(path: Path) -> dict[str, Matrix]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if _known(name)}
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except Exception as error:  # zipfile, numpy and the disk each have their own
+        raise InputError(f"{path}: cannot be read as npz: {error}") from None
+
+
+def _known(name: str) -> bool:
+    return name == "channel" or any(name in names for names in NAMES.values())

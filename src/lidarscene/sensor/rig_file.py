@@ -1,0 +1,76 @@
+"""Rig files: the sensors of a vehicle, TOML in, `Rig` out. Sensor files are named relative to the rig file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from ..errors import InputError
+from ..files.toml import FileModel, addressed, read_toml, validated
+from .file import PoseFile
+from .model import Sensor
+from .rig import Mounted, Rig
+
+SensorLookup = Callable[[str, Sequence[str]], Sensor]
+
+MOST_SENSORS = 256
+
+
+class MountedFile(PoseFile):
+    """[[sensors]]: one sensor, and where it is on the vehicle."""
+
+    label: Annotated[str, Field(min_length=1)] = Field(
+        description="names its files: letters, digits, - and _"
+    )
+    sensor: Annotated[str, Field(min_length=1)] = Field(description="catalogue name, or file beside this one")
+    set: tuple[str, ...] = Field(default=(), description="changes to the sensor file, as detector.gain=60")
+
+    @model_validator(mode="after")
+    def _plain(self) -> MountedFile:
+        if not re.fullmatch(r"[\w-]+", self.label, re.ASCII):
+            raise ValueError(f"label: letters, digits, - and _ were expected, '{self.label}' came")
+        return self
+
+
+class RigFile(FileModel):
+    """A whole rig file."""
+
+    name: str = ""
+    sensors: Annotated[tuple[MountedFile, ...], Field(min_length=1, max_length=MOST_SENSORS)]
+
+    @model_validator(mode="after")
+    def _own_labels(self) -> RigFile:
+        labels = [one.label for one in self.sensors]
+        twice = sorted({label for label in labels if labels.count(label) > 1})
+        if twice:
+            raise ValueError(f"two sensors are labelled '{twice[0]}', every label once was expected")
+        return self
+
+
+def read_rig(path: Path, *, sensor: SensorLookup, overrides: Sequence[str] = ()) -> Rig:
+    """A rig from its file; ``sensor`` finds a sensor by catalogue name or path, with overrides applied.
+
+    overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
+    """
+    file = validated(RigFile, read_toml(path), str(path))
+    labels = [one.label for one in file.sensors]
+    changes = [addressed(assignment, labels) for assignment in overrides]
+    mounted = []
+    for index, one in enumerate(file.sensors):
+        name = str(path.parent / one.sensor) if one.sensor.endswith(".toml") else one.sensor
+        try:
+            found = sensor(name, [*one.set, *(text for to, text in changes if to in (None, one.label))])
+        except InputError as error:
+            raise InputError(f'{path}: sensors[{index} "{one.label}"]: {error}') from None
+        mounted.append(Mounted(label=one.label, sensor=found, pose=one.pose()))
+    return Rig(name=file.name or path.stem, sensors=tuple(mounted))
+
+
+def files_of_rig(path: Path) -> list[Path]:
+    """The rig file and the sensor files that it names."""
+    file = validated(RigFile, read_toml(path), str(path))
+    return [path, *(path.parent / one.sensor for one in file.sensors if one.sensor.endswith(".toml"))]

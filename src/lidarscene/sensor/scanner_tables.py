@@ -1,0 +1,160 @@
+"""What the scanner models of a sensor file share: types, the options of all, and the models with mirrors."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ..files.toml import FileModel
+from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner
+
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Count = Annotated[int, Field(ge=1, le=2**24)]
+Turn = Annotated[float, Field(ge=0, le=45)]
+Rotation = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What a scanner must know of the rest of the sensor file."""
+
+    rate_hz: float
+    lens_radius_m: float
+    focal_length_m: float
+    folder: Path
+
+
+class ScannerFile(FileModel):
+    """Options of every scanner."""
+
+    jitter_mrad: Positive | None = Field(
+        default=None, description="standard deviation of the pointing on each axis across the beam"
+    )
+    encoder_step_deg: Positive | None = Field(
+        default=None, description="of the encoders on the mechanism; the reported angles are rounded to it"
+    )
+
+    @property
+    def jitter_rad(self) -> float | None:
+        """In SI units."""
+        return None if self.jitter_mrad is None else self.jitter_mrad * 1e-3
+
+    @property
+    def encoder_rad(self) -> float | None:
+        """In SI units."""
+        return None if self.encoder_step_deg is None else math.radians(self.encoder_step_deg)
+
+    def shot_period_us(self, pulse_period_us: float) -> float:
+        """How long one receiver can listen: until the next pulse, if one receiver serves all pulses."""
+        return pulse_period_us
+
+    def build(self, around: Surroundings) -> Scanner:
+        """In SI units. Raises InputError."""
+        raise NotImplementedError
+
+
+class _MirrorsFile(ScannerFile):
+    """Mirrors: how they stand, and how far they turn."""
+
+    mirrors: Literal["one", "two"] = "one"
+    incidence_deg: Annotated[float, Field(ge=0, le=80)] | None = Field(
+        default=None, description="of one mirror at rest: beam to normal; 45 if left out, as two always have"
+    )
+    side: Literal["left", "right", "above", "below"] | None = Field(
+        default=None, description="from where the beam comes onto one mirror; below if left out"
+    )
+    outer: Literal["azimuth", "elevation"] = Field(
+        default="elevation", description="axis that stands still, or that of the last of two mirrors"
+    )
+    mirror_radius_mm: Positive | None = Field(
+        default=None,
+        description="of one round mirror before the receiver's lens; the mirror is the stop if left out",
+    )
+    azimuth_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
+    elevation_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
+
+    @model_validator(mode="after")
+    def _faces_the_beam(self) -> _MirrorsFile:
+        if self.mirrors == "two":
+            for key in ("incidence_deg", "side", "mirror_radius_mm"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f'{key} is of one mirror, mirrors = "two" came')
+        turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
+        stop = self._mirrors(None, 0.0)
+        for a, e in itertools.product((-1, 1), repeat=2):
+            if stop.beam(a * turns[0], e * turns[1])[1] <= 1e-6:
+                raise ValueError("a mirror that always faces the beam was expected, it turns too far")
+        return self
+
+    def _mirrors(self, mirror_radius_m: float | None, lens_radius_m: float) -> Gimbal | MirrorPair:
+        if self.mirrors == "two":
+            return MirrorPair(last=self.outer)
+        return Gimbal(
+            incidence_rad=math.radians(45.0 if self.incidence_deg is None else self.incidence_deg),
+            side=self.side or "below",
+            outer=self.outer,
+            mirror_radius_m=mirror_radius_m,
+            lens_radius_m=None if mirror_radius_m is None else lens_radius_m,
+        )
+
+    def mirrors_for(self, around: Surroundings) -> Gimbal | MirrorPair:
+        """In SI units."""
+        radius = None if self.mirror_radius_mm is None else self.mirror_radius_mm * 1e-3
+        return self._mirrors(radius, around.lens_radius_m)
+
+
+class MirrorFile(_MirrorsFile):
+    """[scanner] type = "mirror": galvanometers or MEMS, line by line."""
+
+    type: Literal["mirror"]
+    pulses_per_line: Count
+    lines: Count
+    fast: Literal["azimuth", "elevation"] = Field(default="azimuth", description="the turn that scans a line")
+    waveform: Literal["sawtooth", "triangle", "sine"] = "sawtooth"
+    slow: Literal["step", "ramp"] = "step"
+    line_duty: Share = Field(default=1.0, description="part of a line's time in which pulses leave")
+    frame_duty: Share = Field(default=1.0, description="part of a frame's time in which lines are scanned")
+
+    @model_validator(mode="after")
+    def _not_too_many(self) -> MirrorFile:
+        if self.pulses_per_line * self.lines > 2**31 - 1:
+            raise ValueError("fewer than 2^31 pulses in a frame were expected")
+        return self
+
+    def build(self, around: Surroundings) -> MirrorRaster:
+        """In SI units."""
+        turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
+        fast, slow = turns if self.fast == "azimuth" else turns[::-1]
+        return MirrorRaster(
+            columns=self.pulses_per_line, rows=self.lines, mirrors=self.mirrors_for(around),
+            fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=around.rate_hz, fast=self.fast,
+            waveform=self.waveform, slow=self.slow, line_duty=self.line_duty, frame_duty=self.frame_duty,
+            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
+        )  # fmt: skip
+
+
+class LissajousFile(_MirrorsFile):
+    """[scanner] type = "lissajous": both turns are sines."""
+
+    type: Literal["lissajous"]
+    azimuth_hz: Positive
+    elevation_hz: Positive
+    azimuth_phase_deg: float = 0.0
+    elevation_phase_deg: float = 0.0
+    frame_hz: Positive
+
+    def build(self, around: Surroundings) -> Lissajous:
+        """In SI units."""
+        return Lissajous.of(
+            rate_hz=around.rate_hz, frame_hz=self.frame_hz, mirrors=self.mirrors_for(around),
+            frequency_hz=(self.azimuth_hz, self.elevation_hz),
+            phase_rad=(math.radians(self.azimuth_phase_deg), math.radians(self.elevation_phase_deg)),
+            turn_rad=(math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)),
+            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
+        )  # fmt: skip

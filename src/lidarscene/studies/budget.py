@@ -1,0 +1,144 @@
+"""Link budgets of points: a cloud with truth, its sensor and the light of its scene in, watts and amperes out.
+
+The very stages of the simulation, on numpy. A cloud does not hold its surface's BSDF, only the diffuse reflectivity, so
+from a cloud alone the power by (5) and the background by (8) are those of a Lambertian surface: exact for diffuse
+materials, off where a coat, a mirror or a retro-reflector looks back. Where the Lambertian echo does not explain the
+SNR in the cloud, P_r is what does. Who has the world compiled gives the light itself (`kernel.rays.relit.light_of`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..cloud.points import PointCloud
+from ..errors import InputError
+from ..light.beams import Beams
+from ..light.echoes import Ambient, Echoes, receive
+from ..light.hits import Hits
+from ..physics.electronics import tdc
+from ..scan import Scanner
+from ..sensor.model import Sensor
+
+Matrix = np.ndarray[Any, Any]
+
+SAME_SIGNAL = 1e-3
+"""Signals this near to the cloud's are taken for the same: a saturated SiPM tells no power from its signal, and
+columns are single precision.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Budget:
+    """What decided on each point; all (n,) float64. Signals are amperes (APD) or cells (SiPM).
+
+    echo_power_w           P_r, peak: by (5) if that gives the cloud's SNR, else what does; 0 without a surface
+    lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without a surface
+    background_power_w     P_rs by (8), of a Lambertian surface unless the light was given, or of the sky
+    noise                  sigma_0 without an echo
+    threshold              level U of the comparator
+    signal                 peak of the echo without noise
+    noise_at_peak          sigma at the peak: with the echo's own shot noise
+    detection_probability  P_d of that signal
+    """
+
+    echo_power_w: Matrix
+    lambertian_power_w: Matrix
+    background_power_w: Matrix
+    noise: Matrix
+    threshold: Matrix
+    signal: Matrix
+    noise_at_peak: Matrix
+    detection_probability: Matrix
+
+
+def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
+    """The budget of every point, by the sensor that made the cloud.
+
+    light  of the points' pulses, where it is known
+    Raises InputError for a cloud without truth.
+    """
+    if not cloud.has_truth:
+        raise InputError("budget: the cloud has no truth columns, from which it is computed")
+    hits = _lambertian(cloud)
+    # Which beam looks into the sun is not in the columns.
+    lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
+    light = light or lambertian
+    point = sensor.working_point(np.broadcast_to(light.background_power_w, len(cloud)))
+    threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
+    noise = np.broadcast_to(point.noise, len(cloud))
+    signal = np.where(hits.found, cloud.snr * noise, 0.0)
+    explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
+    power = np.where(explained, light.peak_power_w, point.power_w(signal))
+    at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    found = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
+    return Budget(
+        echo_power_w=np.where(hits.found, power, 0.0),
+        lambertian_power_w=lambertian.peak_power_w,
+        background_power_w=light.background_power_w,
+        noise=noise,
+        threshold=threshold,
+        signal=signal,
+        noise_at_peak=at_peak,
+        detection_probability=np.where(hits.found, found, 0.0),
+    )
+
+
+def _lambertian(cloud: PointCloud) -> Hits:
+    """The truth columns as hits on Lambertian surfaces, in double precision."""
+    columns = {name: cloud.column(name).astype(np.float64) for name in ("true_range", "reflectivity")}
+    found = np.isfinite(columns["true_range"])
+    cos_incidence = np.where(found, np.cos(cloud.column("incidence_angle").astype(np.float64)), 0.0)
+    cos_sun = np.where(found, np.cos(cloud.column("sun_angle").astype(np.float64)), 0.0)
+    lit = found & (cos_sun > 0.0) & (cloud.column("in_shadow") == 0)
+    per_sr = columns["reflectivity"] / math.pi
+    return Hits(
+        found=found,
+        range_m=np.where(found, columns["true_range"], 1.0),
+        cos_incidence=cos_incidence,
+        backscatter_per_sr=per_sr * cos_incidence,
+        sun_scatter_per_sr=np.where(lit, per_sr * cos_sun, 0.0),
+        reflectivity=columns["reflectivity"],
+        cos_sun=cos_sun,
+        lit=lit,
+        face=np.where(found, 0, -1),
+    )
+
+
+def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
+    """The beams of the points, of which only the receiving apertures matter here."""
+    scanner, pulse = sensor.scanner, np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+    if any(share.ndim for share in shares):
+        pulse = pulses_of(cloud, scanner)
+        shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+    laser, background = (np.broadcast_to(sensor.optics.aperture_m2 * share, len(cloud)) for share in shares)
+    return Beams(
+        pulse=pulse, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0), aperture_m2=laser,
+        background_aperture_m2=background,
+    )  # fmt: skip
+
+
+def pulses_of(cloud: PointCloud, scanner: Scanner) -> Matrix:
+    """(n,) uint32 pulse that made each point: of its frame and channel, the nearest in time, then in azimuth."""
+    first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
+    pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
+    times, rank = np.unique(scanner.time_s(pulse) - scanner.time_s(pulse[:1]), return_inverse=True)
+    channel = np.asarray(scanner.channel(pulse), dtype=np.int64)
+    width = int(channel.max()) + 1
+    # Angles lie within -pi to pi, so steps of 8 keep the groups apart.
+    keys = (rank * width + channel) * 8.0 + scanner.angles(pulse)[0]
+    order = np.argsort(keys, kind="stable")
+    wanted = (_nearest(times, cloud.time_s) * width + cloud.channel) * 8.0 + cloud.azimuth_rad
+    return np.asarray(pulse[order[_nearest(keys[order], wanted)]])
+
+
+def _nearest(rising: Matrix, values: Matrix) -> Matrix:
+    """Index of the nearest of some rising numbers, for each value."""
+    above = np.searchsorted(rising, values).clip(1, max(len(rising) - 1, 1))
+    below = above - 1
+    above = np.minimum(above, len(rising) - 1)
+    return np.asarray(np.where(values - rising[below] <= rising[above] - values, below, above))

@@ -1,0 +1,132 @@
+"""Comparison of clouds that exist: files with truth in, what each sensor made of its pulses out.
+
+A file has no pulse numbers. Points of two files are of one pulse where time, channel, azimuth and elevation agree
+to the last bit, as they do where the same scanner fired. There is nothing in a file about what its sensor missed:
+rates are shares of the pulses with which any of the sensors found a surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from ...errors import InputError
+from .data import Observation, Surfaces
+from .numbers import common, first_echoes
+
+Matrix = np.ndarray[Any, Any]
+
+LEAST_SHARED = 0.05
+"""Share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
+
+_NAMES = {"body": "body_names", "class_id": "class_names", "material": "material_names"}
+
+
+def read(paths: Sequence[Path]) -> list[Observation]:
+    """What lies in these files, matched by pulse if all share pulses with the first. Raises InputError."""
+    clouds = [PointCloud.load(path) for path in paths]
+    for path, cloud in zip(paths, clouds, strict=True):
+        if not cloud.has_truth:
+            raise InputError(f"{path}: a cloud with ground truth was expected, this one was written without")
+    return observations([path.stem for path in paths], clouds)
+
+
+def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
+    """The same of clouds in memory; equal names get a number."""
+    own = [
+        f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)
+    ]
+    named = _same_names(clouds)
+    pulses = _numbered(named)
+    if not all(_shared(pulses[0], other) for other in pulses[1:]):
+        return [Observation(name=name, cloud=cloud, lost={}) for name, cloud in zip(own, named, strict=True)]
+    matched = [
+        Observation(name=name, cloud=cloud, pulse=pulse, lost={})
+        for name, cloud, pulse in zip(own, named, pulses, strict=True)
+    ]
+    return [
+        replace(one, surfaces=surfaces)
+        for one, surfaces in zip(matched, found_by_any(matched), strict=True)
+    ]  # fmt: skip
+
+
+def found_by_any(everything: Sequence[Observation]) -> list[Surfaces]:
+    """For each sensor the pulses with which any of them found a surface; truth from the first that did."""
+    echoes = [first_echoes(one) for one in everything]
+    every = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
+    truth: dict[str, Matrix] = {}
+    for one, (pulse, place) in reversed(list(zip(everything, echoes, strict=True))):
+        at = np.searchsorted(every, pulse)
+        for attribute in _TRUTHS:
+            values = getattr(one.cloud, attribute)
+            truth.setdefault(attribute, np.zeros(len(every), values.dtype))[at] = values[place]
+    made = []
+    for one, (pulse, place) in zip(everything, echoes, strict=True):
+        at = np.searchsorted(every, pulse)
+        found, snr = np.zeros(len(every), bool), np.zeros(len(every), np.float32)
+        found[at], snr[at] = True, one.cloud.snr[place]
+        made.append(Surfaces(pulse=every, found=found, snr=snr, **truth))
+    return made
+
+
+_TRUTHS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
+
+
+def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) -> float:
+    """Share of the pulses that both found where their true ranges differ: more than a few, and the scenes differ."""
+    pulse_a, first_a = first_echoes(a)
+    pulse_b, first_b = first_echoes(b)
+    _, in_a, in_b = common(pulse_a, pulse_b)
+    if not len(in_a) or a.cloud.true_range_m is None or b.cloud.true_range_m is None:
+        return 0.0
+    apart = a.cloud.true_range_m[first_a[in_a]] - b.cloud.true_range_m[first_b[in_b]]
+    return float(np.mean(np.abs(apart) > tolerance_m))
+
+
+def _numbered(clouds: Sequence[PointCloud]) -> list[Matrix]:
+    """For each cloud the number of each point's pulse among all different pulses of all clouds, in firing order."""
+
+    def joined(attribute: str) -> Matrix:
+        # + 0.0 makes one zero of the two.
+        return np.concatenate([getattr(cloud, attribute) + 0 for cloud in clouds])
+
+    keys = [joined(name) for name in ("elevation_rad", "azimuth_rad", "channel", "sensor_index", "time_s")]
+    order = np.lexsort(keys)
+    new = np.zeros(len(order), bool)
+    for key in keys:
+        new[1:] |= np.diff(key[order]) != 0
+    number = np.zeros(len(order), np.int64)
+    number[order] = np.cumsum(new)
+    return np.split(number, np.cumsum([len(cloud) for cloud in clouds])[:-1])
+
+
+def _shared(a: Matrix, b: Matrix) -> bool:
+    a, b = np.unique(a), np.unique(b)
+    smaller = min(len(a), len(b))
+    return smaller == 0 or len(common(a, b)[0]) >= LEAST_SHARED * smaller
+
+
+def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
+    """The clouds with bodies, classes and materials numbered alike."""
+    if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAMES.values()):
+        return list(clouds)
+    tables = {
+        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key)))
+        for key in _NAMES.values()
+    }
+    made = []
+    for cloud in clouds:
+        changes: dict[str, Any] = {}
+        for attribute, key in _NAMES.items():
+            names = getattr(cloud, key)
+            # One more entry, the last, for -1 and for numbers without a name.
+            renumbered = np.array([*(tables[key].index(name) for name in names), -1], np.int32)
+            values = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
+            changes |= {key: tables[key], attribute: values}
+        made.append(replace(cloud, **changes))
+    return made

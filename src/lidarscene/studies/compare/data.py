@@ -1,0 +1,147 @@
+"""Comparison of sensors, what is compared: what each made of its pulses, and how pulses are sorted."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from ...detection.returns import Status
+
+Matrix = np.ndarray[Any, Any]
+
+INCIDENCE_DEG = tuple(range(0, 91, 10))
+REFLECTIVITY = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+_MOST_RANGE_BINS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surfaces:
+    """The pulses that count in rates, each once; all (n,). Truth by the names that PointCloud uses.
+
+    pulse        pulse numbers, rising
+    found        whether an echo of the pulse is a point
+    snr          0 where it is not known
+    probability  P_d of each echo, or None: not known
+    tripped      whether the echo tripped the comparator, in its window, hidden or neither; or None: not known
+    """
+
+    pulse: Matrix
+    found: Matrix
+    snr: Matrix
+    true_range_m: Matrix
+    incidence_angle_rad: Matrix
+    reflectivity: Matrix
+    body: Matrix
+    class_id: Matrix
+    probability: Matrix | None = None
+    tripped: Matrix | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observation:
+    """What one sensor made of a scene.
+
+    pulse     (n,) pulse number of each point of the cloud, or None: they match no other's
+    surfaces  what rates are shares of, or None: there are no rates
+    fired     pulses in the frame, or None: not known
+    lost      pulses that met a surface and gave no point, by reason; empty if not known
+    """
+
+    name: str
+    cloud: PointCloud
+    pulse: Matrix | None = None
+    surfaces: Surfaces | None = None
+    fired: int | None = None
+    lost: dict[str, int]
+
+    @property
+    def counted(self) -> Surfaces:
+        """The surfaces, where there are rates."""
+        assert self.surfaces is not None
+        return self.surfaces
+
+    @property
+    def is_echo(self) -> Matrix:
+        """(n,) which points are echoes of a surface."""
+        return np.asarray(
+            (self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m"))
+        )
+
+    @property
+    def alarms(self) -> int:
+        """False alarms among the points."""
+        return int(np.count_nonzero(self.cloud.status == Status.FALSE_ALARM))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grouping:
+    """A way to sort pulses: bins of a truth, or the index into names.
+
+    attribute  of Surfaces and PointCloud
+    edges      of the bins, rising, in the attribute's unit; None with names
+    """
+
+    key: str
+    attribute: str
+    unit: str
+    labels: tuple[str, ...]
+    edges: Matrix | None = None
+
+    def of(self, source: Surfaces | PointCloud) -> Matrix:
+        """(n,) group of each pulse or point, -1 for none. The upper edge of a bin belongs to the next, but the last."""
+        values = truth_of(source, self.attribute)
+        if self.edges is None:
+            return np.where(values < len(self.labels), values, -1)
+        index = np.searchsorted(self.edges, values, side="right") - 1
+        index = np.where(values == self.edges[-1], len(self.labels) - 1, index)
+        return np.where(index < len(self.labels), index, -1)
+
+    @property
+    def middles(self) -> Matrix:
+        """Middles of the bins, in what people read: degrees for angles."""
+        assert self.edges is not None
+        scale = 180.0 / math.pi if self.unit == "deg" else 1.0
+        return scale * 0.5 * (self.edges[1:] + self.edges[:-1])
+
+
+def range_bins(farthest_m: float) -> Grouping:
+    """Bins of 1, 2 or 5 times a power of ten metres, at most 16, from 0 to the farthest surface."""
+    step = 10.0 ** math.floor(math.log10(max(farthest_m, 1e-3) / _MOST_RANGE_BINS))
+    step *= next(f for f in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * f * step)
+    edges = step * np.arange(max(math.ceil(farthest_m / step), 1) + 1)
+    return _bins("range", "true_range_m", "m", edges)
+
+
+def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
+    """By true range, incidence and reflectivity, by class and by body."""
+    farthest = [truth_of(one.surfaces or one.cloud, "true_range_m") for one in everything]
+    reach = max((float(far[np.isfinite(far)].max(initial=0.0)) for far in farthest), default=0.0)
+    cloud = everything[0].cloud
+    return (
+        range_bins(reach),
+        _bins("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
+        _bins("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
+        Grouping(key="class", attribute="class_id", unit="", labels=cloud.class_names),
+        Grouping(key="body", attribute="body", unit="", labels=cloud.body_names),
+    )
+
+
+def _bins(
+    key: str, attribute: str, unit: str, edges: Matrix, told: Sequence[float] | None = None
+) -> Grouping:
+    shown = edges if told is None else told
+    labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(shown))
+    return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
+
+
+def truth_of(source: Surfaces | PointCloud, attribute: str) -> Matrix:
+    """A column of truth."""
+    values = getattr(source, attribute)
+    assert values is not None
+    return np.asarray(values)

@@ -1,0 +1,244 @@
+"""Comparison of sensors, the numbers: what each made of its pulses in; rates, range errors, who found what out.
+
+A rate is a share of the pulses in `Surfaces`, found or not. Its interval is Wilson's, of 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from .data import Grouping, Observation, Surfaces, truth_of
+
+Matrix = np.ndarray[Any, Any]
+
+NORMAL_95 = 1.959963984540054
+"""Two-sided 95 % of a normal distribution."""
+
+_ALL: tuple[str, ...] = ("all",)
+
+DIFFERENCE = ("both", "only_a", "only_b")
+"""What a point of a difference cloud is, by value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """Detection in one group of pulses; ``expected`` is the mean of their P_d, None if not known."""
+
+    group: str
+    surfaces: int
+    found: int
+    expected: float | None = None
+
+    @property
+    def rate(self) -> float:
+        """Share found; 0 of nothing."""
+        return self.found / self.surfaces if self.surfaces else 0.0
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's, 95 %."""
+        return wilson(self.found, self.surfaces)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeError:
+    """Reported less true range of the echoes of one group: mean and standard deviation, 0 of a single one."""
+
+    group: str
+    points: int
+    bias_m: float
+    sigma_m: float
+
+    @property
+    def bias_interval_m(self) -> float:
+        """Half the 95 % interval of the mean."""
+        return NORMAL_95 * self.sigma_m / math.sqrt(self.points)
+
+    @property
+    def sigma_interval_m(self) -> float:
+        """Half the 95 % interval of the deviation, for Gaussian errors."""
+        return NORMAL_95 * self.sigma_m / math.sqrt(2.0 * max(self.points - 1, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Pulses of one group by who found their surface."""
+
+    group: str
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+
+    @property
+    def pulses(self) -> int:
+        """All of them."""
+        return self.both + self.only_a + self.only_b + self.neither
+
+    @property
+    def difference(self) -> float:
+        """Rate of A less that of B; 0 of nothing."""
+        return (self.only_a - self.only_b) / self.pulses if self.pulses else 0.0
+
+    @property
+    def difference_interval(self) -> tuple[float, float]:
+        """95 % of the difference of these paired shares."""
+        return paired_interval(only_a=self.only_a, only_b=self.only_b, pulses=self.pulses)
+
+
+def wilson(found: int, total: int) -> tuple[float, float]:
+    """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 of nothing."""
+    if not total:
+        return 0.0, 1.0
+    share, z2 = found / total, NORMAL_95**2 / total
+    middle = (share + 0.5 * z2) / (1.0 + z2)
+    half = NORMAL_95 * math.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total) / (1.0 + z2)
+    # Exactly 0 and 1 at the ends, where rounding may step over.
+    return (max(middle - half, 0.0) if found else 0.0), (min(middle + half, 1.0) if found < total else 1.0)
+
+
+def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, float]:
+    """95 % interval of p_A - p_B from pairs (Agresti and Min, Statistics in Medicine 24 (2005) 729).
+
+    Wald's with half a pulse added to each of the four cells, so that no difference at all has a width too.
+    """
+    total = pulses + 2.0
+    b, c = only_a + 0.5, only_b + 0.5
+    middle = (b - c) / total
+    half = NORMAL_95 * math.sqrt(max(b + c - (b - c) ** 2 / total, 0.0)) / total
+    return middle - half, middle + half
+
+
+def rate(surfaces: Surfaces) -> Rate:
+    """Of all pulses."""
+    expected = None if surfaces.probability is None else _mean(surfaces.probability)
+    found = int(np.count_nonzero(surfaces.found))
+    return Rate(group="all", surfaces=len(surfaces.pulse), found=found, expected=expected)
+
+
+def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
+    """Of each group, in its order; empty groups too."""
+    index, size = grouping.of(surfaces), len(grouping.labels)
+    count, found = _counts(index, size), _counts(index[surfaces.found], size)
+    known = surfaces.probability is not None
+    weights = (
+        surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
+    )
+    sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
+    return [
+        Rate(
+            group=label, surfaces=int(n), found=int(k), expected=float(s / n) if known and n else None
+        )
+        for label, n, k, s in zip(grouping.labels, count, found, sums, strict=True)
+    ]  # fmt: skip
+
+
+def deviation(surfaces: Surfaces) -> float | None:
+    """Echoes that tripped less those expected, in standard deviations of independent draws; None if not known."""
+    if surfaces.probability is None or surfaces.tripped is None:
+        return None
+    p = surfaces.probability.astype(np.float64)
+    sigma = math.sqrt(float(np.sum(p * (1.0 - p))))
+    return (int(np.count_nonzero(surfaces.tripped)) - float(p.sum())) / sigma if sigma > 0.0 else 0.0
+
+
+def range_errors(one: Observation, grouping: Grouping | None = None) -> list[RangeError]:
+    """Of each group with an echo, or of all echoes together."""
+    echoes = one.cloud.select(one.is_echo)
+    error = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
+    if grouping is None:
+        index, labels = np.zeros(len(echoes), dtype=np.int64), _ALL
+    else:
+        index, labels = grouping.of(echoes), grouping.labels
+    made = []
+    for number in np.unique(index[index >= 0]):
+        own = error[index == number]
+        sigma = float(own.std(ddof=1)) if len(own) > 1 else 0.0
+        made.append(
+            RangeError(group=labels[number], points=len(own), bias_m=float(own.mean()), sigma_m=sigma)
+        )
+    return made
+
+
+def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
+    """Who found what, of the pulses that met a surface for both, sorted by A's truth; empty groups too."""
+    _, in_a, in_b = common(a.pulse, b.pulse)
+    index, labels = np.zeros(len(in_a), dtype=np.int64), _ALL
+    if grouping is not None:
+        index, labels = grouping.of(a)[in_a], grouping.labels
+    kind = 2 * a.found[in_a].astype(np.int64) + b.found[in_b]
+    table = [_counts(index[kind == number], len(labels)) for number in (3, 2, 1, 0)]
+    return [
+        Pair(group=label, both=int(ab), only_a=int(oa), only_b=int(ob), neither=int(no))
+        for label, ab, oa, ob, no in zip(labels, *table, strict=True)
+    ]
+
+
+def first_echoes(one: Observation) -> tuple[Matrix, Matrix]:
+    """Pulse numbers, rising, that have an echo among the points, and the index of the first echo of each."""
+    assert one.pulse is not None
+    place = np.flatnonzero(one.is_echo)
+    pulse, first = np.unique(one.pulse[place], return_index=True)
+    return pulse, place[first]
+
+
+def paired_range_difference(a: Observation, b: Observation) -> RangeError | None:
+    """Reported range of A less that of B, where both have an echo of a pulse; None without any."""
+    pulse_a, first_a = first_echoes(a)
+    pulse_b, first_b = first_echoes(b)
+    _, in_a, in_b = common(pulse_a, pulse_b)
+    if not len(in_a):
+        return None
+    apart = a.cloud.range_m[first_a[in_a]].astype(np.float64) - b.cloud.range_m[first_b[in_b]]
+    sigma = float(apart.std(ddof=1)) if len(apart) > 1 else 0.0
+    return RangeError(group="all", points=len(apart), bias_m=float(apart.mean()), sigma_m=sigma)
+
+
+def difference(a: Observation, b: Observation) -> tuple[PointCloud, Matrix]:
+    """The difference cloud and which of DIFFERENCE each point is, in the order of pulses.
+
+    The first echo of each pulse that has one: A's point where A has one, else B's, with the sensor's index 0 or 1.
+    False alarms are left out.
+    """
+    pulse_a, first_a = first_echoes(a)
+    pulse_b, first_b = first_echoes(b)
+    kind_a = np.where(np.isin(pulse_a, pulse_b, assume_unique=True), 0, 1)
+    alone = ~np.isin(pulse_b, pulse_a, assume_unique=True)
+    order = np.argsort(np.concatenate([pulse_a, pulse_b[alone]]), kind="stable")
+    parts = [a.cloud.select(first_a), b.cloud.select(first_b[alone])]
+    names = (a.name, b.name)
+    together = PointCloud.concatenate(
+        [
+            replace(p, sensor_index=np.full(len(p), i, np.uint8), sensor_names=names)
+            for i, p in enumerate(parts)
+        ]
+    )
+    kinds = np.concatenate([kind_a, np.full(int(alone.sum()), 2)]).astype(np.uint8)
+    return together.select(order), kinds[order]
+
+
+def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Matrix, Matrix, Matrix]:
+    """SNR for A and for B of the pulses where both are known, and 0 both found it, 1 A only, 2 B only, 3 neither."""
+    _, in_a, in_b = common(a.pulse, b.pulse)
+    found_a, found_b = a.found[in_a], b.found[in_b]
+    kind = np.where(found_a, np.where(found_b, 0, 1), np.where(found_b, 2, 3))
+    known = (a.snr[in_a] > 0.0) & (b.snr[in_b] > 0.0)
+    return a.snr[in_a][known], b.snr[in_b][known], kind[known]
+
+
+def common(a: Matrix, b: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Numbers in both of two lists without repetition, and where they are in each."""
+    return np.intersect1d(a, b, assume_unique=True, return_indices=True)
+
+
+def _counts(index: Matrix, size: int) -> Matrix:
+    return np.bincount(index[index >= 0], minlength=size)
+
+
+def _mean(values: Matrix) -> float:
+    return float(values.mean(dtype=np.float64)) if len(values) else 0.0

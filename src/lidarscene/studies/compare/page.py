@@ -1,0 +1,221 @@
+"""A comparison as files: a page that holds everything, JSON, CSV, pictures and difference clouds."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...cloud import pixels
+from ...cloud.points import PointCloud
+from ...figures import pictures as plots
+from ...figures.page import Page, csv_text, put_text
+from ...files.atomic import require_writable
+from ...formats.ply_columns import write_columns
+from ...scene.model import View
+from ..field_of_view.study import slugs
+from . import figures as figures
+from . import report as report
+from .as_json import as_dict
+from .data import Observation
+from .numbers import DIFFERENCE, difference, pairs
+from .report import Comparison
+
+Matrix = np.ndarray[Any, Any]
+
+PAGE, NUMBERS = "index.html", "compare.json"
+COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94, 0)}
+"""Of the points of a difference cloud: grey, and the charts' blue and vermilion."""
+
+_PICTURE_PX = (1200, 675)
+_PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low",
+                "difference_high")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Where a comparison goes, and how its points are looked at; None: chosen by what is near the first sensor."""
+
+    folder: Path
+    view: View | None = None
+
+
+def file_names(
+    names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool
+) -> list[str]:
+    """Everything that `write` may write, by name."""
+    own = slugs(names)
+    drawn = [
+        *(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []),
+        "error-range",
+    ]
+    drawn += [f"snr-{slug}" for slug in own[1:]] if matched else []
+    drawn += ["illuminance"] if swept else []
+    pictures = [f"cloud-{slug}.png" for slug in own]
+    files = [PAGE, NUMBERS, *(f"{stem}.{suffix}" for stem in drawn for suffix in ("png", "csv")), *pictures]
+    files += ["rate-body.csv"] if rated else []
+    files += [f"{slug}.ply" for slug in own] if simulated else []
+    if matched:
+        files += [f"difference-{slug}.{suffix}" for slug in own[1:] for suffix in ("ply", "png")]
+        files += [f"pairs-{slug}.csv" for slug in own[1:]]
+    return files
+
+
+def require_files(folder: Path, names: Sequence[str]) -> None:
+    """Refuse what could not be written, before any work goes into it. Raises OutputError."""
+    for name in names:
+        require_writable(folder / name)
+
+
+def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> str:
+    """Write all of it; returns what is to be printed. Raises OutputError."""
+    folder, own = output.folder, slugs([one.name for one in comparison.everything])
+    page = Page(comparison.title, folder=folder)
+    for note in comparison.notes:
+        page.paragraph(note)
+    page.table(*report.fate(comparison))
+    page.table(*report.summary(comparison))
+    if comparison.matched:
+        page.heading("Who found what")
+        page.table(report.PAIRS, report.pair_rows(comparison))
+        _pair_tables(comparison, folder, own)
+    page.heading("The clouds")
+    _pictures(page, comparison, output, own)
+    if comparison.rated:
+        _rates(page, comparison, folder)
+    else:
+        page.heading("Echoes")
+        for key in ("range", "class"):
+            page.table(*report.counts_table(comparison, key))
+    page.heading("Range error")
+    _show(page, folder, figures.errors(comparison.everything, comparison.group("range")))
+    _signal_to_noise(page, comparison, folder, own)
+    if comparison.swept is not None:
+        page.heading("Illuminance")
+        for line in report.crossing_lines(comparison.swept, comparison.everything[0].name):
+            page.paragraph(line)
+        page.table(*report.sweep_table(comparison.swept))
+        _show(page, folder, figures.illuminance(comparison.swept))
+    if comparison.seed is not None:
+        for one, slug in zip(comparison.everything, own, strict=True):
+            one.cloud.save(folder / f"{slug}.ply")
+    numbers = json.dumps(as_dict(comparison), indent=2, allow_nan=False)
+    put_text(folder / NUMBERS, numbers + "\n")
+    put_text(folder / PAGE, page.as_html())
+    return (
+        numbers if as_json else f"{report.as_text(comparison)}\nwrote {folder / PAGE} and the files beside it"
+    )
+
+
+def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
+    if figure is not None:
+        stem, draw, table, told = figure
+        draw(folder / f"{stem}.png")
+        put_text(folder / f"{stem}.csv", csv_text(*table))
+        page.figure(name=stem, number=stem, caption=told, svg=False)
+
+
+def _rates(page: Page, comparison: Comparison, folder: Path) -> None:
+    page.heading("Detection rate")
+    everything = comparison.everything
+    for key in ("range", "incidence", "reflectivity"):
+        _show(page, folder, figures.rate(everything, comparison.group(key), comparison.of))
+    _show(page, folder, figures.rate_by_class(everything, comparison.group("class"), comparison.of))
+    page.table(*report.group_table(comparison, "class"))
+    body = comparison.group("body")
+    put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(everything, body)))
+    header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
+    told = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
+    page.paragraph(f"The {len(rows)} bodies {told}; rate-body.csv has all.")
+    page.table(header, rows)
+
+
+def _signal_to_noise(page: Page, comparison: Comparison, folder: Path, own: Sequence[str]) -> None:
+    if comparison.matched:
+        page.heading("Signal-to-noise ratio")
+    for number, ((a, b), slug) in enumerate(_against_first(comparison, own), start=1):
+        _show(page, folder, figures.snr(a, b, slug, (comparison.sensors[0], comparison.sensors[number])))
+
+
+def _against_first(
+    comparison: Comparison, own: Sequence[str]
+) -> Iterator[tuple[tuple[Observation, Observation], str]]:
+    """The first observation and each other, where pulses match, and the slug of the other."""
+    return zip(comparison.against_first(), own[1:] if comparison.matched else (), strict=True)
+
+
+def _pair_tables(comparison: Comparison, folder: Path, own: Sequence[str]) -> None:
+    for (a, b), slug in _against_first(comparison, own):
+        rows = []
+        for group in (None, *comparison.groups):
+            for p in pairs(a.counted, b.counted, group):
+                if p.pulses:
+                    rows.append(
+                        (
+                            group.key if group else "all",
+                            p.group,
+                            p.both,
+                            p.only_a,
+                            p.only_b,
+                            p.neither,
+                            p.difference,
+                            *p.difference_interval,
+                        )
+                    )
+        put_text(folder / f"pairs-{slug}.csv", csv_text(_PAIR_HEADER, rows))
+
+
+def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[str]) -> None:
+    """Every cloud, and every difference, from one point of view."""
+    view = _view(comparison.everything[0].cloud, output.view)
+    shown = []
+    for one, slug in zip(comparison.everything, own, strict=True):
+        name = f"cloud-{slug}"
+        _picture(one.cloud, output.folder / f"{name}.png", view, colour_by="snr")
+        shown.append((name, f"{one.name}: {len(one.cloud):,} points by their signal-to-noise ratio."))
+    page.pictures(shown)
+    for (a, b), slug in _against_first(comparison, own):
+        cloud, kinds = difference(a, b)
+        name = f"difference-{slug}"
+        _save_difference(output.folder / f"{name}.ply", cloud, kinds, a.name, b.name)
+        labels = ("both", f"only {a.name}", f"only {b.name}")
+        named = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
+        sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=named)
+        _picture(sorted_by_kind, output.folder / f"{name}.png", view, colour_by="class")
+        counts = ", ".join(f"{label} {np.count_nonzero(kinds == k):,}" for k, label in enumerate(labels))
+        page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])
+
+
+def _picture(cloud: PointCloud, path: Path, view: View, *, colour_by: str) -> None:
+    plots.perspective_picture(
+        cloud, path, colour_by=colour_by, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg,
+        size_px=_PICTURE_PX,
+    )  # fmt: skip
+
+
+def _view(cloud: PointCloud, view: View | None) -> View:
+    """The scene's, or what `plots` would choose for this cloud."""
+    if view is not None:
+        return view
+    camera = pixels.camera_for(cloud)
+    x, y, z = (float(v) for v in camera.eye_m)
+    right, up, ahead = (float(v) for v in camera.eye_m + 10.0 * camera.axes[2])
+    return View(eye_m=(x, y, z), target_m=(right, up, ahead), fov_deg=camera.fov_deg)
+
+
+def _save_difference(path: Path, cloud: PointCloud, kinds: Matrix, a: str, b: str) -> None:
+    """The difference cloud with colours that every viewer shows; classes and bodies are numbers, named in comments."""
+    rgb = np.array([COLOURS[kind] for kind in DIFFERENCE], dtype=np.uint8)[kinds]
+    columns = {column.name: cloud.column(column.name) for column in cloud.columns}
+    columns |= {"difference": kinds, "red": rgb[:, 0], "green": rgb[:, 1], "blue": rgb[:, 2]}
+    comments = [f"difference cloud by lidarscene: A is {a}, B is {b}"]
+    comments += [f"difference {number} {kind}" for number, kind in enumerate(DIFFERENCE)]
+    comments += [f"unit {column.name} {column.unit}" for column in cloud.columns]
+    comments += [f"class {number} {name}" for number, name in enumerate(cloud.class_names)]
+    comments += [f"body {number} {name}" for number, name in enumerate(cloud.body_names)]
+    write_columns(path, columns, comments=comments)

@@ -1,0 +1,225 @@
+"""Comparison of sensors, simulated: a scene and sensors in; what each made of it, also under other light, out.
+
+The one part of a comparison that traces. A scene is compiled once for each wavelength.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...detection.returns import Outcome
+from ...kernel.world.build import World
+from ...maths.pose import Pose
+from ...record.report import OUTCOME_TEXT
+from ...render.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ...scene.model import Scene
+from ...sensor.model import Sensor
+from ..ranging.plane import Target, equal_range_illuminance_klux
+from .data import Observation, Surfaces
+from .numbers import Rate, range_errors, rate
+
+Matrix = np.ndarray[Any, Any]
+
+Named = tuple[str, Sensor]
+
+_TRIPPED = (Outcome.KEPT, Outcome.OUT_OF_WINDOW, Outcome.HIDDEN)
+_HALVINGS = 14  # of a crossing's bracket: two decades to 0.03 %
+_PULSES_AT_ONCE = 2**18
+
+
+class Bench:
+    """A scene, and how to look at it: the same seed, the same place, any sensor, any illuminance."""
+
+    def __init__(
+        self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK
+    ) -> None:
+        """``pose`` is where the sensors stand, their mountings not included; the scene's own if None."""
+        self.scene, self.seed, self.pose, self.chunk = scene, seed, pose, chunk
+        self._worlds: dict[float, World] = {}
+
+    def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:
+        """One frame; the scene's own illuminance if None."""
+        scene = self.scene
+        if illuminance_klux is not None:
+            scene = replace(scene, sun=replace(scene.sun, illuminance_klux=illuminance_klux))
+        wavelength_m = sensor.laser.wavelength_m
+        simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.pose)
+        self._worlds[wavelength_m] = simulator.world
+        seen, summary = _Seen(), Summary()
+        cloud = simulator.render(seed=self.seed, chunk=self.chunk, observer=seen, summary=summary)
+        lost = {text: int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items() if o != Outcome.NO_SURFACE}
+        return Observation(
+            name=name, cloud=cloud, pulse=seen.pulse(), surfaces=seen.surfaces(), fired=summary.beams, lost=lost
+        )  # fmt: skip
+
+
+class _Seen:
+    """An `Observer`: gathers what it is told."""
+
+    def __init__(self) -> None:
+        self._pulse: list[Matrix] = [np.zeros(0, np.uint32)]
+        self._chunks: list[Mapping[str, Matrix]] = []
+
+    def __call__(self, pulse: Matrix, columns: Mapping[str, Matrix]) -> None:
+        self._pulse.append(pulse)
+        if columns:
+            self._chunks.append(columns)
+
+    def pulse(self) -> Matrix:
+        """(n,) pulse numbers of the cloud's points."""
+        return np.concatenate(self._pulse).astype(np.int64)
+
+    def surfaces(self) -> Surfaces:
+        """Every pulse that met a surface."""
+
+        def column(name: str) -> Matrix:
+            return np.concatenate([np.zeros(0, np.int32 if name in _WHOLE else np.float32),
+                                   *(chunk[name] for chunk in self._chunks)])  # fmt: skip
+
+        outcome = column("outcome")
+        return Surfaces(
+            pulse=column("pulse").astype(np.int64), found=outcome == Outcome.KEPT, snr=column("snr"),
+            true_range_m=column("true_range_m"), incidence_angle_rad=column("incidence_angle_rad"),
+            reflectivity=column("reflectivity"), body=column("body"), class_id=column("class_id"),
+            probability=column("detection_probability"), tripped=np.isin(outcome, _TRIPPED),
+        )  # fmt: skip
+
+
+_WHOLE = ("pulse", "outcome", "body", "class_id")
+
+
+def fires_alike(first: Sensor, other: Sensor) -> bool:
+    """Whether two sensors fire the same pulses: number, times, starts, directions and pointing jitter, and mounting."""
+    a, b = first.scanner, other.scanner
+    if (a.pulses, a.frame_s, a.jitter_rad) != (b.pulses, b.frame_s, b.jitter_rad):
+        return False
+    if not all(
+        np.array_equal(getattr(first.mounting, part), getattr(other.mounting, part))
+        for part in ("position_m", "rotation")
+    ):
+        return False
+    for start in range(0, a.pulses, _PULSES_AT_ONCE):
+        pulse = np.arange(start, min(start + _PULSES_AT_ONCE, a.pulses), dtype=np.uint32)
+        told = [
+            (*one.direction(pulse), one.time_s(pulse), one.offset_m(pulse) or (0.0, 0.0, 0.0)) for one in (a, b)
+        ]  # fmt: skip
+        if not all(
+            np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(told[0]), _flat(told[1]), strict=True)
+        ):  # fmt: skip
+            return False
+    return True
+
+
+def _flat(values: tuple[Any, ...]) -> list[Any]:
+    return [*values[:-1], *values[-1]]
+
+
+def with_beams_of(first: Sensor, other: Sensor) -> Sensor:
+    """The other sensor behind the first's scanner, where that is mounted."""
+    return replace(other, scanner=first.scanner, mounting=first.mounting)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lit:
+    """One sensor under one illuminance."""
+
+    illuminance_klux: float
+    rate: Rate
+    false_alarms: int
+    sigma_m: float | None
+
+    @classmethod
+    def of(cls, one: Observation, illuminance_klux: float) -> Lit:
+        """What matters of an observation."""
+        errors = range_errors(one)
+        return cls(
+            illuminance_klux=illuminance_klux, rate=rate(one.counted), false_alarms=one.alarms,
+            sigma_m=errors[0].sigma_m if errors else None,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crossing:
+    """Where two sensors are expected to find equally many surfaces; below it ``ahead_below`` finds more."""
+
+    illuminance_klux: float
+    expected: float
+    ahead_below: str
+    ahead_above: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """How the sensors do over illuminance.
+
+    courses    by sensor, in order
+    crossings  of the first sensor with each other
+    on_plane_klux  where the two reach equally far on Table 1's plane; None if not within the sweep
+    """
+
+    illuminances_klux: tuple[float, ...]
+    courses: dict[str, list[Lit]]
+    crossings: dict[str, list[Crossing]]
+    on_plane_klux: dict[str, float | None]
+
+
+def sweep(bench: Bench, sensors: Sequence[Named], illuminances_klux: Sequence[float]) -> Sweep:
+    """Every sensor under every illuminance (rising, above 0), and the crossings with the first in between."""
+    courses = {
+        name: [Lit.of(bench.observe(name, s, illuminance_klux=lux), lux) for lux in illuminances_klux]
+        for name, s in sensors
+    }
+    first, others = sensors[0], sensors[1:]
+    crossings = {other[0]: _crossings(bench, first, other, courses) for other in others}
+    plane = {name: _on_plane(first[1], s, illuminances_klux) for name, s in others}
+    return Sweep(
+        illuminances_klux=tuple(illuminances_klux), courses=courses, crossings=crossings, on_plane_klux=plane
+    )
+
+
+def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[Lit]]) -> list[Crossing]:
+    """By bisection in log illuminance, wherever the sign of the difference changes between two steps."""
+
+    def expected(of: Named, lux: float) -> float:
+        return _expected(Lit.of(bench.observe(*of, illuminance_klux=lux), lux))
+
+    found = []
+    steps = list(zip(courses[a[0]], courses[b[0]], strict=True))
+    for (low_a, low_b), (high_a, high_b) in itertools.pairwise(steps):
+        at_low, at_high = _expected(low_a) - _expected(low_b), _expected(high_a) - _expected(high_b)
+        if at_low * at_high >= 0.0:
+            continue
+        low, high = low_a.illuminance_klux, high_a.illuminance_klux
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(low * high)
+            if (expected(a, middle) - expected(b, middle)) * at_low > 0.0:
+                low = middle
+            else:
+                high = middle
+        lux = math.sqrt(low * high)
+        names = (a[0], b[0]) if at_low > 0.0 else (b[0], a[0])
+        found.append(
+            Crossing(
+                illuminance_klux=lux, expected=expected(a, lux), ahead_below=names[0], ahead_above=names[1]
+            )
+        )
+    return found
+
+
+def _expected(lit: Lit) -> float:
+    return lit.rate.expected or 0.0
+
+
+def _on_plane(a: Sensor, b: Sensor, illuminances_klux: Sequence[float]) -> float | None:
+    try:
+        return equal_range_illuminance_klux(
+            a, b, Target(), low_klux=min(illuminances_klux), high_klux=max(illuminances_klux)
+        )
+    except ValueError:
+        return None

@@ -1,0 +1,115 @@
+"""Comparisons from beginning to end: a scene and sensors, or files of clouds, in; all files of the report out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import InputError
+from ...maths.pose import Pose
+from ...render.simulator import DEFAULT_CHUNK
+from ...scene.model import Scene
+from . import clouds
+from .data import groupings
+from .page import Output, file_names, require_files, write
+from .report import Comparison
+from .run import Bench, Named, fires_alike, sweep, with_beams_of
+
+_INTERVALS = (
+    "Intervals are of 95 %: Wilson's for rates, Agresti and Min's for the difference of two rates of the same pulses. "
+    "They take pulses for independent."
+)
+
+
+def of_sensors(
+    scene: Scene, sensors: Sequence[Named], folder: Path, *, seed: int = 0, pose: Pose | None = None,
+    chunk: int = DEFAULT_CHUNK, same_beams: bool = False, illuminances_klux: Sequence[float] | None = None,
+    as_json: bool = False,
+) -> str:  # fmt: skip
+    """Render the scene with each sensor and write the report; returns what is to be said of it.
+
+    same_beams  all run with the first's scanner and mounting
+    Raises InputError, OutputError, BackendError.
+    """
+    first = sensors[0][1]
+    if same_beams:
+        sensors = [(name, with_beams_of(first, sensor)) for name, sensor in sensors]
+    matched = all(fires_alike(first, sensor) for _, sensor in sensors[1:])
+    names = [name for name, _ in sensors]
+    require_files(
+        folder,
+        file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True),
+    )
+    bench = Bench(scene, seed=seed, pose=pose, chunk=chunk)
+    seen = tuple(bench.observe(name, sensor) for name, sensor in sensors)
+    if not matched:
+        seen = tuple(replace(one, pulse=None) for one in seen)
+    comparison = Comparison(
+        title=f"{', '.join(names)} in the scene {scene.name}",
+        everything=seen,
+        sensors=tuple(sensor for _, sensor in sensors),
+        groups=groupings(seen),
+        matched=matched,
+        of="the pulses that met a surface",
+        notes=(_beams_note(scene, seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
+        seed=seed,
+        swept=sweep(bench, sensors, illuminances_klux) if illuminances_klux else None,
+    )
+    return write(comparison, Output(folder, scene.view if pose is None else None), as_json=as_json)
+
+
+def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
+    """Read clouds and write the report; returns what is to be said of it. Raises InputError, OutputError."""
+    seen = tuple(clouds.read(paths))
+    matched = all(one.surfaces is not None for one in seen)
+    names = [one.name for one in seen]
+    files = file_names(names, matched=matched, rated=matched, swept=False, simulated=False)
+    require_files(folder, files)
+    for path in paths:
+        if any((folder / name).exists() and (folder / name).samefile(path) for name in files):
+            raise InputError(f"--output {folder}: {path} would be written over, another folder was expected")
+    notes = [_MATCHED_CLOUDS if matched else _UNMATCHED_CLOUDS, _INTERVALS]
+    for other in seen[1:] if matched else ():
+        share = clouds.disagreeing(seen[0], other)
+        if share > 0.01:
+            notes.append(
+                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {other.name} both found met surfaces at "
+                "different true ranges: the two clouds are not of the same scene from the same place."
+            )
+    comparison = Comparison(
+        title=f"{', '.join(names)}", everything=seen, sensors=(None,) * len(seen), groups=groupings(seen),
+        matched=matched, of="the pulses with which any of the clouds has an echo", notes=tuple(notes),
+    )  # fmt: skip
+    return write(comparison, Output(folder), as_json=as_json)
+
+
+_RATES_NOTE = (
+    "A pulse found its surface when an echo of it is a point. Expected is the mean of the computed detection "
+    "probabilities, over the same pulses; found less expected counts every echo that tripped the comparator, also out "
+    "of its window or hidden, against the sum of the probabilities, in standard deviations of independent draws."
+)
+_MATCHED_CLOUDS = (
+    "The clouds came as files. Points are of one pulse where time, channel, azimuth and elevation agree to the last "
+    "bit. The files do not say what the sensors missed, so rates are shares of the pulses with which any of the clouds "
+    "has an echo, and there is no expected rate; truth is that of the first cloud that has it."
+)
+_UNMATCHED_CLOUDS = (
+    "The clouds came as files that share no pulses: time, channel, azimuth and elevation of their points do not agree. "
+    "So pulses cannot be matched, and as the files do not say what was missed there are no rates: echoes are counted."
+)
+
+
+def _beams_note(scene: Scene, seed: int, *, matched: bool, same_beams: bool) -> str:
+    light = f"The scene {scene.name} under {scene.sun.illuminance_klux:g} klux, seed {seed} for all sensors. "
+    if matched:
+        how = "All run with the scanner and the mounting of the first: the" if same_beams else "The"
+        return (
+            f"{light}{how} sensors fire the same pulses, which are matched by their number; each pulse's random "
+            "numbers are the same for all sensors."
+        )
+    return (
+        f"{light}The sensors do not fire the same pulses: their scanners, or mountings, differ. So pulses are not "
+        "matched; rates are compared by bins and bodies, of each sensor's own pulses. With --same-beams all "
+        "run with the first's scanner and mounting."
+    )

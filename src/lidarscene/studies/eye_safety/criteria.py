@@ -1,0 +1,165 @@
+"""Criteria of class 1: one viewer before one train of pulses in, what is emitted against what is allowed out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ...physics import eye_safety as iec
+from ...sensor.model import Sensor
+from .exposure import PulseTrain
+
+VIEWERS = {"eye": False, "telescope": True}
+"""Conditions 3 and 1 of table 10."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """One rule: what is emitted through the aperture against what is allowed, in ``unit`` (J or W)."""
+
+    name: str
+    clause: str
+    viewer: str
+    emission: float
+    limit: float
+    unit: str
+    detail: str = ""
+
+    @property
+    def margin(self) -> float:
+        """Limit over emission: 1 or more passes."""
+        return self.limit / self.emission if self.emission > 0.0 else math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One viewer before one train of pulses."""
+
+    sensor: Sensor
+    viewer: str
+    train: PulseTrain
+    energy_j: float
+    source_rad: float
+    time_base_s: float
+
+    def criteria(self) -> Iterator[Criterion]:
+        """All that apply."""
+        yield self._single()
+        yield from self._group()
+        yield self._average()
+        if iec.reaches_retina(self.sensor.laser.wavelength_m):
+            yield self._train_of_pulses()
+        yield from self._blue()
+
+    def _single(self) -> Criterion:
+        pulse_s = self._pulse_s
+        return self._criterion("single pulse", "4.3 f 1", self._through(pulse_s), self._limit(pulse_s), "J")
+
+    def _average(self) -> Criterion:
+        duration = self.time_base_s
+        power = self._through(duration) * self.train.mean_rate_hz
+        return self._criterion(
+            "average power", "4.3 f 2", power, self._limit(duration) / duration, "W", f"over {duration:g} s"
+        )
+
+    def _group(self) -> Iterator[Criterion]:
+        """The worst of all groups of pulses in a row that last from T_i up to 10 s."""
+        least = self._grouping_s if iec.reaches_retina(self.sensor.laser.wavelength_m) else 0.0
+        worst: Criterion | None = None
+        for count in self.train.group_sizes(min(iec.t2_s(source_rad=0.0), self.time_base_s)):
+            duration = max(self.train.shortest_span_s(count) + self._pulse_s, least)
+            if count > 1:
+                found = self._criterion(
+                    "pulse group", "4.3 f 2", count * self._through(duration), self._limit(duration), "J",
+                    f"{count} pulses in {si(duration, 's')}",
+                )  # fmt: skip
+                worst = found if worst is None or found.margin < worst.margin else worst
+        if worst is not None:
+            yield worst
+
+    def _train_of_pulses(self) -> Criterion:
+        """C5: pulses within T_i count as one, of their summed energy and of duration T_i."""
+        grouping, train = self._grouping_s, self.train
+        longest = min(iec.t2_s(source_rad=self.source_rad), self.time_base_s)
+        together = max(train.most_within(grouping), 1)
+        duration = self._pulse_s if together == 1 else max(grouping, self._pulse_s)
+        if together == 1:
+            number = float(max(train.most_within(longest), 1))
+        elif train.period_s <= grouping:
+            number = longest / grouping
+        else:
+            number = train.groups_per_period(grouping) * max(longest / train.period_s, 1.0)
+        factor = iec.c5(
+            pulse_s=duration, pulses=number, source_rad=self.source_rad,
+            grouping_s=grouping, time_base_s=self.time_base_s,
+        )  # fmt: skip
+        detail = f"C5 = {factor:.3g} for {number:.4g} pulses in {longest:.3g} s"
+        detail += f", {together} within {si(grouping, 's')} as one" if together > 1 else ""
+        emission = together * self._through(duration)
+        return self._criterion(
+            "pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail
+        )
+
+    def _blue(self) -> Iterator[Criterion]:
+        duration = min(100.0, self.time_base_s)
+        limit = iec.class_1_blue_energy_j(
+            wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration
+        )  # fmt: skip
+        if math.isfinite(limit):
+            power = self._through(duration) * self.train.mean_rate_hz
+            yield self._criterion(
+                "blue light", "table 3", power, limit / duration, "W", f"over {duration:g} s"
+            )
+
+    @property
+    def _pulse_s(self) -> float:
+        return float(self.sensor.laser.pulse_fwhm_s)
+
+    @property
+    def _grouping_s(self) -> float:
+        return iec.grouping_time_s(wavelength_m=self.sensor.laser.wavelength_m)
+
+    def _limit(self, duration_s: float) -> float:
+        return iec.class_1_energy_j(
+            wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration_s, source_rad=self.source_rad
+        )
+
+    def _through(self, duration_s: float) -> float:
+        """Energy of one pulse through the aperture for emissions of this duration."""
+        aperture, _, beam = geometry(self.sensor, self.viewer, duration_s)
+        return self.energy_j * iec.fraction_through_aperture(beam_diameter_m=beam, aperture_m=aperture)
+
+    def _criterion(
+        self, name: str, clause: str, emission: float, limit: float, unit: str, detail: str = ""
+    ) -> Criterion:
+        return Criterion(
+            name=name,
+            clause=clause,
+            viewer=self.viewer,
+            emission=emission,
+            limit=limit,
+            unit=unit,
+            detail=detail,
+        )
+
+
+def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, float, float]:
+    """Diameter of the aperture, its distance, and the 1/e^2 diameter of the beam there (0: not known)."""
+    laser, telescope = sensor.laser, VIEWERS[viewer]
+    aperture = iec.aperture_diameter_m(
+        wavelength_m=laser.wavelength_m, duration_s=duration_s, telescope=telescope
+    )
+    distance = iec.measuring_distance_m(telescope=telescope)
+    if laser.exit_diameter_m is None:
+        return aperture, distance, 0.0
+    beam = iec.beam_diameter_m(
+        exit_diameter_m=laser.exit_diameter_m, divergence_rad=laser.least_divergence_rad, distance_m=distance
+    )
+    return aperture, distance, beam
+
+
+def si(value: float, unit: str) -> str:
+    """A number with an SI prefix, four digits."""
+    exponent = min(max(math.floor(math.log10(value) / 3.0 + 1e-12), -5), 0) if value > 0.0 else 0
+    return f"{value / 10.0 ** (3 * exponent):.4g} {'fpnum'[exponent] if exponent else ''}{unit}"

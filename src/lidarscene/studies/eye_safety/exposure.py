@@ -1,0 +1,128 @@
+"""Exposure: which pulses of a sensor enter an eye that keeps still. A scanner's directions in, trains of pulses out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...light.beams import firing_time_s
+from ...maths.arrays import frozen
+from ...maths.pose import direction_from_angles
+from ...sensor.model import Sensor
+
+Vector = np.ndarray[Any, Any]
+
+_PLACES = 128  # where a still eye is tried
+_STEPS = 400  # group sizes looked at within one period, at most
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PulseTrain:
+    """Pulses of one energy that come again every period.
+
+    time_s    (n,) float64, never falling, from 0; n >= 1
+    period_s  after which they come again, later than the last of them
+    """
+
+    time_s: Vector
+    period_s: float
+
+    def __post_init__(self) -> None:
+        """Check and freeze."""
+        times = frozen(self.time_s, np.float64, (None,))
+        object.__setattr__(self, "time_s", times)
+        if (
+            len(times) == 0
+            or times[0] != 0.0
+            or not (np.diff(times) >= 0.0).all()
+            or times[-1] >= self.period_s
+        ):
+            raise ValueError("times that go up from 0 to less than the period were expected")
+
+    @property
+    def per_period(self) -> int:
+        """Pulses in a period."""
+        return len(self.time_s)
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Pulses per second in the long run."""
+        return self.per_period / self.period_s
+
+    def shortest_span_s(self, pulses: int) -> float:
+        """Least time from the first to the last of so many pulses in a row."""
+        periods, rest = divmod(pulses - 1, self.per_period)
+        twice = np.concatenate([self.time_s, self.time_s + self.period_s])
+        return float(
+            periods * self.period_s + (twice[rest:] - twice[: len(twice) - rest])[: self.per_period].min()
+        )
+
+    def most_within(self, duration_s: float) -> int:
+        """Most pulses that begin within a window of this duration, open at its end (less 1e-9, for rounding)."""
+        periods, rest = divmod(duration_s * (1.0 - 1e-9), self.period_s)
+        twice = np.concatenate([self.time_s, self.time_s + self.period_s])
+        starts = np.arange(self.per_period)
+        ends = np.searchsorted(twice, self.time_s + rest, side="left")
+        return int(periods) * self.per_period + int((ends - starts).max(initial=0))
+
+    def groups_per_period(self, closer_than_s: float) -> int:
+        """Groups in a period when pulses that begin within this time of a group's first belong to it."""
+        if self.period_s < closer_than_s:
+            raise ValueError("the groups of a train are longer than its period")
+        count, start = 0, 0
+        while start < self.per_period:
+            start = int(np.searchsorted(self.time_s, self.time_s[start] + closer_than_s, side="left"))
+            count += 1
+        return count
+
+    def group_sizes(self, longest_s: float) -> list[int]:
+        """Numbers of pulses in a row worth a look, from 1 to all that begin within this time."""
+        most = max(self.most_within(longest_s), 1)
+        steps = np.unique(np.geomspace(1, most, _STEPS).round().astype(int))
+        inside = np.unique(np.linspace(1, min(most, self.per_period), _STEPS).round().astype(int))
+        return [int(n) for n in np.union1d(steps, inside)]
+
+
+def stationary_train(sensor: Sensor) -> PulseTrain:
+    """Every pulse into the eye: the beam does not move."""
+    return PulseTrain(time_s=np.zeros(1), period_s=1.0 / float(sensor.laser.repetition_rate_hz))
+
+
+def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
+    """So many pulses in a row, once in each frame."""
+    if not 1 <= pulses_in_aperture <= sensor.scanner.pulses:
+        raise ValueError(
+            f"1 to {sensor.scanner.pulses} pulses of a frame were expected in the aperture, {pulses_in_aperture} came"
+        )
+    times = firing_time_s(sensor, np.arange(pulses_in_aperture, dtype=np.uint32))
+    return PulseTrain(time_s=times, period_s=_frame_s(sensor))
+
+
+def scanned_train(
+    sensor: Sensor, *, aperture_m: float, distance_m: float, beam_diameter_m: float = 0.0
+) -> PulseTrain:
+    """The pulses whose 1/e^2 beam touches a round aperture at this distance from where the beams start.
+
+    All beams start in one point, the sensor's origin. Of 129 places for the aperture, straight ahead and spread over
+    the frame's pulses, the one with most pulses is taken.
+    """
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    azimuth, elevation = (np.asarray(a, dtype=np.float64) for a in sensor.scanner.angles(pulse))
+    x, y, z = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
+    direction = np.stack([x, y, z])
+    reach = math.cos(math.atan(0.5 * (aperture_m + beam_diameter_m) / distance_m))
+    places = np.unique(np.linspace(0, len(pulse) - 1, _PLACES).astype(int))
+    best = np.zeros(0, dtype=np.intp)
+    for centre in (np.array([1.0, 0.0, 0.0]), *direction[:, places].T):
+        inside = np.flatnonzero(centre @ direction >= reach)
+        best = inside if len(inside) > len(best) else best
+    times = np.sort(firing_time_s(sensor, pulse[best]))
+    return PulseTrain(time_s=times - times[0], period_s=_frame_s(sensor))
+
+
+def _frame_s(sensor: Sensor) -> float:
+    """From the first pulse of a frame to that of the next."""
+    return float(firing_time_s(sensor, np.array([sensor.scanner.pulses], dtype=np.uint32))[0])

@@ -1,0 +1,177 @@
+"""Eye safety of a sensor: class 1 of IEC 60825-1:2014, each criterion with its margin. An aid, not a certification.
+
+Every criterion of 4.3 f is put to an eye (condition 3 of table 10) and to an eye behind a telescope (condition 1),
+with the beam standing still and as the scanner moves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ...errors import InputError
+from ...physics import eye_safety as iec
+from ...physics.optics.pulse import pulse_energy_j
+from ...sensor.model import Sensor
+from .criteria import VIEWERS, Check, Criterion, geometry, si
+from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
+
+NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
+TIME_BASE_S = 100.0
+"""4.3 e: for light beyond 400 nm that nobody is meant to look into."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EyeSafetyReport:
+    """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted")."""
+
+    sensor: str
+    motion: str
+    pulse_energy_j: float
+    peak_power_w: float
+    assumptions: tuple[str, ...]
+    criteria: tuple[Criterion, ...]
+
+    @property
+    def limiting(self) -> Criterion:
+        """The criterion with the least margin."""
+        return min(self.criteria, key=lambda criterion: criterion.margin)
+
+    @property
+    def is_class_1(self) -> bool:
+        """Whether every criterion passes."""
+        return self.limiting.margin >= 1.0
+
+    @property
+    def class_1_peak_power_w(self) -> float:
+        """Peak power at which the limiting criterion is just met: everything is linear in it."""
+        return self.peak_power_w * self.limiting.margin
+
+    def as_dict(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            **{key: value for key, value in asdict(self).items() if key != "criteria"},
+            "notice": NOTICE,
+            "is_class_1": self.is_class_1,
+            "limiting": self.limiting.name,
+            "limiting_viewer": self.limiting.viewer,
+            "margin": self.limiting.margin,
+            "class_1_peak_power_w": self.class_1_peak_power_w,
+            "criteria": [{**asdict(c), "margin": c.margin} for c in self.criteria],
+        }
+
+
+def eye_safety_report(
+    sensor: Sensor,
+    *,
+    scanned: bool = False,
+    pulses_in_aperture: int | None = None,
+    source_rad: float | None = None,
+    time_base_s: float = TIME_BASE_S,
+) -> EyeSafetyReport:
+    """Every criterion for this sensor.
+
+    scanned             count the pulses that enter from the scan; False: every pulse of a beam that stands still
+    pulses_in_aperture  or so many in a row in each frame
+    source_rad          angle of the apparent source; the sensor's own by default
+    time_base_s         100 s, or 30 000 s where long looks are meant
+
+    Raises InputError for lasers out of the standard's tables as they are here.
+    """
+    if scanned and pulses_in_aperture is not None:
+        raise InputError("one of scanned and pulses_in_aperture was expected, not both")
+    laser = sensor.laser
+    energy_j = float(pulse_energy_j(peak_power_w=laser.peak_power_w, fwhm_s=laser.pulse_fwhm_s))
+    motion = "scanned" if scanned else "stationary" if pulses_in_aperture is None else "counted"
+    source = laser.source_rad if source_rad is None else source_rad
+    try:
+        if float(laser.pulse_fwhm_s) * float(laser.repetition_rate_hz) >= 1.0:
+            raise ValueError("the pulses overlap: a pulse shorter than the time between two was expected")
+        criteria = tuple(
+            criterion
+            for viewer in VIEWERS
+            for criterion in Check(
+                sensor=sensor, viewer=viewer, energy_j=energy_j, source_rad=source, time_base_s=time_base_s,
+                train=_train(sensor, viewer, scanned=scanned, pulses_in_aperture=pulses_in_aperture),
+            ).criteria()
+        )  # fmt: skip
+    except ValueError as error:
+        raise InputError(f"{sensor.name}: eye safety: {error}") from None
+    return EyeSafetyReport(
+        sensor=sensor.name,
+        motion=motion,
+        pulse_energy_j=energy_j,
+        peak_power_w=float(laser.peak_power_w),
+        assumptions=_assumptions(sensor, motion, source, time_base_s),
+        criteria=criteria,
+    )
+
+
+def _train(sensor: Sensor, viewer: str, *, scanned: bool, pulses_in_aperture: int | None) -> PulseTrain:
+    if pulses_in_aperture is not None:
+        return counted_train(sensor, pulses_in_aperture=pulses_in_aperture)
+    if not scanned:
+        return stationary_train(sensor)
+    aperture, distance, beam = geometry(sensor, viewer, TIME_BASE_S)  # the widest
+    return scanned_train(sensor, aperture_m=aperture, distance_m=distance, beam_diameter_m=beam)
+
+
+def _assumptions(sensor: Sensor, motion: str, source_rad: float, time_base_s: float) -> tuple[str, ...]:
+    laser = sensor.laser
+    if laser.exit_diameter_m is None:
+        beam = "the whole beam enters the aperture (laser.exit_diameter_mm is not given)"
+    else:
+        beam = f"Gaussian beam of {laser.exit_diameter_m * 1e3:g} mm, {laser.divergence_rad * 1e3:g} mrad"
+    point = (
+        f"{source_rad * 1e3:g} mrad" if source_rad > iec.SMALLEST_SOURCE_RAD else "a point, up to 1.5 mrad"
+    )
+    moves = {
+        "stationary": "the beam stands still: every pulse enters",
+        "scanned": "each pulse that touches the aperture counts as if centred; all beams start in one point",
+        "counted": "as many pulses in a row as given enter, once in each frame",
+    }
+    return (beam, f"apparent source: {point}", f"time base {time_base_s:g} s", moves[motion])
+
+
+_MOTION_TEXT = {
+    "stationary": "beam standing still, which a fault of the scanner may cause",
+    "scanned": "beam moved by the scanner",
+    "counted": "pulses in the aperture as given",
+}
+_VIEWER_TEXT = {"eye": "eye", "telescope": "eye behind a telescope"}
+
+
+def as_text(report: EyeSafetyReport) -> str:
+    """One report for people: a table of criteria for each viewer, and what limits."""
+    lines = [_MOTION_TEXT[report.motion]]
+    for viewer, title in _VIEWER_TEXT.items():
+        lines.append(f"  {title:<26}{'emitted':>12}{'allowed':>12}{'margin':>10}")
+        lines += [
+            f"    {c.name:<14}{'(' + c.clause + ')':<10}{si(c.emission, c.unit):>12}{si(c.limit, c.unit):>12}"
+            f"{c.margin:>10.3g}  {c.detail}".rstrip()
+            for c in report.criteria
+            if c.viewer == viewer
+        ]
+    worst = report.limiting
+    verdict = "within" if report.is_class_1 else "NOT within"
+    lines.append(
+        f"  {verdict} class 1: {worst.name} limits ({_VIEWER_TEXT[worst.viewer]}), margin {worst.margin:.3g}; "
+        f"it allows a peak of {si(report.class_1_peak_power_w, 'W')}"
+    )
+    return "\n".join(lines)
+
+
+def report_text(sensor: Sensor) -> str:
+    """Eye safety of a sensor for people: as it scans, and with its beam standing still."""
+    laser = sensor.laser
+    reports = [eye_safety_report(sensor, scanned=scanned) for scanned in (True, False)]
+    head = (
+        f"{sensor.name}: eye safety, class 1 of IEC 60825-1:2014\n{NOTICE}\n\n"
+        f"laser    {laser.wavelength_m * 1e9:g} nm, {si(float(laser.peak_power_w), 'W')} peak, "
+        f"{si(float(laser.pulse_fwhm_s), 's')}, {float(laser.repetition_rate_hz) * 1e-3:g} kHz: "
+        f"{si(reports[0].pulse_energy_j, 'J')} a pulse, "
+        f"{si(reports[0].pulse_energy_j * float(laser.repetition_rate_hz), 'W')} in the mean"
+    )
+    said = dict.fromkeys(line for report in reports for line in report.assumptions)
+    assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(said))
+    return "\n\n".join([f"{head}\n{assumed}", *(as_text(report) for report in reports)])

@@ -1,0 +1,57 @@
+"""Points on each body of a scene against its distance: the one part of these studies that traces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from ...maths.pose import Pose
+from ...scene.model import Scene
+from ...sensor.rig import Mounted, simulators
+
+Matrix = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnBody:
+    """What one frame of a sensor has on a body: echoes, the median of their ranges, its class."""
+
+    body: str
+    label: str
+    distance_m: float
+    points: int
+
+
+def points_on_bodies(
+    scene: Scene, sensors: Sequence[Mounted], *, vehicle: Pose | None = None, seed: int = 0
+) -> list[tuple[str, list[OnBody]]]:
+    """Each sensor's label, and what a frame of it has on bodies, from near to far. Needs a back end.
+
+    vehicle  where the frame stands that the sensors' poses are in; the scene's sensor pose if None
+    Bodies without a class are left out, and those without a point.
+    """
+    place = scene.sensor_pose if vehicle is None else vehicle
+    made = simulators(scene, sensors, pose=place)
+    return [(label, _found(simulator.render(seed=seed))) for label, simulator in made]
+
+
+def _found(cloud: PointCloud) -> list[OnBody]:
+    assert cloud.body is not None
+    assert cloud.class_id is not None
+    assert cloud.true_range_m is not None
+    found = []
+    for body in np.unique(cloud.body[cloud.body >= 0]):
+        own = cloud.body == body
+        label = cloud.class_names[int(cloud.class_id[own][0])] if cloud.class_id[own][0] >= 0 else ""
+        if label:
+            found.append(
+                OnBody(
+                    body=cloud.body_names[int(body)], label=label, points=int(own.sum()),
+                    distance_m=float(np.median(cloud.true_range_m[own])),
+                )
+            )  # fmt: skip
+    return sorted(found, key=lambda one: one.distance_m)

@@ -1,0 +1,288 @@
+"""The figures of a field-of-view study: each its name, how it is drawn, its table and its line of explanation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...figures import lines as charts
+from ...figures import maps
+from ..ranging.plane import Target
+from .cells import Cells
+from .pattern import LONG, rate_hz
+from .reach import Ground
+from .spacing import PERCENTILES, QUERIES
+
+if TYPE_CHECKING:
+    from .bodies import OnBody
+    from .study import Seen
+
+Matrix = np.ndarray[Any, Any]
+Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
+"""File name without suffix, drawing to a path, CSV header and rows, explanation."""
+
+SUMMARY = (
+    "sensor",
+    "points per second",
+    "frame",
+    "field of view",
+    "elevation",
+    "spacing, median",
+    "maximum range",
+)
+NO_GROUND = (
+    "No view from above: no sensor's [mounting] is above the ground. With a --rig, or heights as by --set "
+    "SENSOR:mounting.position_m=[0,0,1.9], the ground around the vehicle, overlaps and blind zones are drawn."
+)
+DOTS = 60_000  # of a pattern that are drawn and listed
+_WIDE = 1200  # pixels across a map at most
+
+
+def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> str:
+    """What holds for all figures."""
+    area = (
+        "the cells whose middle lies in the convex outline, in azimuth and elevation, of all pulses, and "
+        "those that got one,"
+        if mask == "outline" else "the cells that ever got a pulse"
+    )  # fmt: skip
+    return (
+        f"Cells are {cell_deg:g} degrees high and about as wide: rows of equal elevation, cut so that all cells have "
+        f"the same solid angle, {cell_deg**2:.4g} square degrees. The field of view is {area} in {LONG} times the "
+        "longest time asked for, and at least a frame. A cell is covered once one pulse's axis has fallen into it; the "
+        "spot's size does not count, the cell's does. Directions are those in which the beams leave, without jitter. A "
+        f"visit is all pulses in a cell that follow each other within {1e3 * dwell_s:g} ms. The target is a plane "
+        f"of reflectivity {target.reflectivity:g}, square to the beam, in {target.illuminance_klux:g} klux of sun 60 "
+        f"degrees off its normal, through air of transmittance {target.transmittance:g}."
+    )
+
+
+def summary_row(one: Seen) -> tuple[str, ...]:
+    """One sensor in numbers."""
+    ranges = one.range_m[np.isfinite(one.range_m)]
+    told = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
+    spacing = f"{np.median(one.spacing_deg):.4f}°" if len(one.spacing_deg) else "-"
+    return (
+        one.name, f"{rate_hz(one.sensor.scanner):,.0f}", f"{one.sensor.scanner.frame_s:.4g} s",
+        f"{one.maps.square_degrees.sum():,.0f} square degrees",
+        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°", spacing, told,
+    )  # fmt: skip
+
+
+def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
+    """Share of the field of view that has got a pulse, against time."""
+    fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
+    curves = [100.0 * one.maps.coverage(fine) for one in everything]
+    lines = [
+        charts.Line(label=one.name, x=fine, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
+        for i, (one, y) in enumerate(zip(everything, curves, strict=True))
+    ]
+    chart = charts.Chart(
+        lines=tuple(lines), x_label="time [s]", y_label="field of view covered [%]", y_limits=(0.0, 103.0),
+        x_limits=(0.0, max(times_s)), title=f"Cells of {cell_deg:g} degrees",
+    )  # fmt: skip
+    told = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
+    header = ("time_s", *(f"{one.name} [%]" for one in everything))
+    return (
+        "coverage",
+        lambda path: charts.save(chart, [path]),
+        (header, zip(fine, *curves, strict=True)),
+        told,
+    )
+
+
+def coverage_rows(everything: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
+    """The same at the times asked for."""
+    return [
+        (one.name, *(f"{100.0 * c:.1f} %" for c in one.maps.coverage(np.array(times_s))))
+        for one in everything
+    ]
+
+
+def spacing(everything: Sequence[Seen]) -> Figure:
+    """Histogram of the angle to the nearest other pulse of the frame."""
+    every = np.concatenate([one.spacing_deg for one in everything])
+    every = every[every > 0.0] if np.any(every > 0.0) else np.array([0.01, 1.0])
+    low, high = np.quantile(every, 0.0005) * 0.8, every.max() * 1.2
+    edges = np.geomspace(low, max(high, 2.0 * low), 81)
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    shares = [
+        100.0
+        * np.histogram(np.clip(one.spacing_deg, edges[0], edges[-1]), edges)[0]
+        / max(len(one.spacing_deg), 1)
+        for one in everything
+    ]
+    # As steps: each bin from edge to edge.
+    x = np.repeat(edges, 2)[1:-1]
+    lines = tuple(
+        charts.Line(label=one.name, x=x, y=np.repeat(y, 2), colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
+        for i, (one, y) in enumerate(zip(everything, shares, strict=True))
+    )
+    chart = charts.Chart(
+        lines=lines, x_label="angle to the nearest other pulse [deg]", y_label="pulses [%]", x_log=True,
+        y_limits=(0.0, None), title="Pulses of one frame",
+    )  # fmt: skip
+    told = (
+        "How far the pulses of one frame are from their nearest neighbour; percentiles, in degrees, below. The search "
+        f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
+    )
+    header = ("spacing_deg", *(f"{one.name} [%]" for one in everything))
+    return (
+        "spacing",
+        lambda path: charts.save(chart, [path]),
+        (header, zip(middle, *shares, strict=True)),
+        told,
+    )
+
+
+def spacing_rows(everything: Sequence[Seen]) -> list[tuple[str, ...]]:
+    """Percentiles of the spacing."""
+    return [
+        (one.name, *(f"{p:.4f}°" for p in np.percentile(one.spacing_deg, PERCENTILES)))
+        for one in everything if len(one.spacing_deg)
+    ]  # fmt: skip
+
+
+def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
+    """The ground around the vehicle."""
+    half = float(below.x_m[-1] + 0.5 * (below.x_m[1] - below.x_m[0]))
+    stands = [(one.name, one.sensor.mounting.position_m) for one in everything]
+    at_place: dict[tuple[float, float], list[str]] = {}
+    for name, at in stands:
+        at_place.setdefault((float(at[0]), float(at[1])), []).append(name)
+    places = [(", ".join(names), x, y) for (x, y), names in at_place.items()]
+    blind = below.nearest_blind_m()
+    nearest = (
+        f"No sensor sees ground nearer than {blind:.1f} m to the origin; "
+        if np.isfinite(blind) else f"No sensor sees ground within {half:g} m; "
+    )  # fmt: skip
+    told = (
+        "The ground z = 0 from above, by how many sensors see it: in the field of view, and an echo of ground with the "
+        "target's reflectivity, at the beam's incidence there, reaches the comparator. The space between the lines of "
+        "a pattern counts as seen. The vehicle itself hides nothing, and a sensor not above the ground sees none. "
+        + nearest
+        + ", ".join(
+            f"{o.name} sees {a:,.0f} m²" for o, a in zip(everything, below.square_metres, strict=True)
+        )
+        + f", two or more see {np.sum(below.count > 1) * (below.x_m[1] - below.x_m[0]) ** 2:,.0f} m²."
+    )
+    x, y = np.meshgrid(below.x_m, below.y_m)
+    kept = below.count > 0
+    rows = zip(x[kept], y[kept], below.count[kept], *(s[kept].astype(int) for s in below.seen), strict=True)
+    header = ("x_m", "y_m", "sensors", *(one.name for one in everything))
+    title = "Ground seen from above; grey: blind"
+    draw = partial(maps.save_ground, count=below.count, half_m=half, sensors=places, title=title)
+    return "ground", draw, (header, rows), told
+
+
+def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
+    """Points on each body against its distance."""
+    groups = [
+        (name, np.array([b.distance_m for b in found]), np.array([b.points for b in found]))
+        for name, found in bodies
+    ]
+    rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
+    told = (
+        f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
+        "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
+        "on the rig's vehicle."
+    )
+    draw = partial(
+        maps.save_scatter, groups=groups, x_label="distance [m]", y_label="points on the body",
+        title=f"One frame in the scene {scene}",
+    )  # fmt: skip
+    return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), told
+
+
+def pattern(one: Seen) -> Figure:
+    """Where the pulses of the first frame go, by time."""
+    n = len(one.frame)
+    # Pulses in a row, not every k-th, which would draw moire: the first part of a long frame, coloured by time.
+    kept = slice(0, min(n, DOTS))
+    columns = [one.frame.azimuth_deg[kept], one.frame.elevation_deg[kept], one.frame.time_s[kept]]
+    part = "of one frame" if n <= DOTS else f"that come first of the {n:,} of a frame"
+    told = f"Where the {min(n, DOTS):,} pulses {part} go, coloured by time."
+    draw = partial(
+        maps.save_pattern, azimuth_deg=columns[0], elevation_deg=columns[1], time_s=columns[2],
+        extent=_extent(one), title=f"{one.name}: the {min(n, DOTS):,} pulses {part}",
+    )  # fmt: skip
+    rows = zip(columns[2], columns[0], columns[1], strict=True)
+    return f"{one.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), told
+
+
+def density(one: Seen) -> Figure:
+    """Pulses per square degree."""
+    over = f"in {one.mapped_s:g} s"
+    told = f"Pulses per square degree of solid angle {over}; cells without one are grey."
+    values = np.where(one.maps.pulses > 0, one.maps.density, np.nan)
+    finite = values[np.isfinite(values)]
+    log = bool(len(finite) and finite.max() > 30.0 * finite.min())
+    return _map(
+        one, "density", values, f"pulses per square degree {over}", "no pulse", told, "density_per_deg2", log
+    )
+
+
+def revisit(one: Seen) -> Figure:
+    """Mean time between visits."""
+    told = (
+        f"Mean time from one visit of a cell to the next in {one.revisits_s:.4g} s; cells with fewer than two visits "
+        "are grey."
+    )
+    values = one.revisits.revisit_s * 1e3
+    finite = values[np.isfinite(values)]
+    log = bool(len(finite) and finite.max() > 30.0 * finite.min())
+    return _map(one, "revisit", values, "mean time between visits [ms]", "fewer than two visits", told,
+                "revisit_ms", log)  # fmt: skip
+
+
+def far(one: Seen) -> Figure:
+    """Maximum range."""
+    told = (
+        "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
+        "and those without a limit, are grey."
+    )
+    missing = "no limit, or no pulse" if np.any(np.isinf(one.range_m)) else "no pulse"
+    return _map(one, "range", one.range_m, "maximum range [m]", missing, told, "range_m", False)
+
+
+def _map(
+    one: Seen, kind: str, values: Matrix, label: str, missing: str, told: str, column: str, log: bool
+) -> Figure:
+    shown, outside, extent = image(one.cells, one.maps.cell, values)
+    size = one.cells.size_deg
+    picture = maps.Raster(
+        values=shown, outside=outside, extent=extent, label=label, missing=missing, log=log,
+        title=f"{one.name}, cells of {size:g} degrees",
+    )  # fmt: skip
+    azimuth, elevation = one.cells.middle_deg(one.maps.cell)
+    rows = zip(azimuth, elevation, values, strict=True)
+    draw = partial(maps.save_map, picture=picture)
+    return f"{one.slug}-{kind}", draw, (("azimuth_deg", "elevation_deg", column), rows), told
+
+
+def _extent(one: Seen) -> tuple[float, float, float, float]:
+    left, right, low, high = image(one.cells, one.maps.cell, np.zeros(len(one.maps.cell)))[2]
+    beside, above = 0.015 * (right - left), 0.02 * (high - low)
+    return left - beside, right + beside, low - above, high + above
+
+
+def image(
+    cells: Cells, cell: Matrix, values: Matrix
+) -> tuple[Matrix, Matrix, tuple[float, float, float, float]]:
+    """Numbers of cells as rows over azimuth: the numbers, where no cell is, and the edges in degrees."""
+    row = cells.row_of(cell)
+    azimuth, _ = cells.middle_deg(cell)
+    half = 180.0 / cells.columns[row]
+    left, right = max(float((azimuth - half).min()), -180.0), min(float((azimuth + half).max()), 180.0)
+    low, high = int(row.min()), int(row.max())
+    wide = int(np.clip(3.0 * (right - left) / cells.size_deg, 60, _WIDE))
+    across = left + (np.arange(wide) + 0.5) * (right - left) / wide
+    up = 0.5 * (cells.edges_deg[low : high + 1] + cells.edges_deg[low + 1 : high + 2])
+    there = cells.of(*(a.ravel() for a in np.meshgrid(across, up)))
+    place = np.minimum(np.searchsorted(cell, there), len(cell) - 1)
+    inside = (cell[place] == there).reshape(len(up), wide)
+    shown = np.where(inside, values[place].reshape(len(up), wide), np.nan)
+    return shown, ~inside, (left, right, float(cells.edges_deg[low]), float(cells.edges_deg[high + 1]))

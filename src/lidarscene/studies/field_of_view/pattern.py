@@ -1,0 +1,144 @@
+"""What a scan pattern covers, how densely and how soon: pulses of a scanner in, numbers for each cell out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...scan import Scanner
+from .cells import Cells, convex_outline
+
+Matrix = np.ndarray[Any, Any]
+
+MOST_PULSES = 20_000_000
+DWELL_S = 1e-3
+"""Pulses in a cell that follow each other sooner are one visit."""
+
+LONG = 4
+"""The field of view is taken from this many times the longest time asked for, if the pulses are not too many."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pulses:
+    """Where the pulses of some time go.
+
+    direction  (n, 3) unit vectors in the sensor's frame, as the beam leaves: no jitter, no encoder
+    share      (n,) A(theta_r) / A(0)
+    """
+
+    time_s: Matrix
+    azimuth_deg: Matrix
+    elevation_deg: Matrix
+    direction: Matrix
+    share: Matrix
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def until(self, time_s: float) -> Pulses:
+        """Those fired before this time."""
+        n = int(np.searchsorted(self.time_s, time_s * (1.0 - 1e-12), side="left"))
+        return Pulses(
+            time_s=self.time_s[:n], azimuth_deg=self.azimuth_deg[:n], elevation_deg=self.elevation_deg[:n],
+            direction=self.direction[:n], share=self.share[:n],
+        )  # fmt: skip
+
+
+def rate_hz(scanner: Scanner) -> float:
+    """Pulses per second in the mean over a frame."""
+    return scanner.pulses / scanner.frame_s
+
+
+def fired(scanner: Scanner, time_s: float) -> Pulses:
+    """The pulses of this time from the start of frame 0. Raises InputError where they are too many."""
+    frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
+    count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
+    if count > MOST_PULSES + scanner.pulses:
+        raise InputError(
+            f"--time: {time_s:g} s of this scanner are {count} pulses, at most {MOST_PULSES} were expected"
+        )
+    pulse = np.arange(count, dtype=np.uint32)
+    x, y, z = (np.asarray(a, dtype=np.float64) * np.ones(count) for a in scanner.direction(pulse))
+    whole = Pulses(
+        time_s=scanner.time_s(pulse), azimuth_deg=np.degrees(np.arctan2(y, x)),
+        elevation_deg=np.degrees(np.arctan2(z, np.hypot(x, y))), direction=np.column_stack([x, y, z]),
+        share=np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones(count),
+    )  # fmt: skip
+    return whole.until(time_s)
+
+
+def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline") -> tuple[Matrix, float]:
+    """Cells of the field of view, sorted, and how long the scanner was watched for them.
+
+    kind  "reached": cells that ever got a pulse; "outline": these, and those with their middle in the convex hull of
+          all pulses in azimuth and elevation
+    """
+    watched = max(LONG * time_s, scanner.frame_s)
+    watched = max(min(watched, MOST_PULSES / rate_hz(scanner)), time_s)
+    pulses = fired(scanner, watched)
+    reached = np.unique(cells.of(pulses.azimuth_deg, pulses.elevation_deg))
+    if kind == "reached":
+        return reached, watched
+    inside = cells.within(convex_outline(pulses.azimuth_deg, pulses.elevation_deg))
+    return np.union1d(inside, reached), watched
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellMaps:
+    """Numbers for each cell of a field of view.
+
+    first_s           when its first pulse left; inf: never
+    pulses            how many it got
+    density           of them per square degree
+    revisit_s         mean time between visits; NaN for less than two
+    share             mean A(theta_r) / A(0) of its pulses; NaN without
+    """
+
+    cell: Matrix
+    square_degrees: Matrix
+    first_s: Matrix
+    pulses: Matrix
+    density: Matrix
+    revisit_s: Matrix
+    share: Matrix
+
+    def coverage(self, times_s: Matrix) -> Matrix:
+        """Share of the field's solid angle whose cells got a pulse before each of these times."""
+        order = np.argsort(self.first_s)
+        area = np.concatenate([[0.0], np.cumsum(self.square_degrees[order])])
+        before = np.asarray(times_s, dtype=np.float64) * (1.0 - 1e-12)
+        return np.asarray(area[np.searchsorted(self.first_s[order], before, side="left")] / area[-1])
+
+
+def maps(pulses: Pulses, cells: Cells, mask: Matrix, *, dwell_s: float = DWELL_S) -> CellMaps:
+    """What the cells of the mask (sorted) got of these pulses."""
+    place = np.searchsorted(mask, own := cells.of(pulses.azimuth_deg, pulses.elevation_deg))
+    inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == own)
+    lane = np.flatnonzero(inside)
+    place = place[lane]
+    order = np.argsort(place, kind="stable")  # by cell, and in it by time
+    place, time, share = place[order], pulses.time_s[lane][order], pulses.share[lane][order]
+    count = np.bincount(place, minlength=len(mask))
+    starts = np.concatenate([[0], np.cumsum(count)])
+    got = count > 0
+    begin = starts[:-1][got]
+    first, mean, revisit = (np.full(len(mask), value) for value in (np.inf, np.nan, np.nan))
+    first[got] = time[begin]
+    mean[got] = np.add.reduceat(share, begin) / count[got] if len(begin) else 0.0
+    entry = np.ones(len(place), dtype=bool)
+    entry[1:] = (place[1:] != place[:-1]) | (time[1:] - time[:-1] >= dwell_s)
+    visits = np.bincount(place[entry], minlength=len(mask))
+    # From the first visit's start to the last visit's start.
+    last = np.zeros(len(mask))
+    last[place[entry]] = time[entry]
+    again = visits > 1
+    revisit[again] = (last[again] - first[again]) / (visits[again] - 1)
+    area = cells.square_degrees(mask)
+    return CellMaps(
+        cell=mask, square_degrees=area, first_s=first, pulses=count, density=count / area, revisit_s=revisit,
+        share=mean,
+    )  # fmt: skip

@@ -1,0 +1,204 @@
+"""Field-of-view studies: sensors in; pictures, their CSV and a page that shows all of them out."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...figures.page import Page, csv_text, put_text
+from ...files.atomic import require_writable
+from ...sensor.model import Sensor
+from ..ranging.plane import Target
+from . import figures as figures
+from .cells import Cells
+from .pattern import DWELL_S, CellMaps, Pulses, fired, maps, rate_hz
+from .pattern import field as field_of_view
+from .reach import Ground, ground, range_map_m
+from .spacing import PERCENTILES, nearest_deg
+
+if TYPE_CHECKING:
+    from ...maths.pose import Pose
+    from ...scene.model import Scene
+    from .bodies import OnBody
+
+Matrix = np.ndarray[Any, Any]
+
+PAGES = ("index.md", "index.html")
+TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
+CELL_DEG = 0.28
+MAPS = ("pattern", "density", "revisit", "range")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """What is asked: coverage at these times, cells of this size, what the field of view is, the target."""
+
+    times_s: tuple[float, ...] = TIMES_S
+    cell_deg: float = CELL_DEG
+    mask: str = "outline"
+    target: Target = field(default_factory=Target)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """A sensor's part of a study.
+
+    frame    pulses of the first frame
+    maps     of the longest time asked for
+    revisits of that time or two frames, whichever is longer
+    """
+
+    name: str
+    slug: str
+    sensor: Sensor
+    cells: Cells
+    frame: Pulses
+    watched_s: float
+    mapped_s: float
+    revisits_s: float
+    maps: CellMaps
+    revisits: CellMaps
+    range_m: Matrix
+    spacing_deg: Matrix
+
+
+def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
+    """One sensor's numbers. Raises InputError where its pulses are too many."""
+    cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
+    revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
+    pulses = fired(sensor.scanner, revisits_s)
+    mask, watched = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
+    whole = maps(pulses, cells, mask)
+    until = maps(pulses.until(longest), cells, mask)
+    frame = pulses.until(sensor.scanner.frame_s)
+    return Seen(
+        name=name, slug=slug, sensor=sensor, cells=cells, frame=frame, watched_s=watched, mapped_s=longest,
+        revisits_s=revisits_s, maps=until, revisits=whole, range_m=range_map_m(sensor, whole, study.target),
+        spacing_deg=nearest_deg(frame.direction),
+    )  # fmt: skip
+
+
+def slugs(names: Sequence[str]) -> list[str]:
+    """A file name's beginning for each sensor, all different."""
+    made: list[str] = []
+    for name in names:
+        slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "sensor"
+        own = slug
+        while own in made:
+            own = f"{slug}-{made.count(slug) + sum(m.startswith(slug + '-') for m in made) + 1}"
+        made.append(own)
+    return made
+
+
+def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> list[str]:
+    """Everything that `write` writes, by name."""
+    stems = ["coverage", "spacing", *(["ground"] if with_ground else []), *(["bodies"] if with_scene else [])]
+    stems += [f"{slug}-{one}" for slug in slugs(names) for one in MAPS]
+    return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "csv"))]
+
+
+def write(
+    folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
+    vehicle: Pose | None = None, as_json: bool = False,
+) -> str:  # fmt: skip
+    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError.
+
+    sensors  names and sensors, each where its mounting says
+    scene    on whose bodies points are counted too
+    vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
+    """
+    names = [name for name, _ in sensors]
+    on_vehicle = any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
+    files = file_names(names, with_ground=on_vehicle, with_scene=scene is not None)
+    for name in files:
+        require_writable(folder / name)
+    everything = [
+        seen(name, slug, sensor, study) for (name, sensor), slug in zip(sensors, slugs(names), strict=True)
+    ]
+    below = _ground(everything, study) if on_vehicle else None
+    bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
+    page = Page("Fields of view")
+    page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
+    page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
+
+    def show(
+        stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], told: str
+    ) -> None:
+        draw(folder / f"{stem}.png")
+        put_text(folder / f"{stem}.csv", csv_text(*table))
+        page.figure(name=stem, number=stem, caption=told, svg=False)
+
+    page.heading("All sensors")
+    show(*figures.coverage(everything, study.times_s, study.cell_deg))
+    page.table(
+        ("sensor", *(f"{t:g} s" for t in study.times_s)), figures.coverage_rows(everything, study.times_s)
+    )
+    show(*figures.spacing(everything))
+    page.table(("sensor", *(f"{p} %" for p in PERCENTILES)), figures.spacing_rows(everything))
+    if below is not None:
+        show(*figures.overlap(everything, below))
+    else:
+        page.paragraph(figures.NO_GROUND)
+    if bodies is not None and scene is not None:
+        show(*figures.on_bodies(bodies, scene.name))
+    for one in everything:
+        page.heading(one.name)
+        for made in (figures.pattern, figures.density, figures.revisit, figures.far):
+            show(*made(one))
+    put_text(folder / PAGES[0], page.as_markdown())
+    put_text(folder / PAGES[1], page.as_html())
+    return _told(folder, everything, study, files, as_json=as_json)
+
+
+def _ground(everything: Sequence[Seen], study: Study) -> Ground:
+    cells = everything[0].cells
+    return ground(
+        [one.sensor for one in everything], cells, [one.revisits for one in everything], study.target
+    )
+
+
+def _bodies(
+    sensors: Sequence[tuple[str, Sensor]], scene: Scene, vehicle: Pose | None
+) -> list[tuple[str, list[OnBody]]]:
+    from ...sensor.rig import Mounted
+    from .bodies import points_on_bodies
+
+    mounted = [Mounted(label=name, sensor=sensor) for name, sensor in sensors]
+    return points_on_bodies(scene, mounted, vehicle=vehicle)
+
+
+def _told(
+    folder: Path, everything: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool
+) -> str:
+    if as_json:
+        rows = {
+            one.name: {
+                "points_per_s": rate_hz(one.sensor.scanner),
+                "field_square_degrees": float(one.maps.square_degrees.sum()),
+                "coverage": dict(zip(map(str, study.times_s), _coverage(one, study), strict=True)),
+                "spacing_deg": dict(
+                    zip(map(str, PERCENTILES), np.percentile(one.spacing_deg, PERCENTILES).tolist(), strict=True)
+                ) if len(one.spacing_deg) else {},
+            }
+            for one in everything
+        }  # fmt: skip
+        return json.dumps(
+            {"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]}
+        )
+    width = max(len(one.name) for one in everything)
+    lines = [f"coverage with cells of {study.cell_deg:g} degrees"]
+    lines.append(" " * width + "".join(f"{t:>8g} s" for t in study.times_s))
+    for one in everything:
+        lines.append(f"{one.name:<{width}}" + "".join(f"{100.0 * c:>8.1f} %" for c in _coverage(one, study)))
+    lines.append(f"wrote {folder / PAGES[0]}, {folder / PAGES[1]} and the figures beside them")
+    return "\n".join(lines)
+
+
+def _coverage(one: Seen, study: Study) -> list[float]:
+    return [float(c) for c in one.maps.coverage(np.array(study.times_s))]

@@ -1,0 +1,243 @@
+"""Figures 4(e), 5 and 6 of the paper, computed: charts and the columns of their CSV files.
+
+Solid curves are the formulas as printed. Dashed ones are what they should have been, where that can be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...figures.lines import Chart, Level, Line, Mark
+from ...physics.electronics import apd, sipm
+from ...sensor.model import Sensor
+from ..ranging import aperture, plane
+from ..ranging.plane import Target
+from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_derived, sipm_printed
+
+Matrix = np.ndarray[Any, Any]
+
+_DEAD_TIME_S, _DARK_HZ = 6e-9, 2007.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperFigure:
+    """One figure: ``file`` without suffix, its number, what it shows, and its CSV as header and columns."""
+
+    file: str
+    number: str
+    caption: str
+    chart: Chart
+    header: tuple[str, ...]
+    columns: tuple[Matrix, ...]
+
+
+def figures() -> list[PaperFigure]:
+    """All of them, in the paper's order."""
+    return [fig_4e(), fig_5a(), fig_5b(), fig_5c(), fig_6a(), fig_6b(), fig_6c()]
+
+
+def _figure(file: str, number: str, caption: str, chart: Chart, first: str) -> PaperFigure:
+    """The chart's own lines make the CSV; they share their abscissa."""
+    return PaperFigure(
+        file=file, number=number, caption=caption, chart=chart,
+        header=(first, *(line.label for line in chart.lines)),
+        columns=(chart.lines[0].x, *(line.y for line in chart.lines)),
+    )  # fmt: skip
+
+
+def fig_4e() -> PaperFigure:
+    """SNR of the APD against its gain."""
+    gain = np.geomspace(1.0, 500.0, 300)
+    noise = apd_noise()
+    parts = {"multiplied_variance_a2": noise.multiplied_a2, "unmultiplied_variance_a2": noise.unmultiplied_a2}
+    best = float(apd.best_gain(**parts, excess_noise_index=0.3))
+    equal = float(apd.gain_of_equal_noise(**parts, excess_noise_index=0.3))
+    lines = tuple(
+        Line(label=f"{klux:g} klux", x=gain, y=apd_noise(illuminance_klux=klux).snr(gain), colour=colour)
+        for colour, klux in ((0, 100.0), (5, 10.0), (2, 1.0))
+    )
+    marks = (
+        Mark(
+            x=equal, y=noise.snr(equal), text=f"{equal:.1f}: optical = electrical noise", offset=(9.0, -22.0)
+        ),
+        Mark(x=best, y=noise.snr(best), text=f"{best:.1f}: best", offset=(2.0, -6.0)),
+        Mark(x=80.0, y=noise.snr(80.0), text="80: Table 1", offset=(4.0, 9.0)),
+    )
+    chart = Chart(
+        lines=lines, marks=marks, x_label="multiplication factor", x_log=True, y_log=True,
+        y_label="trigger SNR of the APD at 100 m",
+    )  # fmt: skip
+    caption = (
+        "SNR against gain by (20), Table 1 at 100 m. The text puts the best gain where optical and electrical noise "
+        f"are equal ({equal:.1f}); it is where the multiplied noise is 2/x times the rest ({best:.1f})."
+    )
+    return _figure("fig-4e", "4(e)", caption, chart, "gain")
+
+
+def _response(lines: tuple[Line, ...], title: str = "") -> Chart:
+    return Chart(
+        lines=lines, title=title, x_label="photons of the flash", y_label="triggered cells",
+        x_limits=(0.0, float(lines[0].x[-1])), y_limits=(0.0, None),
+    )  # fmt: skip
+
+
+def fig_5a() -> PaperFigure:
+    """Photon response for several PDE."""
+    photons = np.linspace(0.0, 1500.0, 301)
+    lines = tuple(
+        Line(label=f"PDE {pde:.0%}", x=photons, colour=i,
+             y=sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0))
+        for i, pde in enumerate((0.10, 0.22, 0.40, 0.60))
+    )  # fmt: skip
+    caption = (
+        "Response (22) of 100 cells without background. Derived without splitting the photons evenly it is "
+        "1 - exp(-n PDE / N), at most 0.3 % of the photons apart: not to be seen here."
+    )
+    return _figure("fig-5a", "5(a)", caption, _response(lines), "photons")
+
+
+def fig_5b() -> PaperFigure:
+    """Photon response for several numbers of cells."""
+    photons = np.linspace(0.0, 4000.0, 401)
+    lines = tuple(
+        Line(label=f"{cells:.0f} cells", x=photons, colour=i,
+             y=sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells))
+        for i, cells in enumerate((50.0, 100.0, 200.0, 400.0))
+    )  # fmt: skip
+    return _figure(
+        "fig-5b", "5(b)", "Response (22) at a PDE of 22 %, without background.", _response(lines), "photons"
+    )
+
+
+def fig_5c() -> PaperFigure:
+    """Photon response under background."""
+    photons = np.linspace(0.0, 1500.0, 301)
+    pde, cells = 0.22, 100.0
+    dark = sipm.dark_counts(cells=cells, dark_count_rate_hz=_DARK_HZ, dead_time_s=_DEAD_TIME_S)
+    lines = []
+    for i, background in enumerate((100.0, 300.0, 1000.0, 0.0), start=1):
+        busy = sipm.fired_cells_published(photons=background, pde=pde, cells=cells)
+        y = sipm.signal_cells_published(
+            background_cells=busy, dark_counts=dark, photons=photons, pde=pde, cells=cells
+        )
+        lines.append(Line(label=f"{background:g} photons", x=photons, y=y, colour=i % 4))
+        share = sipm.busy_share_steady_state(
+            photons=background, pde=pde, cells=cells, dark_count_rate_hz=_DARK_HZ, dead_time_s=_DEAD_TIME_S
+        )
+        y = cells * (1.0 - share) * sipm.fired_share(photons=photons, pde=pde, cells=cells)
+        if background:
+            lines.append(
+                Line(label=f"{background:g}, derived", x=photons, y=y, colour=i, style="dashed", width=1.4)
+            )
+    caption = (
+        "Cells that the echo triggers, (24), 100 cells, PDE 22 %, background photons in a dead time. "
+        "Dashed: busy cells "
+        "in steady state, x / (1 + x), which leaves more cells free than (23)."
+    )
+    return _figure(
+        "fig-5c", "5(c)", caption, _response(tuple(lines), "background in a dead time:"), "photons"
+    )
+
+
+def fig_6a() -> PaperFigure:
+    """SNR against distance at 100 klux."""
+    x = np.geomspace(5.0, 1000.0, 300)
+    three = (apd_lidar(), sipm_printed(), sipm_derived())
+    limits = [range_m(sensor) for sensor in three]
+    lines = (
+        Line(label="APD (19)", x=x, y=plane.snr(three[0], TABLE_1, x), colour=0),
+        Line(label="SiPM (27)", x=x, y=plane.snr(three[1], TABLE_1, x), colour=1),
+        Line(
+            label="SiPM, steady state",
+            x=x,
+            y=plane.snr(three[2], TABLE_1, x),
+            colour=1,
+            style="dashed",
+            width=1.4,
+        ),
+    )
+    marks = (
+        Mark(x=limits[0], y=5.0, text=f"{limits[0]:.1f} m", colour=0, offset=(8.0, 8.0)),
+        Mark(x=limits[1], y=5.0, text=f"{limits[1]:.1f} m", colour=1, offset=(-8.0, -6.0)),
+    )
+    chart = Chart(
+        lines=lines, marks=marks, levels=(Level(y=5.0, text="threshold: TNR 5"),), x_log=True, y_log=True,
+        x_label="distance [m]", y_label="trigger SNR",
+    )  # fmt: skip
+    caption = (
+        "Trigger SNR against distance, 100 klux, elevation 0. Limits at TNR 5: APD "
+        f"{limits[0]:.3f} m, SiPM {limits[1]:.3f} m by (27) and {limits[2]:.3f} m with busy cells in steady state."
+    )
+    return _figure("fig-6a", "6(a)", caption, chart, "distance_m")
+
+
+def fig_6b() -> PaperFigure:
+    """Maximum range against elevation under three aperture laws."""
+    angle = np.linspace(-30.0, 30.0, 121)
+
+    def reach(sensor: Sensor, law: Callable[[Matrix], Matrix]) -> Matrix:
+        found: Matrix = plane.maximum_range_m(sensor, Target(aperture_share=law(angle)))[0]
+        return found
+
+    pair = ((0, "APD", apd_lidar()), (1, "SiPM", sipm_printed()))
+    lines = [Line(label=f"{n}, A cos θ", x=angle, y=reach(s, aperture.cosine), colour=i) for i, n, s in pair]
+    lines.append(Line(label="SiPM, A cos θ, steady state", x=angle, y=reach(sipm_derived(), aperture.cosine),
+                      colour=1, style="dashed", width=1.4))  # fmt: skip
+    for style, name, law in (
+        ("dashdot", "mirror", aperture.mirror),
+        ("dotted", "A constant", aperture.constant),
+    ):
+        lines.append(Line(label=f"APD, {name}", x=angle, y=reach(apd_lidar(), law), style=style, width=1.2))
+    chart = Chart(
+        lines=tuple(lines), x_label="elevation of the beam [°]", y_label="maximum range [m]",
+        x_limits=(-30.0, 30.0), y_limits=(250.0, 390.0),
+    )  # fmt: skip
+    caption = (
+        "Maximum range against elevation, 100 klux. The paper names no scanner and no law. Solid: A(θ) = "
+        "A(0) cos θ, an "
+        "aperture fixed in the housing, seen foreshortened; chosen because it is the one law without a "
+        "further parameter "
+        "that is lower at both edges, as the text has it. Dash-dotted: a scan mirror at 45° as the stop, A "
+        "cos(45° + θ/2) "
+        "/ cos 45°, lower at one edge and higher at the other. Dotted: a rotating head, constant. (These "
+        "two for the APD.)"
+    )
+    return _figure("fig-6b", "6(b)", caption, chart, "elevation_deg")
+
+
+def fig_6c() -> PaperFigure:
+    """Maximum range against illuminance."""
+    x = np.geomspace(1e-3, 100.0, 251)
+    target = Target(illuminance_klux=x)
+    three = (apd_lidar(), sipm_printed(), sipm_derived())
+    ranges = [plane.maximum_range_m(sensor, target)[0] for sensor in three]
+    equal = plane.equal_range_illuminance_klux(three[0], three[1], TABLE_1)
+    other = plane.equal_range_illuminance_klux(three[0], three[2], TABLE_1)
+    lines = (
+        Line(label="APD (19)", x=x, y=ranges[0], colour=0),
+        Line(label="SiPM (27)", x=x, y=ranges[1], colour=1),
+        Line(label="SiPM, steady state and floor", x=x, y=ranges[2], colour=1, style="dashed", width=1.4),
+    )
+    mark = Mark(
+        x=equal,
+        y=range_m(three[0], illuminance_klux=equal),
+        text=f"equal at {equal:.2f} klux",
+        offset=(8.0, 9.0),
+    )
+    chart = Chart(
+        lines=lines, marks=(mark,), x_log=True, y_log=True, x_label="illuminance of the sun [klux]",
+        y_label="maximum range [m]", y_limits=(200.0, 5000.0),
+    )  # fmt: skip
+    caption = (
+        f"Maximum range against illuminance, elevation 0. Equal at {equal:.5f} klux by (27), at {other:.5f} "
+        "klux with busy "
+        "cells in steady state. In the dark (27) has the SiPM see less than one cell; with a floor of one "
+        "cell its range "
+        f"ends at {range_m(three[2], illuminance_klux=0.0):.0f} m instead of "
+        f"{range_m(three[1], illuminance_klux=0.0):.0f} m."
+    )
+    return _figure("fig-6c", "6(c)", caption, chart, "illuminance_klux")

@@ -1,0 +1,101 @@
+"""The paper reproduced and checked: a folder in; figures, their CSV and a page of claims and errata out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+
+from ...figures import lines as charts
+from ...figures.page import Page, put_text
+from ...files.atomic import require_writable
+from .claims_model import HOLDS, Claim, claims_of_the_model
+from .claims_results import claims_of_the_results
+from .errata import Erratum, errata
+from .figures import PaperFigure, figures
+
+PAGES = ("index.md", "index.html")
+
+INTRODUCTION = (
+    "X. Guo, Ranging Performance Analysis in Automotive DToF Lidars: its figures computed from its own formulas and "
+    "Table 1, each claim of its text with the number behind it, and what it prints wrongly. Everything here "
+    "was computed "
+    "by the command lidarscene paper. Solid curves are the formulas as printed, without the floor of one "
+    "cell; dashed ones are "
+    "what they should have been, where that can be seen. What Table 1 leaves open: 300 K, no amplifier noise."
+)
+
+SCANNER = (
+    "Fig. 6(b) needs an aperture law A(theta), and the paper gives none: 'the form of the function depends on the "
+    "scanning method'. Used here: A(0) cos(theta), a receiver fixed in the housing. It is the only one of "
+    "the usual laws "
+    "without a further parameter that makes the range lower at both edges, as the text says. A rotating head has a "
+    "constant aperture, and a single mirror at 45 degrees, A(0) cos(45 + theta/2) / cos(45), favours one "
+    "edge; both are drawn "
+    "beside it, and lidarscene range --over elevation --aperture-law computes all three."
+)
+
+
+def file_names() -> list[str]:
+    """Everything that `write` writes, by name."""
+    stems = ("fig-4e", "fig-5a", "fig-5b", "fig-5c", "fig-6a", "fig-6b", "fig-6c")
+    return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv"))]
+
+
+def write(folder: Path, *, as_json: bool = False) -> str:
+    """Write all figures and both pages; returns what is to be said of it. Raises OutputError."""
+    for name in file_names():
+        require_writable(folder / name)
+    drawn, claims, mistakes = figures(), [*claims_of_the_model(), *claims_of_the_results()], errata()
+    for one in drawn:
+        charts.save(one.chart, [folder / f"{one.file}.png", folder / f"{one.file}.svg"])
+        put_text(folder / f"{one.file}.csv", _csv(one))
+    page = _page(drawn, claims, mistakes)
+    put_text(folder / PAGES[0], page.as_markdown())
+    put_text(folder / PAGES[1], page.as_html())
+    if as_json:
+        return json.dumps({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
+                           "files": [str(folder / name) for name in file_names()]})  # fmt: skip
+    return _told(folder, claims, mistakes)
+
+
+def _csv(one: PaperFigure) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(one.header)
+    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*one.columns, strict=True))
+    return out.getvalue()
+
+
+def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]) -> Page:
+    page = Page("Ranging performance analysis: figures, claims, errata")
+    page.paragraph(INTRODUCTION)
+    page.heading("Figures")
+    for one in drawn:
+        page.figure(name=one.file, number=one.number, caption=one.caption)
+    page.paragraph(SCANNER)
+    page.heading("Claims")
+    page.table(
+        ("place", "the text says", "what we find", "verdict"),
+        [(c.place, c.says, c.found, c.verdict) for c in claims],
+    )
+    page.heading("Errata")
+    page.table(
+        ("place", "printed", "derived", "size at Table 1"),
+        [(e.place, e.printed, e.derived, e.size) for e in mistakes],
+    )
+    return page
+
+
+def _told(folder: Path, claims: list[Claim], mistakes: list[Erratum]) -> str:
+    """A line for each claim that does not simply hold, and where to read on."""
+    verdicts = Counter(c.verdict == HOLDS for c in claims)
+    hold, rest = verdicts[True], verdicts[False]
+    lines = [f"{len(claims)} claims of the text: {hold} hold; {rest} with a limit, in part or not at all:"]
+    lines += [f"  {c.place}: {c.says} ({c.verdict})" for c in claims if c.verdict != HOLDS]
+    lines.append(f"{len(mistakes)} errata, 7 figures")
+    lines.append(f"wrote {folder / PAGES[0]}, {folder / PAGES[1]} and the figures beside them")
+    return "\n".join(lines)

@@ -1,0 +1,86 @@
+"""Effective aperture laws A(theta_r) of (4): how much of the receiver is left off the axis, by kind of scanner.
+
+The paper says that the law depends on the scanning method and gives none. A law is a share of the aperture on
+the axis; echo and sunlight both go with it, so that where the background's shot noise rules the range goes
+with its fourth root.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...scan import Scanner
+
+Matrix = np.ndarray[Any, Any]
+
+LARGEST_DEG = 89.0
+"""Beyond this neither a fixed window nor a scan mirror has an aperture."""
+
+
+def constant(angle_deg: Matrix) -> Matrix:
+    """A(theta) = A(0): the receiver turns with the beam (a rotating head), and the raster as `render` has it."""
+    return np.ones_like(angle_deg)
+
+
+def cosine(angle_deg: Matrix) -> Matrix:
+    """A(theta) = A(0) cos(theta): the aperture stands still, and a beam theta off its normal sees it foreshortened.
+
+    A window or lens fixed in the housing, a flash or a solid-state receiver.
+    """
+    return np.asarray(np.cos(np.radians(angle_deg)))
+
+
+def mirror(angle_deg: Matrix) -> Matrix:
+    """A(theta) = A(0) cos(45 deg + theta / 2) / cos(45 deg): a scan mirror is the stop (galvanometer, MEMS).
+
+    On the axis the mirror folds the beam by 90 degrees, hence stands at 45 degrees to it. To deflect the beam by
+    theta it turns by theta / 2, and its area projects on the beam with the cosine of 45 deg + theta / 2. One
+    edge of the field sees less than the centre and the other more (unless a lens behind stops it down).
+    """
+    return np.asarray(np.cos(np.radians(45.0 + 0.5 * angle_deg)) / math.cos(math.radians(45.0)))
+
+
+LAWS: dict[str, Callable[[Matrix], Matrix]] = {"constant": constant, "cosine": cosine, "mirror": mirror}
+
+_PULSES = 200_000  # of a frame that are looked at
+_SLICE = 0.02  # share of them that count as lying on the axis
+
+
+def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
+    """Least and greatest angle of a frame along "elevation" or "azimuth"."""
+    along, _, _ = _frame(scanner, axis)
+    return round(float(along.min()), 4), round(float(along.max()), 4)
+
+
+def of_scanner(scanner: Scanner, axis: str, angle_deg: Matrix) -> Matrix:
+    """A(theta) as the sensor's own scanner has it, which is what `render` uses.
+
+    Along one axis, from the pulses of a frame that are nearest to zero on the other; linear in between. Raises
+    InputError beyond the scanner's field of view, unless the share is one throughout (a raster).
+    """
+    along, across, share = _frame(scanner, axis)
+    if np.all(share == share[0]):
+        return np.full_like(angle_deg, share[0])
+    low, high = field_of_view_deg(scanner, axis)
+    if np.min(angle_deg) < low - 1e-3 or np.max(angle_deg) > high + 1e-3:
+        raise InputError(
+            f"--over {axis}: {np.min(angle_deg):g} to {np.max(angle_deg):g} degrees came, and the scanner's field of "
+            f"view is {low:g} to {high:g} (or another --aperture-law)"
+        )
+    near = np.abs(across) <= np.quantile(np.abs(across), _SLICE)
+    order = np.argsort(along[near], kind="stable")
+    return np.asarray(np.interp(angle_deg, along[near][order], share[near][order]))
+
+
+def _frame(scanner: Scanner, axis: str) -> tuple[Matrix, Matrix, Matrix]:
+    """Angle along the axis and across it, degrees, and share of the aperture, of a frame's pulses."""
+    count = min(scanner.pulses, _PULSES)
+    pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))
+    azimuth, elevation = (np.degrees(np.asarray(a, dtype=np.float64)) for a in scanner.angles(pulse))
+    share = np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones_like(azimuth)
+    return (elevation, azimuth, share) if axis == "elevation" else (azimuth, elevation, share)

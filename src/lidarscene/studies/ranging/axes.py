@@ -1,0 +1,220 @@
+"""Axes of a sweep: a name that people give in, what is varied, its unit, its ends and its steps out."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from ...errors import InputError
+from ...sensor.file import SensorFile
+from .aperture import LARGEST_DEG
+
+Matrix = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """What a condition may be, and where an axis of it runs unless told otherwise."""
+
+    unit: str
+    low: float
+    high: float
+    start: float
+    stop: float
+    log: bool = False
+    above: bool = False  # low itself is excluded
+
+    def require(self, option: str, value: float) -> float:
+        """``value``, or an InputError that names the option and what was expected."""
+        outside = not self.low <= value <= self.high or (self.above and value == self.low)
+        if not math.isfinite(value) or outside:
+            least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
+            unit = f" {self.unit}" if self.unit else ""
+            raise InputError(f"{option} {value:g}: {least} and up to {self.high:g}{unit} was expected")
+        return value
+
+
+CONDITIONS: dict[str, Bounds] = {
+    "distance": Bounds(unit="m", low=0.0, high=1e6, start=10.0, stop=1000.0, log=True, above=True),
+    "illuminance": Bounds(unit="klux", low=0.0, high=1e6, start=0.1, stop=100.0, log=True),
+    "elevation": Bounds(unit="deg", low=-90.0, high=90.0, start=-12.5, stop=12.5),
+    "azimuth": Bounds(unit="deg", low=-180.0, high=180.0, start=-60.0, stop=60.0),
+    "reflectivity": Bounds(unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True),
+    "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0),
+}
+"""What can be swept besides the keys of the sensor file."""
+
+MEANING = {
+    "distance": "distance", "illuminance": "illuminance of the sun", "elevation": "elevation of the beam",
+    "azimuth": "azimuth of the beam", "reflectivity": "reflectivity of the target",
+    "incidence": "angle of incidence",
+}  # fmt: skip
+
+# Units by the end of a key, longest first.
+_UNITS = {
+    "_w_m2": "W/m²", "_nm": "nm", "_ns": "ns", "_ps": "ps", "_us": "µs", "_mm": "mm", "_mrad": "mrad",
+    "_khz": "kHz", "_mhz": "MHz", "_hz": "Hz", "_na": "nA", "_ohm": "Ω", "_deg": "°", "_w": "W", "_k": "K",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """What is swept: ``key`` as given, ``column`` with its unit for files, ``label`` for pictures."""
+
+    key: str
+    column: str
+    label: str
+    unit: str
+    values: Matrix
+    log: bool
+    whole: bool = False
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether the sensor itself is varied, rather than the conditions."""
+        return self.key not in CONDITIONS
+
+    def between(self, low: float, high: float, count: int) -> Matrix:
+        """Steps from low to high as this axis has them."""
+        return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
+
+
+def condition_axis(
+    key: str, *, start: float | None, stop: float | None, count: int, log: bool | None
+) -> Axis:
+    """An axis of one of `CONDITIONS`."""
+    bounds = CONDITIONS[key]
+    first = bounds.start if start is None else bounds.require("--from", start)
+    last = bounds.stop if stop is None else bounds.require("--to", stop)
+    log = bounds.log if log is None else log
+    return Axis(
+        key=key, column=f"{key}_{bounds.unit}" if bounds.unit else key, unit=bounds.unit.replace("deg", "°"),
+        label=MEANING[key] + (f" [{bounds.unit.replace('deg', '°')}]" if bounds.unit else ""),
+        values=_steps(first, last, count, log=log), log=log,
+    )  # fmt: skip
+
+
+def parameter_axis(
+    key: str, files: Sequence[tuple[str, Mapping[str, Any]]], *,
+    start: float | None, stop: float | None, count: int, log: bool | None,
+) -> Axis:  # fmt: skip
+    """An axis of a key of the sensor files (their names and tables), a fifth to five times its value by default."""
+    whole, lows, highs = False, [], []
+    for where, tables in files:
+        info = numeric_keys(tables).get(key)
+        if info is None:
+            raise InputError(f"--over {key}: {_unknown(key, where, tables)}")
+        whole = whole or info.whole
+        if start is None or stop is None:
+            if not info.value:
+                shown = "is 0" if info.value == 0.0 else "is not given"
+                raise InputError(f"--over {key}: {shown} in {where}, so --from and --to were expected")
+            ends = sorted((info.value / 5.0, info.value * 5.0))
+            lows.append(min(max(ends[0], info.low), info.value))
+            highs.append(max(min(ends[1], info.high), info.value))
+    first = min(lows) if start is None else start
+    last = max(highs) if stop is None else stop
+    log = (first > 0.0) if log is None else log
+    values = _steps(first, last, count, log=log)
+    unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
+    end = next((end for end in _UNITS if key.endswith(end)), "")
+    name = key.removesuffix(end)
+    return Axis(
+        key=key, column=key, label=f"{name} [{unit}]" if unit else name, unit=unit,
+        values=np.unique(np.rint(values)) if whole else values, log=log, whole=whole,
+    )  # fmt: skip
+
+
+def _steps(start: float, stop: float, count: int, *, log: bool) -> Matrix:
+    if not (math.isfinite(start) and math.isfinite(stop)):
+        raise InputError(f"--from {start:g} --to {stop:g}: finite numbers were expected")
+    if start >= stop:
+        raise InputError(f"--from {start:g} --to {stop:g}: --from below --to was expected")
+    if log and start <= 0.0:
+        raise InputError(f"--from {start:g}: more than 0 was expected on a logarithmic axis (or --linear)")
+    steps = np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
+    steps[0], steps[-1] = start, stop  # geomspace may miss them by a rounding
+    return steps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Key:
+    """A numeric key of a sensor file: its value (None if not given), and what it may be."""
+
+    value: float | None
+    low: float
+    high: float
+    whole: bool
+
+
+def numeric_keys(tables: Mapping[str, Any]) -> dict[str, Key]:
+    """All numeric keys that this sensor file has or may have, by dotted name."""
+    return dict(_numeric(SensorFile, tables, ""))
+
+
+def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Key]]:
+    for name, info in model.model_fields.items():
+        key, value = prefix + (info.alias or name), tables.get(info.alias or name)
+        types = list(_types(info.annotation))
+        models = [one for one in types if isinstance(one, type) and issubclass(one, BaseModel)]
+        if models and isinstance(value, Mapping):
+            kind = value.get("type")
+            fitting = [one for one in models if len(models) == 1 or kind in _literals(one)]
+            for one in fitting[:1]:
+                yield from _numeric(one, value, key + ".")
+        elif (float in types or int in types) and not isinstance(value, (list, tuple, str, bool, Mapping)):
+            value = info.default if value is None else value
+            limits = {slot: float(getattr(rule, slot)) for rule in info.metadata
+                      for slot in ("gt", "ge", "lt", "le") if hasattr(rule, slot)}  # fmt: skip
+            yield (
+                key,
+                Key(
+                    value=float(value) if isinstance(value, (int, float)) else None,
+                    low=limits.get("ge", limits.get("gt", -math.inf)),
+                    high=limits.get("le", limits.get("lt", math.inf)),
+                    whole=float not in types,
+                ),
+            )
+
+
+def _types(annotation: Any) -> Iterator[Any]:
+    """What a type is made of, but for the insides of lists and tables."""
+    origin = getattr(annotation, "__origin__", None)
+    if origin in (tuple, list, dict):
+        return
+    arguments = getattr(annotation, "__args__", ())
+    if not arguments:
+        yield annotation
+    for argument in arguments:
+        yield from _types(argument)
+
+
+def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
+    field = model.model_fields.get("type")
+    return tuple(getattr(field.annotation, "__args__", ())) if field else ()
+
+
+def _unknown(key: str, where: str, tables: Mapping[str, Any]) -> str:
+    keys = numeric_keys(tables)
+    near = difflib.get_close_matches(key, [*keys, *CONDITIONS], n=1, cutoff=0.6)
+    hint = (
+        f"did you mean {near[0]}?"
+        if near
+        else f"{', '.join(CONDITIONS)} or such as detector.radius_mm was expected"
+    )
+    return f"{where} has no numeric key of that name; {hint}"
+
+
+def require_within_law(axis: Axis) -> None:
+    """Refuse angles at which a fixed window or a mirror has no aperture."""
+    if np.max(np.abs(axis.values)) > LARGEST_DEG:
+        raise InputError(
+            f"--over {axis.key}: this aperture law holds to {LARGEST_DEG:g} degrees; "
+            f"{axis.values[0]:g} to {axis.values[-1]:g} came"
+        )

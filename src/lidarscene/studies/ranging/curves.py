@@ -1,0 +1,246 @@
+"""Curves: sensors, a quantity and an axis in; values, what they mean, and where they cross out.
+
+A crossing is not read off the sampled curve: its bracket is evaluated again, finer and finer, to 1e-10.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ...physics.optics import air
+from ...sensor.model import Sensor
+from . import plane
+from .aperture import LAWS, of_scanner
+from .axes import Axis
+from .plane import RangeStatus, Target
+from .subjects import Subject
+
+Matrix = np.ndarray[Any, Any]
+
+QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
+
+_FINE = 33  # evaluations in a bracket at a time
+_CLOSE = 1e-10
+_JUMP = 1e-4  # curves farther apart than this where they change places have jumped, not crossed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """What is asked of each sensor: a quantity along an axis, under these conditions.
+
+    distance_m    of the target, for "snr" and "pd" over anything but distance
+    law           along an elevation or azimuth axis: "scanner", the sensor's own, or one of `aperture.LAWS`
+    visibility_m  extinction by Kim at the sensor's wavelength, on top of the target's; None for clear air
+    """
+
+    quantity: str
+    axis: Axis
+    target: Target = field(default_factory=Target)
+    distance_m: float = 100.0
+    law: str = "scanner"
+    visibility_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """One sensor's values along the axis.
+
+    margin  peak signal over the comparator's level, for "snr" and "pd"; None for "range"
+    status  `RangeStatus`, for "range"
+    """
+
+    name: str
+    values: Matrix
+    margin: Matrix | None = None
+    status: Matrix | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crossing:
+    """Two curves of equal value, or (``second`` empty) one at its comparator's level."""
+
+    first: str
+    second: str
+    at: float
+    value: float
+    falls: bool = True  # of the first against the second or the level, towards larger x
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curves:
+    """All curves of a question and their crossings, in order along the axis."""
+
+    question: Question
+    curves: tuple[Curve, ...]
+    crossings: tuple[Crossing, ...]
+    detection_limits: tuple[Crossing, ...]
+
+
+def conditions_for(subject: Subject, question: Question, x: Matrix) -> list[tuple[Sensor, Target]]:
+    """Sensor and target along the axis: one pair of arrays if the sensor's numbers stack, else one pair for each x."""
+    axis, target = question.axis, question.target
+    if not axis.is_parameter:
+        sensor = subject.sensor()
+        return [(sensor, with_haze(sensor, _along(sensor, target, question, x), question.visibility_m))]
+    sensors = [subject.sensor_with(axis.key, float(value), whole=axis.whole) for value in x]
+    stack = plane.stacked(sensors)
+    if stack is None:
+        return [(sensor, with_haze(sensor, target, question.visibility_m)) for sensor in sensors]
+    hazy = [with_haze(sensor, target, question.visibility_m).extinction_per_m for sensor in sensors]
+    # An array even where nothing differs, so that all conditions have the axis's shape.
+    return [(stack, replace(target, extinction_per_m=np.array(hazy, dtype=np.float64)))]
+
+
+def _along(sensor: Sensor, target: Target, question: Question, x: Matrix) -> Target:
+    match question.axis.key:
+        case "illuminance":
+            return replace(target, illuminance_klux=x)
+        case "reflectivity":
+            return replace(target, reflectivity=x)
+        case "incidence":
+            return replace(target, cos_incidence=np.maximum(np.cos(np.radians(x)), 0.0))
+        case "elevation" | "azimuth":
+            own = question.law == "scanner"
+            share = of_scanner(sensor.scanner, question.axis.key, x) if own else LAWS[question.law](x)
+            return replace(target, aperture_share=np.maximum(share, 0.0))
+    return target
+
+
+def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Target:
+    """The target with extinction from this visibility at the sensor's wavelength added; None for clear air."""
+    if visibility_m is None:
+        return target
+    alpha = air.extinction_from_visibility_per_m(
+        visibility_m=visibility_m, wavelength_m=sensor.laser.wavelength_m
+    )
+    return replace(target, extinction_per_m=target.extinction_per_m + alpha)
+
+
+def curve(subject: Subject, question: Question, x: Matrix) -> Curve:
+    """The sensor's values at these places of the axis."""
+    pairs = conditions_for(subject, question, x)
+    if question.quantity == "range":
+        found = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
+        values = np.concatenate([np.atleast_1d(limit) for limit, _ in found])
+        status = np.concatenate([np.atleast_1d(status) for _, status in found])
+        return Curve(
+            name=subject.name, values=np.broadcast_to(values, x.shape),
+            status=np.broadcast_to(status, x.shape),
+        )  # fmt: skip
+    distance: Any = x if question.axis.key == "distance" else question.distance_m
+    compute = plane.snr if question.quantity == "snr" else plane.detection_probability
+    values = np.concatenate([compute(sensor, target, distance) for sensor, target in pairs])
+    margin = np.concatenate([plane.detection_margin(s, t, distance) for s, t in pairs])
+    return Curve(
+        name=subject.name,
+        values=np.broadcast_to(values, x.shape),
+        margin=np.broadcast_to(margin, x.shape),
+    )
+
+
+def curves(subjects: Sequence[Subject], question: Question) -> Curves:
+    """Every sensor's curve, where any two cross, and where one is at its threshold."""
+    x = question.axis.values
+    found = [curve(subject, question, x) for subject in subjects]
+    crossings: list[Crossing] = []
+    for (one, first), (other, second) in itertools.combinations(zip(subjects, found, strict=True), 2):
+        crossings += _crossings(question, (one, other), _difference(question, first, second))
+    limits: list[Crossing] = []
+    for subject, own in zip(subjects, found, strict=True):
+        if own.margin is not None:
+            limits += _crossings(question, (subject,), _beyond(own.margin))
+    return Curves(
+        question=question,
+        curves=tuple(found),
+        crossings=tuple(sorted(crossings, key=lambda c: c.at)),
+        detection_limits=tuple(limits),
+    )
+
+
+def _difference(question: Question, first: Curve, second: Curve, *, same: float = 1e-9) -> Matrix:
+    """Relative difference of two curves; 0 where they are the same to ``same``, or nothing worth telling."""
+    a, b = first.values, second.values
+    both = np.isfinite(a) & np.isfinite(b)
+    size = np.where(both, np.maximum(np.abs(a), np.abs(b)), 1.0)
+    least = 1e-6 if question.quantity == "pd" else 0.0
+    with np.errstate(invalid="ignore"):
+        part = np.where(both & (size > least), (a - b) / np.where(size > 0.0, size, 1.0), 0.0)
+    unlimited = np.isinf(a).astype(float) - np.isinf(b).astype(float)
+    part = np.where(both, part, unlimited)
+    return np.where(np.abs(part) > same, part, 0.0)
+
+
+def _beyond(margin: Matrix) -> Matrix:
+    return np.where(
+        np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0)
+    )
+
+
+def _crossings(question: Question, pair: tuple[Subject, ...], height: Matrix) -> list[Crossing]:
+    """Where a height, sampled along the axis, changes its sign."""
+
+    def height_at(x: Matrix) -> tuple[Matrix, Matrix]:
+        those = [curve(subject, question, x) for subject in pair]
+        if len(those) == 2:
+            return _difference(question, *those, same=0.0), those[0].values
+        assert those[0].margin is not None
+        return _beyond(those[0].margin), those[0].values
+
+    x = question.axis.values
+    places = np.flatnonzero(height != 0.0)
+    found = []
+    for left, right in itertools.pairwise(places):
+        if height[left] * height[right] < 0.0:
+            met = _refined(
+                question.axis, height_at, float(x[left]), float(x[right]), falls=bool(height[left] > 0.0)
+            )
+            if met is not None:
+                at, value = met
+                second = pair[1].name if len(pair) == 2 else ""
+                found.append(
+                    Crossing(
+                        first=pair[0].name, second=second, at=at, value=value, falls=bool(height[left] > 0.0)
+                    )
+                )
+    return found
+
+
+def _refined(
+    axis: Axis, height_at: Callable[[Matrix], tuple[Matrix, Matrix]], low: float, high: float, *, falls: bool
+) -> tuple[float, float] | None:
+    """Place and value of a change of sign in this bracket; None where it is a jump.
+
+    On an axis of whole numbers: the first of them on the other side.
+    """
+    while True:
+        steps = axis.between(low, high, _FINE)
+        steps = np.unique(np.rint(steps)) if axis.whole else steps
+        height, values = height_at(steps)
+        over = height > 0.0 if falls else height < 0.0
+        over[0], over[-1] = True, False
+        last = int(np.flatnonzero(over)[-1]) if not axis.whole else int(np.argmin(over)) - 1
+        low, high = float(steps[last]), float(steps[last + 1])
+        if axis.whole and high - low <= 1.0:
+            return high, float(values[last + 1])
+        if not axis.whole and high - low <= _CLOSE * max(abs(low), abs(high), 1e-6):
+            if min(abs(height[last]), abs(height[last + 1])) > _JUMP or not math.isfinite(values[last]):
+                return None
+            return 0.5 * (low + high), 0.5 * float(values[last] + values[last + 1])
+
+
+def is_flat(own: Curve) -> bool:
+    """Whether the quantity does not depend on the axis at all."""
+    return bool(np.all(own.values == own.values[0]))
+
+
+def limit_word(status: int) -> str:
+    """What stands in a table where there is no range."""
+    return {
+        RangeStatus.NEVER_DETECTED: "never", RangeStatus.NO_LIMIT: "no limit", RangeStatus.SATURATED: "saturated",
+    }[RangeStatus(status)]  # fmt: skip

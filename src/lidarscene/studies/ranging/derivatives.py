@@ -1,0 +1,56 @@
+"""Derivatives of a formula: by Dr.Jit where there is a back end, else by central differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ...errors import BackendError
+from ...maths.arrays import Array
+
+Formula = Callable[[Mapping[str, Array]], Array]
+"""Numbers by name in, one number out; numpy or Dr.Jit."""
+
+Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, float]]]
+"""A formula and where to take it in, its value and its derivative with respect to every number out."""
+
+
+def chosen(method: str) -> tuple[str, Derivation]:
+    """The method that "auto" stands for, or the one named, and its function.
+
+    Raises ValueError for an unknown name, BackendError where "drjit" is asked for and cannot be had.
+    """
+    if method not in ("auto", "drjit", "differences"):
+        raise ValueError(f"no method '{method}'; expected auto, drjit or differences")
+    if method != "differences":
+        from ...kernel.device import backend, gradients
+
+        try:
+            backend.mitsuba()
+        except BackendError:
+            if method == "drjit":
+                raise
+        else:
+            return "drjit", gradients.gradient
+    return "differences", differences
+
+
+def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Sixth-order central differences, one number after the other."""
+    weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
+
+    def at(name: str, number: float) -> float:
+        return float(formula({**values, name: np.float64(number)}))
+
+    centre = float(formula(values))
+    slopes = {}
+    for name, value in values.items():
+        step = 1e-3 * abs(value)
+        if step == 0.0:  # no scale of its own: the step that moves the formula by some thousandths
+            step = 1e-15
+            while step < 1e-3 and abs(at(name, step) - centre) < 1e-3:
+                step *= 10.0
+        rise = sum(w * (at(name, value + k * step) - at(name, value - k * step)) for k, w in weights)
+        slopes[name] = rise / step
+    return centre, slopes

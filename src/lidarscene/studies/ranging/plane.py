@@ -1,0 +1,289 @@
+"""Signal-to-noise ratio and maximum range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
+
+Every number of a `Target`, and every number of a sensor's laser, optics, detector and TDC, may be an array;
+they broadcast with each other and with the ranges. `stacked` makes such a sensor out of many.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...light.beams import Beams
+from ...light.echoes import Ambient, Echoes, receive
+from ...light.hits import Hits
+from ...maths.arrays import Array
+from ...physics.electronics import range_limit, tdc
+from ...physics.optics import sunlight
+from ...sensor.detectors import Apd, WorkingPoint
+from ...sensor.model import Sensor
+
+Matrix = np.ndarray[Any, Any]
+
+_NEAREST_M, _FARTHEST_M = 1e-2, 1e6
+_STEPS_PER_DECADE = 16
+_BLINDING_W = 1e20
+_NOTHING = 1e-100  # below this the products of the closed forms run out of exponents
+_PARTS = ("laser", "optics", "detector", "tdc")
+
+
+class RangeStatus(enum.IntEnum):
+    """What a maximum range means."""
+
+    FOUND = 0
+    NEVER_DETECTED = 1  # not even at 1 cm: no light, or the detector is blind
+    NO_LIMIT = 2  # still detected at 1000 km: nothing stands against the signal
+    SATURATED = 3  # never, since not even all free cells together reach the threshold
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """A Lambertian plane wider than the spot, and the light and air around it (Table 1 by default).
+
+    aperture_share  effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture`
+    """
+
+    reflectivity: Array = 0.1
+    cos_incidence: Array = 1.0
+    cos_sun: Array = 0.5
+    illuminance_klux: Array = 100.0
+    diffuse_share: Array = 0.0
+    transmittance: Array = 0.98
+    extinction_per_m: Array = 0.0
+    aperture_share: Array = 1.0
+
+
+def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
+    """Common shape of all arrays in a sensor and a target; () where there are none."""
+    parts = [getattr(sensor, part) for part in _PARTS] + [target]
+    values = [getattr(part, field.name) for part in parts for field in dataclasses.fields(part)]
+    return np.broadcast_shapes(*(value.shape for value in values if isinstance(value, np.ndarray)))
+
+
+def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
+    """One sensor with arrays where these differ in numbers; None where they differ in anything else."""
+    first, changes = sensors[0], {}
+    for part in _PARTS:
+        parts = [getattr(sensor, part) for sensor in sensors]
+        if len({type(one) for one in parts}) > 1:
+            return None
+        fields = {}
+        for field in dataclasses.fields(parts[0]):
+            values = [getattr(one, field.name) for one in parts]
+            if all(value is values[0] or value == values[0] for value in values):
+                continue
+            if not all(isinstance(value, (int, float)) for value in values):
+                return None
+            fields[field.name] = np.array(values, dtype=np.float64)
+        changes[part] = replace(parts[0], **fields)
+    return replace(first, **changes)
+
+
+def echoes_of_plane(sensor: Sensor, target: Target, range_m: Matrix | float) -> Echoes:
+    """Light on the detector from the target at these ranges: the same stage that `render` runs."""
+    shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
+    ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
+    every = np.ones_like(ranges)
+    sun = sunlight.sun_irradiance_w_m2(
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
+        illuminance_klux=target.illuminance_klux,
+    )
+    hits = Hits(
+        found=ranges > 0.0,
+        range_m=ranges,
+        cos_incidence=target.cos_incidence * every,
+        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * every,
+        sun_scatter_per_sr=target.reflectivity * np.maximum(target.cos_sun, 0.0) / math.pi * every,
+        reflectivity=target.reflectivity * every,
+        cos_sun=target.cos_sun * every,
+        lit=(target.cos_sun * every > 0.0) & (ranges > 0.0),
+        face=np.zeros(ranges.shape, dtype=np.int32),
+    )
+    beams = Beams(
+        pulse=np.arange(ranges.size, dtype=np.uint32).reshape(ranges.shape),
+        origin_m=(0.0, 0.0, 0.0),
+        direction=(every, 0.0 * every, 0.0 * every),
+        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+    )
+    ambient = Ambient(
+        sun_irradiance_w_m2=sun,
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
+            sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share
+        ),
+        transmittance=target.transmittance,
+        extinction_per_m=target.extinction_per_m,
+    )
+    return receive(beams, hits, sensor, ambient)
+
+
+def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Matrix, Matrix]:
+    """The working point, the peak signal and the comparator's level, in the shape of the light."""
+    point = sensor.working_point(light.background_power_w)
+    every = np.ones_like(light.range_m)
+    return point, point.signal(light.peak_power_w) * every, sensor.threshold(point) * every
+
+
+def _ratio(signal: Matrix, level: Matrix) -> Matrix:
+    """signal / level; where both are zero there is no signal, where only the level is, nothing is against it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(signal > 0.0, signal / level, 0.0)
+
+
+def snr(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+    """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf where there is no noise at all."""
+    point, signal, _ = _response(sensor, echoes_of_plane(sensor, target, range_m))
+    return _ratio(signal, point.noise * np.ones_like(signal))
+
+
+def detection_margin(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+    """(n,) peak signal over the comparator's level; 1 where the echo is found half of the time."""
+    _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
+    return _ratio(signal, level)
+
+
+def detection_probability(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+    """(n,) P_d with the echo's own shot noise (13): what `render` keeps of many pulses, but for the window."""
+    point, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
+    sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
+        return np.asarray(point.detection_probability(level, signal, sigma))
+
+
+def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
+    """Range at which the peak signal falls to the comparator's level, and a `RangeStatus`.
+
+    Two scalars, or two arrays of the conditions' shape. 0 where there is no such range, inf where there is no
+    limit; never NaN. Accurate to 1e-12 relative, by bisection in log range on the exact response.
+
+    Between 1 cm and 1000 km the signal falls and, in clear air, the level stays, so there is one crossing. With
+    extinction the sun's light fades with range too, and a SiPM that is blinded close by may see again farther
+    off: then the range is that of the last crossing on a grid of 16 points a decade.
+    """
+    shape = conditions_shape(sensor, target)
+    every = np.ones(shape or (1,))
+    decades = math.log10(_FARTHEST_M / _NEAREST_M)
+    cuts = round(decades * _STEPS_PER_DECADE) if np.any(np.asarray(target.extinction_per_m) > 0.0) else 1
+    grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
+    last = np.full(every.shape, -1)
+    for index, range_m in enumerate(grid):
+        last = np.where(_is_detected(sensor, target, range_m * every), index, last)
+    near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
+    last = np.where((last >= 0) & _is_noiseless(sensor, target), cuts, last)
+    open_bracket = (last >= 0) & (last < cuts)
+    near, far = np.where(open_bracket, near, 1.0), np.where(open_bracket, far, 1.0)
+    while np.any(far / near > 1.0 + 1e-12):
+        middle = np.sqrt(near * far)
+        seen = _is_detected(sensor, target, middle)
+        near, far = np.where(seen, middle, near), np.where(seen, far, middle)
+    limit = np.where(last < 0, 0.0, np.where(last == cuts, math.inf, np.sqrt(near * far)))
+    never = np.where(_is_saturated(sensor, target), RangeStatus.SATURATED, RangeStatus.NEVER_DETECTED)
+    status = np.where(last < 0, never, np.where(last == cuts, RangeStatus.NO_LIMIT, RangeStatus.FOUND))
+    if not shape:
+        return float(limit[0]), RangeStatus(int(status[0]))
+    return limit, status
+
+
+def _is_detected(sensor: Sensor, target: Target, range_m: Matrix) -> Matrix:
+    """Whether the peak reaches the level; no signal is never detected, also by a level of zero."""
+    _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
+    return np.asarray((signal >= level) & (signal > 0.0))
+
+
+def _is_noiseless(sensor: Sensor, target: Target) -> Matrix:
+    """Whether the level is zero where it is highest: then any echo is seen, until numbers run out."""
+    _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    return np.asarray(level <= 0.0)
+
+
+def _is_saturated(sensor: Sensor, target: Target) -> Matrix:
+    """Whether the level is beyond what any light makes the detector give."""
+    point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    return np.asarray(point.signal(_BLINDING_W * np.ones_like(level)) < level)
+
+
+def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
+    """The derived closed forms (29) and (30) for this sensor: the background's shot noise alone.
+
+    An upper bound of `maximum_range_m`, except where a SiPM is far from linear. With extinction the range is
+    on both sides, R = R_0 exp(-3/4 alpha R), which Lambert's W solves: R = W(3/4 alpha R_0) / (3/4 alpha).
+    inf without background, 0 without an echo. Raises ValueError for a fixed threshold.
+    """
+    if sensor.tdc.threshold_to_noise is None:
+        raise ValueError(
+            f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise"
+        )
+    laser, optics, detector = sensor.laser, sensor.optics, sensor.detector
+    every = np.ones(conditions_shape(sensor, target) or (1,))
+    echo = every * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
+    # (30) holds the sky too, if its share of the radiance joins cos theta_s under the root.
+    daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
+    dark = every * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
+    light: dict[str, Any] = {
+        "peak_power_w": laser.peak_power_w,
+        "reflectivity": np.where(echo > _NOTHING, target.reflectivity, 1.0),
+        "aperture_m2": np.where(echo > _NOTHING, optics.aperture_m2 * target.aperture_share, 1.0),
+        "sun_irradiance_w_m2": np.where(
+            dark, 1.0, optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
+        ),
+        "focal_over_radius": optics.focal_length_m / detector.radius_m,
+        "threshold_to_noise": sensor.tdc.threshold_to_noise,
+        "photon_energy_j": laser.photon_energy_j,
+        "transmittance": target.transmittance,
+        "efficiency_laser": optics.efficiency_laser,
+        "efficiency_sun": optics.efficiency_sun,
+        "cos_incidence": target.cos_incidence,
+        "cos_sun": np.where(dark, 1.0, daylight),
+    }
+    if isinstance(detector, Apd):
+        bound = range_limit.maximum_range_apd_m(
+            quantum_efficiency=detector.quantum_efficiency, excess_noise=detector.excess_noise,
+            bandwidth_hz=sensor.tdc.bandwidth_hz, **light,
+        )  # fmt: skip
+    else:
+        bound = range_limit.maximum_range_sipm_m(
+            pulse_fwhm_s=laser.pulse_fwhm_s, pde=detector.pde, dead_time_s=detector.dead_time_s, **light
+        )
+    rate = 0.75 * target.extinction_per_m * every
+    thick = rate > 0.0
+    faded = _lambert_w(np.where(thick, rate * bound, 1.0)) / np.where(thick, rate, 1.0)
+    limit = np.where(echo > _NOTHING, np.where(dark, math.inf, np.where(thick, faded, bound)), 0.0)
+    return limit if conditions_shape(sensor, target) else float(limit[0])
+
+
+def _lambert_w(z: Matrix) -> Matrix:
+    """w with w exp(w) = z for z >= 0, by Newton's method on w + log w = log z."""
+    with np.errstate(divide="ignore"):
+        log_z = np.log(np.maximum(z, 1e-300))
+    w = np.log1p(z)
+    for _ in range(30):
+        w = np.maximum(w * (1.0 + log_z - np.log(np.maximum(w, 1e-300))) / (1.0 + w), 1e-300)
+    return w
+
+
+def equal_range_illuminance_klux(
+    first: Sensor, second: Sensor, target: Target, *, low_klux: float = 0.01, high_klux: float = 100.0
+) -> float:
+    """Illuminance at which two sensors reach equally far; ValueError if they do not change places in between."""
+
+    def ahead(illuminance_klux: float) -> bool:
+        lit = replace(target, illuminance_klux=illuminance_klux)
+        return bool(maximum_range_m(first, lit)[0] > maximum_range_m(second, lit)[0])
+
+    at_low = ahead(low_klux)
+    if at_low == ahead(high_klux):
+        raise ValueError(
+            f"'{first.name}' and '{second.name}' do not change places between {low_klux} and {high_klux} klux"
+        )
+    while high_klux / low_klux > 1.0 + 1e-10:
+        middle = math.sqrt(low_klux * high_klux)
+        if ahead(middle) == at_low:
+            low_klux = middle
+        else:
+            high_klux = middle
+    return math.sqrt(low_klux * high_klux)

@@ -1,0 +1,204 @@
+"""What a sweep says of itself: curves in, a table, CSV, JSON and a chart out."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from typing import Any
+
+import numpy as np
+
+from ...figures.lines import Chart, Level, Line, Mark
+from .aperture import LAWS, of_scanner
+from .curves import QUANTITIES, Crossing, Curve, Curves, is_flat, limit_word
+from .plane import RangeStatus, Target
+
+_ROWS = 12
+_SYMBOL = {"snr": "SNR", "pd": "P_d"}
+
+
+def csv_text(swept: Curves) -> str:
+    """The swept quantity with its unit, then one column for each sensor; 0 never detected, inf no limit."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([swept.question.axis.column, *(one.name for one in swept.curves)])
+    columns = [swept.question.axis.values, *(one.values for one in swept.curves)]
+    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*columns, strict=True))
+    return out.getvalue()
+
+
+def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
+    """The conditions that were held."""
+    question, target = swept.question, swept.question.target
+    key = question.axis.key
+    incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
+    parts = [
+        "" if key == "distance" or question.quantity == "range" else f"{question.distance_m:g} m",
+        "" if key == "illuminance" else f"{target.illuminance_klux:g} klux",
+        f"sun {sun_angle_deg:g}° off the normal",
+        "" if key == "reflectivity" else f"reflectivity {target.reflectivity:g}",
+        "" if key == "incidence" else f"incidence {incidence:g}°",
+        air_text(target, question.visibility_m),
+    ]
+    if key in ("elevation", "azimuth"):
+        parts.append(
+            "the scanner's aperture" if question.law == "scanner" else f"{question.law} aperture law"
+        )
+    return ", ".join(part for part in parts if part)
+
+
+def air_text(target: Target, visibility_m: float | None) -> str:
+    """The air in words."""
+    if visibility_m is not None:
+        return f"visibility {visibility_m / 1000.0:g} km"
+    if target.extinction_per_m > 0.0:
+        return f"extinction {target.extinction_per_m:g} per metre"
+    return f"transmittance {target.transmittance:g}"
+
+
+def _cell(own: Curve, index: int) -> str:
+    if own.status is not None and own.status[index] != RangeStatus.FOUND:
+        return limit_word(int(own.status[index]))
+    return f"{own.values[index]:.6g}"
+
+
+def table_text(swept: Curves) -> str:
+    """A dozen rows of the curves; the CSV holds all."""
+    axis = swept.question.axis
+    rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
+    table = [[axis.column, *(one.name for one in swept.curves)]]
+    table += [[f"{axis.values[i]:.6g}", *(_cell(one, i) for one in swept.curves)] for i in rows]
+    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+    return "\n".join(lines)
+
+
+def notes(swept: Curves, windows_m: dict[str, float]) -> list[str]:
+    """Crossings, maximum ranges and what else should not be missed, one line each.
+
+    windows_m  range at which each sensor stops listening
+    """
+    question = swept.question
+    unit = f" {question.axis.unit}" if question.axis.unit else ""
+    told = []
+    for one in swept.detection_limits:
+        if question.axis.key == "distance" and one.falls:
+            told.append(f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}")
+        else:
+            verb = "falls to" if one.falls else "rises to"
+            told.append(
+                f"{one.first}: {verb} the threshold at {one.at:.6g}{unit}, {_value(question.quantity, one)}"
+            )
+    for one in swept.crossings:
+        verb = "falls below" if one.falls else "rises above"
+        value = _value(question.quantity, one)
+        told.append(f"crossing at {one.at:.6g}{unit}: {one.first} {verb} {one.second}, {value}")
+    for own in swept.curves:
+        farthest = own.values if own.status is not None else np.zeros(1)
+        farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
+        limits = [
+            c.at for c in swept.detection_limits if c.first == own.name and question.axis.key == "distance"
+        ]
+        reach = max([*limits, *farthest.tolist()], default=0.0)
+        if reach > windows_m[own.name]:
+            told.append(
+                f"{own.name}: its window ends at {windows_m[own.name]:.1f} m, before the farthest of these"
+            )
+        if is_flat(own) and len(own.values) > 1:
+            told.append(f"{own.name}: the same everywhere, {question.axis.key} does not matter")
+    if question.axis.key in ("elevation", "azimuth"):
+        told.append(f"aperture law: {law_text(question.law)}")
+    return told
+
+
+def law_text(law: str) -> str:
+    """The first paragraph of an aperture law's own account, in one line."""
+    return " ".join(((of_scanner if law == "scanner" else LAWS[law]).__doc__ or "").split("\n\n")[0].split())
+
+
+def _value(quantity: str, one: Crossing) -> str:
+    return f"{one.value:.6g} m" if quantity == "range" else f"{_SYMBOL[quantity]} {one.value:.6g}"
+
+
+def as_dict(swept: Curves) -> dict[str, Any]:
+    """For machines: values that JSON has no word for are null, and the status says why."""
+
+    def numbers(values: Any) -> list[float | None]:
+        return [float(v) if math.isfinite(v) else None for v in values]
+
+    question = swept.question
+    sensors = {}
+    for own in swept.curves:
+        entry: dict[str, Any] = {"values": numbers(own.values)}
+        if own.status is not None:
+            entry["status"] = [RangeStatus(int(s)).name.lower() for s in own.status]
+        entry["detection_limits"] = [
+            {"at": c.at, "value": c.value, "falls": c.falls}
+            for c in swept.detection_limits
+            if c.first == own.name
+        ]
+        sensors[own.name] = entry
+    return {
+        "over": question.axis.column,
+        "unit": question.axis.unit,
+        "quantity": question.quantity,
+        "x": numbers(question.axis.values),
+        "sensors": sensors,
+        "crossings": [
+            {
+                "first": c.first,
+                "second": c.second,
+                "at": c.at,
+                "value": numbers([c.value])[0],
+                "falls": c.falls,
+            }
+            for c in swept.crossings
+        ],
+    }
+
+
+def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) -> Chart:
+    """The curves as a chart, crossings and limits marked.
+
+    thresholds  ratio to noise at which each comparator trips; None where it is fixed otherwise
+    """
+    question = swept.question
+    axis, quantity = question.axis, question.quantity
+    lines = []
+    for number, own in enumerate(swept.curves):
+        drawn = np.where(own.values > 0.0, own.values, np.nan) if quantity != "pd" else own.values
+        lines.append(Line(label=own.name, x=axis.values, y=drawn, colour=number))
+    finite = np.concatenate([one.y[np.isfinite(one.y)] for one in lines])
+    log = quantity == "snr" or (
+        quantity == "range" and len(finite) > 0 and finite.max() > 30.0 * finite.min()
+    )
+    unit = f" {axis.unit}" if axis.unit else ""
+    colour = {own.name: number for number, own in enumerate(swept.curves)}
+    marks = [
+        Mark(x=c.at, y=c.value, text=f"{c.at:.4g}{unit}", colour=colour[c.first], offset=_offset(i, c.falls))
+        for i, c in enumerate(swept.detection_limits)
+    ]
+    marks += [
+        Mark(x=c.at, y=c.value, text=f"{c.at:.4g}{unit}", offset=(10.0, 10.0))
+        for c in swept.crossings
+        if math.isfinite(c.value)
+    ]
+    levels: tuple[Level, ...] = ()
+    if quantity == "snr":
+        levels = tuple(
+            Level(y=t, text=f"threshold {t:g}") for t in sorted({t for t in thresholds.values() if t})
+        )
+    limits = {"pd": (0.0, 1.03), "snr": None, "range": None if log else (0.0, None)}[quantity]
+    if quantity == "range" and not log and len(finite) and finite.min() > 0.6 * finite.max():
+        limits = None
+    return Chart(
+        lines=tuple(lines), x_label=axis.label, y_label=QUANTITIES[quantity], title=title, x_log=axis.log,
+        y_log=log, y_limits=limits, marks=tuple(marks), levels=levels,
+    )  # fmt: skip
+
+
+def _offset(number: int, falls: bool) -> tuple[float, float]:
+    """Texts of neighbouring limits go to different sides of the curve."""
+    x, y = ((8.0, 8.0), (-8.0, -8.0), (8.0, 22.0), (-8.0, -22.0))[number % 4]
+    return (x, y) if falls else (-x, y)

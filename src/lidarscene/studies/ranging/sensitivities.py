@@ -1,0 +1,263 @@
+"""Sensitivities: how maximum range and detection depend on every number of a sensor and its target.
+
+Elasticities are percent of range for each percent of a parameter, d ln R / d ln p; a parameter that is zero
+has no percent and gets its plain derivative. Ranges are implicit, margin(R, p) = ln(peak / level) = 0, so
+dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode through
+the very stages that render; without a back end they are sixth-order central differences, 1e-6 off.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...errors import InputError
+from ...light.beams import Beams
+from ...light.echoes import Ambient, Echoes, receive
+from ...light.hits import Hits
+from ...maths.arrays import Array, xp
+from ...physics.electronics import tdc
+from ...physics.optics import sunlight
+from ...sensor.detectors import Apd
+from ...sensor.model import Sensor
+from . import derivatives, gain, plane
+from .plane import RangeStatus, Target
+
+_RANGE = "range_m"
+_PARTS = ("laser", "optics", "detector", "tdc")
+_UNITS = {
+    "m": "m", "w": "W", "s": "s", "hz": "Hz", "m2": "m2", "rad": "rad", "a": "A", "ohm": "ohm", "k": "K",
+    "klux": "klux",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """What one parameter does to the maximum range and, at one distance, to the detection probability.
+
+    parameter          dotted name, such as detector.gain or target.reflectivity
+    value, unit        as the sensor holds it: SI
+    range_slope        dR_max / dp, metres for each unit
+    range_elasticity   d ln R_max / d ln p; None where the value is zero
+    detection_slope    dP_d / dp at the distance of the table
+    detection_points   percentage points of P_d for each percent of p; None where the value is zero
+    """
+
+    parameter: str
+    value: float
+    unit: str
+    range_slope: float
+    range_elasticity: float | None
+    detection_slope: float
+    detection_points: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Sensitivities of a sensor on a target, strongest first.
+
+    distance_m   where the detection probability is taken
+    method       "drjit" (exact) or "differences" (sixth-order central differences)
+    """
+
+    sensor: str
+    range_m: float
+    distance_m: float
+    detection_probability: float
+    method: str
+    rows: tuple[Sensitivity, ...]
+
+
+def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
+    """Every continuous number of laser, optics, detector, TDC and target, by dotted name, in SI units.
+
+    Counts that choose code (``tdc.stops``) are left out; the number of cells counts as continuous.
+    """
+    found = {}
+    for prefix, part in [(name, getattr(sensor, name)) for name in _PARTS] + [("target", target)]:
+        for field in dataclasses.fields(part):
+            value = getattr(part, field.name)
+            if isinstance(value, (int, float)) and not isinstance(value, bool) and field.name != "stops":
+                found[f"{prefix}.{field.name}"] = float(value)
+    return found
+
+
+def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Array]) -> tuple[Sensor, Target]:
+    """The sensor and target with these numbers in place of their own."""
+    changes: dict[str, dict[str, Array]] = {}
+    for name, value in values.items():
+        part, _, field = name.partition(".")
+        changes.setdefault(part, {})[field] = value
+    target = dataclasses.replace(target, **changes.pop("target", {}))
+    parts = {part: dataclasses.replace(getattr(sensor, part), **new) for part, new in changes.items()}
+    return dataclasses.replace(sensor, **parts), target
+
+
+def margin_and_detection(sensor: Sensor, target: Target, range_m: Array) -> tuple[Array, Array]:
+    """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers."""
+    light = _light(sensor, target, range_m)
+    point = sensor.working_point(light.background_power_w)
+    signal, level = point.signal(light.peak_power_w), sensor.threshold(point)
+    sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    ops = xp(signal, level)
+    return ops.log(signal / level), point.detection_probability(level, signal, sigma)
+
+
+def sensitivities(
+    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
+) -> Table:
+    """All sensitivities. Raises InputError where the sensor has no maximum range.
+
+    distance_m   where P_d is taken; the maximum range if None, where it is near one half
+    method       "drjit", "differences", or "auto": Dr.Jit where there is a back end
+    """
+    limit, status = plane.maximum_range_m(sensor, target)
+    if status != RangeStatus.FOUND:
+        raise InputError(
+            f"'{sensor.name}' has no maximum range here ({status.name.lower()}), so no sensitivities"
+        )
+    limit = float(limit)
+    distance = limit if distance_m is None else distance_m
+    values = parameters(sensor, target)
+
+    def formula(which: int) -> derivatives.Formula:
+        def of(numbers: Mapping[str, Array]) -> Array:
+            own = {name: number for name, number in numbers.items() if name != _RANGE}
+            changed = with_parameters(sensor, target, own)
+            return margin_and_detection(*changed, numbers[_RANGE])[which]
+
+        return of
+
+    method, derive = derivatives.chosen(method)
+    _, margin = derive(formula(0), {**values, _RANGE: limit})
+    probability, detection = derive(formula(1), {**values, _RANGE: distance})
+    if not margin[_RANGE] < 0.0:
+        raise InputError(f"'{sensor.name}': the signal does not fall with range at {limit:.6g} m")
+    rows = []
+    for name, value in values.items():
+        slope = -margin[name] / margin[_RANGE]
+        rows.append(
+            Sensitivity(
+                parameter=name, value=value, unit=_unit(name), range_slope=slope,
+                range_elasticity=slope * value / limit if value else None,
+                detection_slope=detection[name], detection_points=detection[name] * value if value else None,
+            )
+        )  # fmt: skip
+    # Equal ones, such as all that multiplies the echo, by name: rounding shall not decide.
+    rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
+    return Table(sensor.name, limit, distance, probability, method, tuple(rows))
+
+
+def report_text(
+    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
+) -> str:
+    """The table for people: elasticities, plain derivatives where the value is zero, and the best gain."""
+    table = sensitivities(sensor, target, distance_m=distance_m, method=method)
+    text = table_text(table)
+    if isinstance(sensor.detector, Apd):
+        best = gain.best_gain(sensor, target, range_m=table.distance_m)
+        text += (
+            f"\n\ngain of the best SNR: {best.searched:.1f} by search, {best.closed_form:.1f} in closed form; "
+            f"the present {sensor.detector.gain:g} has {100 * best.snr_share:.1f} % of that SNR"
+        )
+    return text
+
+
+def table_text(table: Table) -> str:
+    """A `Table` in text."""
+    how = {
+        "drjit": "exact, by Dr.Jit's automatic differentiation",
+        "differences": "sixth-order central differences (no back end)",
+    }[table.method]
+    lines = [
+        f"{table.sensor}: maximum range {table.range_m:.3f} m",
+        f"P_d {100 * table.detection_probability:.2f} % at {table.distance_m:.3f} m",
+        f"derivatives: {how}",
+        "",
+        f"{'parameter':32s} {'value':>12s} {'unit':5s} {'range':>10s} {'P_d':>10s}",
+        f"{'':32s} {'':>12s} {'':5s} {'% per %':>10s} {'points/%':>10s}",
+    ]
+    moving = [row for row in table.rows if row.range_slope or row.detection_slope]
+    for row in moving:
+        if row.range_elasticity is not None and row.detection_points is not None:
+            lines.append(
+                f"{row.parameter:32s} {row.value:12.6g} {row.unit:5s} "
+                f"{_signed(row.range_elasticity)} {_signed(row.detection_points)}"
+            )
+    zero = [row for row in moving if row.range_elasticity is None]
+    if zero:
+        lines += ["", "zero now, so for each unit instead of each percent:"]
+        lines += [
+            f"{row.parameter:32s} {row.range_slope:+.6g} m, {row.detection_slope:+.6g} of P_d"
+            f" per {row.unit or 'unit'}"
+            for row in zero
+        ]
+    still = [row.parameter for row in table.rows if row not in moving]
+    if still:
+        lines += ["", "no effect on either: " + ", ".join(still)]
+    return "\n".join(lines)
+
+
+def tornado(
+    path: str | os.PathLike[str],
+    sensor: Sensor,
+    target: Target,
+    *,
+    distance_m: float | None = None,
+    method: str = "auto",
+) -> None:
+    """The elasticities of the maximum range, strongest on top; PNG or SVG by the path's ending."""
+    from ...figures import lines as charts
+
+    table = sensitivities(sensor, target, distance_m=distance_m, method=method)
+    charts.tornado(
+        [path],
+        bars=[(row.parameter, size) for row in table.rows if abs(size := row.range_elasticity or 0.0) > 5e-4],
+        title=f"{table.sensor}: maximum range {table.range_m:.1f} m",
+        label="change of the maximum range for +1 % [%]",
+    )
+
+
+def _light(sensor: Sensor, target: Target, range_m: Array) -> Echoes:
+    """`ranging.echoes_of_plane` for numbers of any kind, one range."""
+    ops = xp(range_m)
+    sun = sunlight.sun_irradiance_w_m2(
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
+        illuminance_klux=target.illuminance_klux,
+    )
+    lit = ops.maximum(target.cos_sun, 0.0)
+    hits = Hits(
+        found=range_m > 0.0, range_m=range_m, cos_incidence=target.cos_incidence,
+        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,
+        sun_scatter_per_sr=target.reflectivity * lit / math.pi, reflectivity=target.reflectivity,
+        cos_sun=target.cos_sun, lit=target.cos_sun > 0.0, face=0,
+    )  # fmt: skip
+    beams = Beams(
+        pulse=0, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0),
+        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+    )  # fmt: skip
+    ambient = Ambient(
+        sun_irradiance_w_m2=sun, transmittance=target.transmittance, extinction_per_m=target.extinction_per_m,
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
+            sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share
+        ),
+    )  # fmt: skip
+    return receive(beams, hits, sensor, ambient)
+
+
+def _signed(value: float) -> str:
+    """Four decimals, or two digits of what would show as zero; ten characters."""
+    return f"{value:+10.4f}" if abs(value) >= 1e-3 or value == 0.0 else f"{value:+10.1e}"
+
+
+def _unit(name: str) -> str:
+    """Unit from the name's suffix; the empty string for plain numbers."""
+    last = name.rpartition(".")[2]
+    if last.endswith("_w_m2"):
+        return "W/m2"
+    if last.endswith("_per_m"):
+        return "1/m"
+    return _UNITS.get(last.rpartition("_")[2], "") if "_" in last else ""

@@ -1,0 +1,268 @@
+"""Detection statistics of a sensor on a target: detection curves, trade of detection against false alarms, shots.
+
+The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too; where
+shots are simulated it is by `detection.returns.detect`, on numpy with made-up echoes. No tracing, no LLVM.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...detection.returns import Outcome, Status, detect
+from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
+from ...physics.electronics import apd, mcintyre, tdc
+from ...physics.optics import radiometry, sunlight
+from ...sensor.detectors import Apd, WorkingPoint
+from ...sensor.model import Sensor
+from . import plane
+from .plane import Target
+
+Matrix = np.ndarray[Any, Any]
+
+TAILS = ("gaussian", "mcintyre", "webb", "exact")
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingCurve:
+    """Receiver operating characteristic: what a threshold buys and costs. All (n,), one for each threshold.
+
+    threshold_to_noise     TNR
+    false_alarms_per_shot  mean number of noise crossings in the whole window
+    quiet_probability      that a whole window has none
+    detection_probability  P_d of the echo
+    correct_probability    (10): right returns among all, for a target at the end of the window
+    """
+
+    threshold_to_noise: Matrix
+    false_alarms_per_shot: Matrix
+    quiet_probability: Matrix
+    detection_probability: Matrix
+    correct_probability: Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class FalsePoints:
+    """False alarms among the points of one frame, expected.
+
+    per_pulse  mean number that one pulse's converter reports
+    per_frame  that times the pulses of the scanner's frame, all of them on the same target or sky
+    """
+
+    per_pulse: float
+    per_frame: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shots:
+    """Simulated shots, counted: of the echoes, how many were reported; of the alarms, how many are points."""
+
+    shots: int
+    echoes: int
+    false_alarms: int
+
+    @property
+    def correct_share(self) -> float:
+        """Right returns among all; 1 where nothing was returned."""
+        returned = self.echoes + self.false_alarms
+        return self.echoes / returned if returned else 1.0
+
+
+def detection_curve(sensor: Sensor, target: Target, snr: Matrix, *, own_noise: bool = True) -> Matrix:
+    """(n,) P_d of echoes with these signal-to-noise ratios, under the target's background.
+
+    own_noise   False leaves the echo's own shot noise out, which makes P_d = Q(TNR - SNR) for a Gaussian
+    """
+    point = sensor.working_point(_background_w(sensor, target))
+    signal = np.asarray(snr, dtype=np.float64) * point.noise
+    sigma = _sigma(point, signal) if own_noise else point.noise + 0.0 * signal
+    return np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
+
+
+def operating_curve(
+    sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Matrix
+) -> OperatingCurve:
+    """Detection against false alarms for a target at this range, as the threshold varies."""
+    ratios = np.asarray(threshold_to_noise, dtype=np.float64)
+    varied = dataclasses.replace(sensor.tdc, threshold_to_noise=ratios, threshold_level=None)
+    tuned = dataclasses.replace(sensor, tdc=varied)
+    light = plane.echoes_of_plane(sensor, target, range_m)
+    point = tuned.working_point(light.background_power_w)
+    threshold = tuned.threshold(point) + 0.0 * ratios
+    signal = point.signal(light.peak_power_w) + 0.0 * ratios
+    p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
+    p_false = np.asarray(point.false_alarm_probability(threshold))
+    m = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    mean = np.asarray(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
+    mean = mean * sensor.tdc.listening_s
+    return OperatingCurve(
+        threshold_to_noise=ratios,
+        false_alarms_per_shot=mean,
+        quiet_probability=np.exp(-mean),
+        detection_probability=p_detect,
+        correct_probability=np.asarray(
+            tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=m)
+        ),
+    )
+
+
+def detection_probability(sensor: Sensor, target: Target, range_m: float) -> float:
+    """P_d of the target at this range."""
+    light = plane.echoes_of_plane(sensor, target, range_m)
+    point = sensor.working_point(light.background_power_w)
+    signal = point.signal(light.peak_power_w)
+    found = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
+    return float(np.ravel(found)[0])
+
+
+def false_alarm_probability(
+    sensor: Sensor, target: Target, *, sky: bool = False, tail: str | None = None
+) -> float:
+    """P_f of one comparison, with the target's background.
+
+    sky    the sky beside the target instead: dark unless the target's light has a diffuse share
+    tail   None: the sensor's own statistics. For an APD also "gaussian" (9), "mcintyre" (saddle point, what
+           `detector.tail` computes), "webb" (Webb's approximation of the electrons, averaged over the
+           amplifier's noise) or "exact" (McIntyre's probabilities summed)
+    """
+    background = _background_w(sensor, target, sky)
+    point = sensor.working_point(background)
+    threshold = sensor.threshold(point)
+    if tail is None:
+        return float(np.ravel(point.false_alarm_probability(threshold))[0])
+    diode = sensor.detector
+    if not isinstance(diode, Apd) or tail not in TAILS:
+        raise ValueError(f"tail '{tail}' came; an APD and one of {', '.join(TAILS)} were expected")
+    if tail in ("gaussian", "mcintyre"):
+        changed = dataclasses.replace(sensor, detector=dataclasses.replace(diode, tail=tail))
+        return false_alarm_probability(changed, target, sky=sky)
+    numbers = electrons(sensor, float(background[0]))
+    excess = float(np.ravel(threshold)[0]) * numbers.pop("per_ampere")
+    excess_noise = numbers.pop("excess_noise")
+    if tail == "exact":
+        return mcintyre.tail_probability_exact(excess=excess, **numbers)
+    return _webb_with_amplifier(excess, excess_noise=excess_noise, **numbers)
+
+
+def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -> FalsePoints:
+    """Expected false points of a frame whose pulses all meet this target, or for None all go into the sky.
+
+    Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo can
+    hide it, those after it need a stop that is left.
+    """
+    p_false = false_alarm_probability(sensor, target, sky=range_m is None)
+    rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
+    blanking_s, window_s = float(sensor.tdc.blanking_s), float(sensor.tdc.window_s)
+    stops = sensor.tdc.stops
+    per_pulse = _mean_of_first(rate * (window_s - blanking_s), stops)
+    arrival_s = math.inf if range_m is None else 2.0 * range_m / SPEED_OF_LIGHT_M_S
+    if range_m is not None and blanking_s <= arrival_s < window_s:
+        p_detect = detection_probability(sensor, target, range_m)
+        before, after = rate * (arrival_s - blanking_s), rate * (window_s - arrival_s)
+        with_echo = _mean_of_first(before, stops) + sum(
+            _poisson(before, n) * _mean_of_first(after, stops - 1 - n) for n in range(stops)
+        )
+        per_pulse = p_detect * with_echo + (1.0 - p_detect) * per_pulse
+    return FalsePoints(per_pulse, per_pulse * sensor.scanner.pulses)
+
+
+def simulated_shots(
+    sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
+) -> Shots:
+    """That many pulses at a target, or for None into the sky, through `detection.returns.detect` on numpy."""
+    every = np.ones(shots)
+    echoes = plane.echoes_of_plane(sensor, target, every if range_m is None else range_m * every)
+    if range_m is None:
+        background = _background_w(sensor, target, True) * every
+        echoes = dataclasses.replace(
+            echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background
+        )
+    found = detect(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
+    alarms = sum(int(np.sum(s.reported & (s.status == int(Status.FALSE_ALARM)))) for s in found.stops)
+    return Shots(shots, int(np.sum(found.outcome == int(Outcome.KEPT))), alarms)
+
+
+def end_of_window(sensor: Sensor, range_m: float) -> Sensor:
+    """The sensor with its window closed just after an echo of this range has come, as (10) has it."""
+    end_s = 2.0 * range_m / SPEED_OF_LIGHT_M_S + 0.5 * float(sensor.laser.pulse_fwhm_s)
+    return dataclasses.replace(sensor, tdc=dataclasses.replace(sensor.tdc, window_s=end_s))
+
+
+def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
+    """An APD's background in electrons of one resolution time, as `mcintyre.tail_probability` wants it.
+
+    With ``per_ampere``, electrons of one ampere, and ``excess_noise``, F. Raises ValueError without an APD.
+    """
+    diode = sensor.detector
+    if not isinstance(diode, Apd):
+        raise ValueError(f"the detector of '{sensor.name}' has no avalanche of McIntyre's kind")
+    bandwidth = float(sensor.tdc.bandwidth_hz)
+    per_ampere = mcintyre.resolution_time_s(bandwidth_hz=bandwidth) / ELEMENTARY_CHARGE_C
+    responsivity = apd.responsivity_a_w(
+        quantum_efficiency=diode.quantum_efficiency, photon_energy_j=sensor.laser.photon_energy_j
+    )
+    primary_a = float(responsivity * background_power_w + diode.bulk_dark_current_a)
+    excess = float(diode.excess_noise)
+    ratio = mcintyre.ionisation_ratio(gain=diode.gain, excess_noise=excess)
+    return {
+        "primaries": primary_a * per_ampere, "gain": float(diode.gain), "ionisation_ratio": float(ratio),
+        "amplifier": math.sqrt(diode.unmultiplied_variance_a2(bandwidth)) * per_ampere,
+        "per_ampere": per_ampere, "excess_noise": excess,
+    }  # fmt: skip
+
+
+def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Matrix:
+    """Light on the detector from the target or the sky, (1,)."""
+    if not sky:
+        return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
+    sun = sunlight.sun_irradiance_w_m2(
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
+        illuminance_klux=target.illuminance_klux,
+    )
+    sky_irradiance = sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share)
+    power = radiometry.background_power_w(
+        radiance_w_m2_sr=sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=sky_irradiance),
+        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share, transmittance=target.transmittance,
+        field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
+            detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
+        ),
+        efficiency=sensor.optics.efficiency_sun,
+    )  # fmt: skip
+    return np.atleast_1d(np.asarray(power, dtype=np.float64))
+
+
+def _sigma(point: WorkingPoint, signal: Matrix) -> Matrix:
+    """Noise at the peak, with the echo's own."""
+    return np.asarray(
+        tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    )
+
+
+def _webb_with_amplifier(
+    excess: float, *, primaries: float, gain: float, ionisation_ratio: float, amplifier: float,
+    excess_noise: float,
+) -> float:  # fmt: skip
+    """Webb's tail, averaged over the amplifier's Gaussian noise."""
+    deviates = np.linspace(-8.0, 8.0, 3201)
+    weight = np.exp(-0.5 * deviates**2)
+    tail = mcintyre.webb_tail(
+        excess=excess - amplifier * deviates, primaries=primaries, gain=gain, excess_noise=excess_noise
+    )
+    return float((weight * tail).sum() / weight.sum())
+
+
+def _poisson(mean: float, count: int) -> float:
+    return math.exp(-mean) * mean**count / math.factorial(count)
+
+
+def _mean_of_first(mean: float, stops: int) -> float:
+    """Mean of min(N, stops) for Poisson N: the sum of P(N >= n), n from 1 to stops."""
+    at_least, total = -math.expm1(-mean), 0.0
+    for n in range(1, stops + 1):
+        total += at_least
+        at_least = max(at_least - _poisson(mean, n), 0.0)
+    return total

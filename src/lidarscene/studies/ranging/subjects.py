@@ -1,0 +1,75 @@
+"""Sensors under study: names, files and assignments in, sensors at any value of any key out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ... import catalog
+from ...files.toml import addressed, read_toml, with_overrides
+from ...sensor.file import sensor_from_tables
+from ...sensor.model import Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """A sensor as its file has it.
+
+    name       that in the file, made different from the others'
+    argument   what the user called it
+    where      its file, for messages
+    tables     of the file, assignments not made yet
+    overrides  the assignments, KEY=VALUE
+    """
+
+    name: str
+    argument: str
+    where: str
+    tables: dict[str, Any]
+    folder: Path
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """The tables with the assignments made."""
+        return with_overrides(self.tables, self.overrides)
+
+    def sensor(self) -> Sensor:
+        """The sensor. Raises InputError."""
+        return sensor_from_tables(self.tables, where=self.where, overrides=self.overrides, folder=self.folder)
+
+    def sensor_with(self, key: str, value: float, *, whole: bool) -> Sensor:
+        """The sensor at another value of a key. Raises InputError."""
+        number = repr(int(value)) if whole else repr(float(value))
+        return sensor_from_tables(
+            with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
+            where=f"{self.where} --over {key}", folder=self.folder,
+        )  # fmt: skip
+
+
+def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
+    """The sensors of these catalogue names and files; equal names get a number. Raises InputError.
+
+    assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for that one alone
+    """
+    found: list[Subject] = []
+    for argument in arguments:
+        path = Path(argument) if argument.endswith(".toml") else catalog.path_of("sensors", argument)
+        where = argument if argument.endswith(".toml") else path.name
+        subject = Subject(
+            name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent
+        )
+        found.append(subject)
+    split = [addressed(assignment, [subject.argument for subject in found]) for assignment in assignments]
+    seen: Counter[str] = Counter()
+    named = []
+    for subject in found:
+        overrides = tuple(text for to, text in split if to is None or to == subject.argument)
+        name = replace(subject, overrides=overrides).sensor().name
+        seen[name] += 1
+        name = name if seen[name] == 1 else f"{name} ({seen[name]})"
+        named.append(replace(subject, overrides=overrides, name=name))
+    return named

@@ -1,0 +1,69 @@
+"""How far each sensor sees under one set of conditions: a subject and a target in, a row of numbers out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ...physics.optics import radiometry
+from . import plane
+from .curves import limit_word, with_haze
+from .plane import RangeStatus, Target
+from .report import air_text
+from .subjects import Subject
+
+
+def summary_of(
+    subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None
+) -> dict[str, Any]:
+    """Maximum range and its status, the closed form's bound, the window's end; SNR and P_d at ``distance_m``."""
+    sensor = subject.sensor()
+    target = with_haze(sensor, target, visibility_m)
+    limit, status = plane.maximum_range_m(sensor, target)
+    fixed = sensor.tdc.threshold_to_noise is None
+    bound = None if fixed else plane.closed_form_range_m(sensor, target)
+    snr = float(plane.snr(sensor, target, distance_m)[0])
+    return {
+        "name": subject.name,
+        "maximum_range_m": limit if math.isfinite(limit) else None,
+        "status": status.name.lower(),
+        "closed_form_m": bound if bound is not None and math.isfinite(bound) else None,
+        "window_m": radiometry.range_from_time_of_flight_m(time_of_flight_s=float(sensor.tdc.window_s)),
+        "distance_m": distance_m,
+        "snr": snr if math.isfinite(snr) else None,
+        "detection_probability": float(plane.detection_probability(sensor, target, distance_m)[0]),
+    }
+
+
+def text_of(
+    rows: Sequence[dict[str, Any]], target: Target, distance_m: float, sun_angle_deg: float,
+    visibility_m: float | None,
+) -> str:  # fmt: skip
+    """The rows as a table."""
+    incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
+    at = f"at {distance_m:g} m"
+    table = [["sensor", "maximum range", "closed form", "window", f"SNR {at}", f"P_d {at}"]]
+    for row in rows:
+        found = row["status"] == RangeStatus.FOUND.name.lower()
+        limit = f"{row['maximum_range_m']:.3f} m" if found else limit_word(RangeStatus[row["status"].upper()])
+        bound = "-" if row["closed_form_m"] is None else f"{row['closed_form_m']:.3f} m"
+        snr = "inf" if row["snr"] is None else f"{row['snr']:.6g}"
+        table.append(
+            [
+                row["name"],
+                limit,
+                bound,
+                f"{row['window_m']:.1f} m",
+                snr,
+                f"{row['detection_probability']:.6g}",
+            ]
+        )
+    widths = [max(len(row[column]) for row in table) for column in range(6)]
+    lines = ["  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
+             for row in table]  # fmt: skip
+    conditions = (
+        f"{target.illuminance_klux:g} klux, sun {sun_angle_deg:g}° off the normal, reflectivity "
+        f"{target.reflectivity:g}, incidence {incidence:g}°, {air_text(target, visibility_m)}"
+    )
+    return "\n".join([conditions, *lines])

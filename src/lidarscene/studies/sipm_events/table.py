@@ -1,0 +1,182 @@
+"""Response tables of a SiPM, by events and by equation, and where (27) goes wrong by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...physics.electronics import sipm, sipm_response
+from .cells import CellArray, Light
+from .working_point import moments, pulse_outputs
+
+Matrix = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResponseTable:
+    """The output when its mean is highest, against light; units of one recovered cell.
+
+    background_photons  (b,) in one dead time
+    signal_photons      (s,) as (24) counts them
+    mean                (b, s), variance, skewness likewise; ``before`` (b,) is the mean without echo and
+                        ``noise`` (b,) the standard deviation
+    peak_time_s         (b, s) after the light's peak
+    shots               per point; 0 where the numbers are exact
+    """
+
+    background_photons: Matrix
+    signal_photons: Matrix
+    before: Matrix
+    noise: Matrix
+    mean: Matrix
+    variance: Matrix
+    skewness: Matrix
+    peak_time_s: Matrix
+    shots: int
+
+    @property
+    def snr(self) -> Matrix:
+        """(b, s): what (27) stands for."""
+        return np.asarray((self.mean - self.before[:, None]) / self.noise[:, None])
+
+
+def response_by_events(
+    array: CellArray,
+    *,
+    background_photons: Sequence[float],
+    signal_photons: Sequence[float],
+    pulse_fwhm_s: float,
+    shots: int = 2000,
+    seed: int = 0,
+    steps: int = 16,
+) -> ResponseTable:
+    """The table by the event simulation: any cells. Every point has shots of its own, from the one seed."""
+    shape = (len(background_photons), len(signal_photons))
+    columns = np.zeros((6, *shape))
+    for i, background in enumerate(background_photons):
+        for j, signal in enumerate(signal_photons):
+            light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=pulse_fwhm_s)
+            point_seed = seed + i * shape[1] + j
+            found = moments(*pulse_outputs(array, light, shots=shots, seed=point_seed, steps=steps))
+            top = int(np.argmax(found.mean))
+            columns[:, i, j] = (
+                found.mean[0], found.variance[0], found.mean[top], found.variance[top], found.skewness[top],
+                found.time_s[top],
+            )  # fmt: skip
+    return ResponseTable(
+        background_photons=np.asarray(background_photons, float),
+        signal_photons=np.asarray(signal_photons, float),
+        before=columns[0].mean(axis=1),
+        noise=np.sqrt(columns[1].mean(axis=1)),
+        mean=columns[2],
+        variance=columns[3],
+        skewness=columns[4],
+        peak_time_s=columns[5],
+        shots=shots,
+    )
+
+
+def response_by_equation(
+    array: CellArray,
+    *,
+    background_photons: Sequence[float],
+    signal_photons: Sequence[float],
+    pulse_fwhm_s: float,
+    steps: int | None = None,
+) -> ResponseTable:
+    """The table from the equation of the busy share, without chance: box shape, cells without memory."""
+    if array.shape != "box" or array.warm_up_s > 0.0 or array.crosstalk > 0.0:
+        raise ValueError(
+            "only cells of box shape without recovery, crosstalk and afterpulses have an equation"
+        )
+    background, signal = np.asarray(background_photons, float), np.asarray(signal_photons, float)
+    tau = array.dead_time_s
+    x = background * array.pde / array.cells + array.dark_count_rate_hz * tau
+    whole = sipm_response.captured_photons(photons=signal, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=1e3)
+    time, busy = sipm_response.busy_share_over_time(
+        background=x[:, None], flash=(whole * array.pde / array.cells)[None, :],
+        pulse_to_dead_time=pulse_fwhm_s / tau, steps=steps,
+    )  # fmt: skip
+    share, before = busy.max(axis=0), x / (1.0 + x)
+    return ResponseTable(
+        background_photons=background,
+        signal_photons=signal,
+        before=array.cells * before,
+        noise=np.sqrt(array.cells * before * (1.0 - before)),
+        mean=array.cells * share,
+        variance=array.cells * share * (1.0 - share),
+        skewness=np.asarray(sipm_response.binomial_skewness(share=share, cells=array.cells)),
+        peak_time_s=time[busy.argmax(axis=0)] * tau,
+        shots=0,
+    )
+
+
+def published_snr(
+    array: CellArray, *, background_photons: Sequence[float], signal_photons: Sequence[float]
+) -> Matrix:
+    """(b, s) SNR by (27) as printed."""
+    background = np.asarray(background_photons, float)[:, None]
+    signal = np.asarray(signal_photons, float)[None, :]
+    light = {"pde": array.pde, "cells": array.cells}
+    busy = array.cells * sipm.fired_share_published(photons=background, **light)
+    dark = sipm.dark_counts(
+        cells=array.cells, dark_count_rate_hz=array.dark_count_rate_hz, dead_time_s=array.dead_time_s
+    )
+    variance = sipm.fired_variance_published(fired=busy, cells=array.cells) + dark
+    fired = (array.cells - busy - dark) * sipm.fired_share_published(photons=signal, **light)
+    return np.asarray(fired / np.sqrt(variance))
+
+
+def error_of_published_snr(
+    array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None
+) -> Matrix:
+    """(b, s) SNR by (27) over that of the table, less one.
+
+    pulse_fwhm_s  give (24) the photons of this pulse in the dead time around its peak, instead of half of
+                  P_r FWHM, so that what is left is the doing of dead cells; None: (27) as printed
+    """
+    photons = table.signal_photons
+    if pulse_fwhm_s is not None:
+        photons = np.asarray(
+            sipm_response.captured_photons(
+                photons=photons, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=array.dead_time_s
+            )
+        )
+    printed = published_snr(
+        array, background_photons=list(table.background_photons), signal_photons=list(photons)
+    )
+    return np.asarray(printed / table.snr - 1.0)
+
+
+GRID_BACKGROUND = (10.0, 50.0, 200.0, 686.093, 2000.0)
+GRID_SIGNAL = (10.0, 100.0, 500.0, 2660.31, 10000.0)
+GRID_PULSE_TO_DEAD_TIME = (0.1, 0.5, 1.0, 1.9)
+
+
+def where_published_is_off(
+    array: CellArray | None = None, *, own_photons: bool = True
+) -> tuple[str, list[list[str]]]:
+    """Table of the error of (27) in percent: a heading, and rows as text, errors above 10 % in bold.
+
+    array        the cells of Table 1 if None
+    own_photons  (27) with its own count of signal photons; else with those in the dead time around the peak
+
+    A row for every pulse width and background, a column for every signal. Other numbers of cells or PDE: scale the
+    photons, only photons PDE / N matters.
+    """
+    array = array or CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
+    rows = []
+    for ratio in GRID_PULSE_TO_DEAD_TIME:
+        fwhm_s = ratio * array.dead_time_s
+        table = response_by_equation(
+            array, background_photons=GRID_BACKGROUND, signal_photons=GRID_SIGNAL, pulse_fwhm_s=fwhm_s
+        )
+        error = error_of_published_snr(array, table, pulse_fwhm_s=None if own_photons else fwhm_s)
+        for background, line in zip(GRID_BACKGROUND, error, strict=True):
+            cells = [f"**{100 * e:+.0f}**" if abs(e) > 0.1 else f"{100 * e:+.0f}" for e in line]
+            rows.append([f"{ratio:g}", f"{background:.0f}", *cells])
+    heading = "| FWHM / tau | background | " + " | ".join(f"{s:.0f}" for s in GRID_SIGNAL) + " |"
+    return heading, rows

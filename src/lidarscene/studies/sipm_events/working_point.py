@@ -1,0 +1,188 @@
+"""A SiPM under a background and a pulse, measured shot by shot: noise, signal, detection, false alarms, timing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...physics.electronics.sipm_response import LATEST_PEAK
+from .cells import CellArray, Light
+from .events import simulate
+from .output import waveforms
+
+Matrix = np.ndarray[Any, Any]
+
+_EDGE = 2.0  # FWHM before the peak at which a shot begins
+_DARK_WINDOW = 20  # dead times of a shot that is watched for false alarms
+_DARK_SEED = 1  # added to the seed of the shots with a pulse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moments:
+    """Of the output over shots: (samples,) each. The skewness is the third standardised moment."""
+
+    time_s: Matrix
+    mean: Matrix
+    variance: Matrix
+    skewness: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """A working point; levels in units of one recovered cell above the mean before the pulse.
+
+    noise, before, skewness_before       of the output without echo; ``before`` is its mean
+    signal, peak_noise, peak_skewness    of the output at ``peak_time_s``, when its mean is highest
+    snr                                  signal / noise, which (27) stands for
+    threshold                            of the comparator, U
+    false_alarm_probability              that one sample without echo is at or above U, which (9) stands for
+    false_alarm_rate_hz                  of a single-stop converter: -log(quiet shots) over the window watched
+    detection_probability                that the sample at ``peak_time_s`` is at or above U
+    tripped                              share of shots whose output passes U anywhere from 2 FWHM before the
+                                         pulse's peak until the output's own highest mean
+    crossing_s, crossing_deviation_s     mean and standard deviation of when it does; nan if it never does
+    """
+
+    shots: int
+    before: float
+    noise: float
+    skewness_before: float
+    peak_time_s: float
+    signal: float
+    peak_noise: float
+    peak_skewness: float
+    snr: float
+    threshold: float
+    false_alarm_probability: float
+    false_alarm_rate_hz: float
+    detection_probability: float
+    tripped: float
+    crossing_s: float
+    crossing_deviation_s: float
+
+
+def outputs(
+    array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
+) -> Iterator[tuple[Matrix, Matrix]]:
+    """(samples,) times and (shots, samples) outputs in single precision, some shots at a time.
+
+    steps  samples per dead time
+    """
+    step = array.dead_time_s / steps
+    samples = max(1, math.floor((end_s - start_s) / step + 1e-6) + 1)
+    time_s = start_s + step * np.arange(samples)
+    runs = simulate(array, light, start_s=start_s, end_s=time_s[-1] + 0.5 * step, shots=shots, seed=seed)
+    for count, avalanches in runs:
+        wave = waveforms(array, avalanches, shots=count, start_s=start_s, step_s=step, samples=samples)
+        yield time_s, wave.astype(np.float32)
+
+
+def all_outputs(
+    array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
+) -> tuple[Matrix, Matrix]:
+    """`outputs` in one piece."""
+    runs = list(outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps))
+    return runs[0][0], np.concatenate([wave for _, wave in runs])
+
+
+def pulse_outputs(
+    array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16
+) -> tuple[Matrix, Matrix]:
+    """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked."""
+    # On the sampling grid, so that one sample falls on the light's peak.
+    step = array.dead_time_s / steps
+    start_s = -step * math.ceil(_EDGE * light.pulse_fwhm_s / step)
+    if array.shape == "box":
+        end_s = min(_EDGE * light.pulse_fwhm_s, LATEST_PEAK * array.dead_time_s)
+    else:
+        end_s = _EDGE * light.pulse_fwhm_s + 4.0 * array.rise_s
+    return all_outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps)
+
+
+def moments(time_s: Matrix, wave: Matrix) -> Moments:
+    """Mean, variance and skewness over shots, at each sample."""
+    centre = wave.mean(axis=0, dtype=np.float64)
+    variance, third = np.zeros((2, len(time_s)))
+    for rows in np.array_split(wave, max(1, len(wave) // 10_000)):
+        residual = rows - centre
+        square = residual * residual
+        variance += square.sum(axis=0)
+        third += (square * residual).sum(axis=0)
+    variance, third = variance / len(wave), third / len(wave)
+    quiet = variance <= 0.0
+    skewness = np.where(quiet, 0.0, third / np.where(quiet, 1.0, variance) ** 1.5)
+    return Moments(time_s=time_s, mean=centre, variance=variance, skewness=skewness)
+
+
+def measure(
+    array: CellArray,
+    light: Light,
+    *,
+    threshold_to_noise: float = 5.0,
+    threshold: float | None = None,
+    shots: int = 100_000,
+    seed: int = 0,
+    steps: int = 16,
+) -> Measured:
+    """The working point of these cells under this light.
+
+    threshold  in cells above the mean before the pulse; threshold_to_noise times the noise if None, at least 1
+    steps      samples per dead time, which is also how often the comparator looks
+    """
+    window_s = _DARK_WINDOW * array.dead_time_s
+    dark_time, dark = all_outputs(
+        array, replace(light, signal_photons=0.0), start_s=0.0, end_s=window_s,
+        shots=max(shots // 10, 1), seed=seed + _DARK_SEED, steps=steps,
+    )  # fmt: skip
+    time_s, wave = pulse_outputs(array, light, shots=shots, seed=seed, steps=steps)
+    # Stationary: every sample has the same distribution.
+    still, pulse = moments(dark_time, dark), moments(time_s, wave)
+    before, noise = float(still.mean.mean()), math.sqrt(float(still.variance.mean()))
+    level = max(threshold_to_noise * noise, 1.0) if threshold is None else threshold
+    absolute = before + level - 1e-4  # rounding must not lift a count that just reaches it
+    top = int(np.argmax(pulse.mean))
+    above, rate_hz = _alarms(dark, absolute, window_s)
+    crossings = _first_passages(time_s, wave[:, : top + 1], absolute)
+    signal = float(pulse.mean[top]) - before
+    return Measured(
+        shots=shots,
+        before=before,
+        noise=noise,
+        skewness_before=float(still.skewness.mean()),
+        peak_time_s=float(time_s[top]),
+        signal=signal,
+        peak_noise=math.sqrt(float(pulse.variance[top])),
+        peak_skewness=float(pulse.skewness[top]),
+        snr=signal / noise if noise > 0.0 else math.inf,
+        threshold=level,
+        false_alarm_probability=above,
+        false_alarm_rate_hz=rate_hz,
+        detection_probability=float(np.mean(wave[:, top] >= absolute)),
+        tripped=len(crossings) / shots,
+        crossing_s=float(crossings.mean()) if len(crossings) else math.nan,
+        crossing_deviation_s=float(crossings.std()) if len(crossings) else math.nan,
+    )
+
+
+def _first_passages(time_s: Matrix, wave: Matrix, absolute: float) -> Matrix:
+    """When each shot that does so first passes the level upwards, straight between samples."""
+    high = wave >= absolute
+    up = high[:, 1:] & ~high[:, :-1]
+    row = np.flatnonzero(up.any(axis=1))
+    after = np.argmax(up[row], axis=1) + 1
+    low, above = wave[row, after - 1].astype(np.float64), wave[row, after].astype(np.float64)
+    share = (absolute - low) / (above - low)
+    return np.asarray(time_s[after - 1] + share * (time_s[after] - time_s[after - 1]))
+
+
+def _alarms(wave: Matrix, absolute: float, window_s: float) -> tuple[float, float]:
+    """Share of samples at or above the level, and the rate of first passages [1/s]; inf if no shot is quiet."""
+    high = wave >= absolute
+    quiet = int(np.count_nonzero(~high.any(axis=1)))
+    low_at_first = int(np.count_nonzero(~high[:, 0]))
+    rate_hz = math.log(low_at_first / quiet) / window_s if quiet else math.inf
+    return float(np.mean(high)), rate_hz
