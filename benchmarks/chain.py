@@ -8,6 +8,7 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.detection import returns
 from lidarscene.errors import LidarSceneError
 from lidarscene.files.open3d_door import open3d
@@ -16,7 +17,6 @@ from lidarscene.kernel.device.backend import mitsuba
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams, echoes
-from lidarscene.render import api
 from lidarscene.render.simulator import Simulator, Summary
 from lidarscene.render.stages import ambient_of
 from lidarscene.scene.model import Part
@@ -37,10 +37,10 @@ THROUGH_GLASS = "table1-apd, through glass"
 def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Section]:
     """All sections of this file."""
     steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
-    scene = api.load_scene(scene_file)
-    first = Simulator(scene, api.load_sensor(SENSORS[0], overrides=steps), interactions=0)
+    scene = load_scene(scene_file)
+    first = Simulator(scene, load_sensor(SENSORS[0], overrides=steps), interactions=0)
     simulators = {
-        name: Simulator(scene, api.load_sensor(name, overrides=steps), world=first.world, interactions=0)
+        name: Simulator(scene, load_sensor(name, overrides=steps), world=first.world, interactions=0)
         for name in SENSORS
     }
     tasks: dict[str, Callable[[], Any]] = {name: one.render for name, one in simulators.items()}

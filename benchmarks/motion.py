@@ -8,9 +8,9 @@ import clock
 import numpy as np
 from table import Row, Section
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
-from lidarscene.render import api
 from lidarscene.render.simulator import Simulator
 from lidarscene.scene.model import Scene
 
@@ -30,7 +30,7 @@ splines."""
 def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     """Ratios of whole frames to the still one's, and the seconds of the tables."""
     steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
-    scene, sensor = api.load_scene(scene_file), api.load_sensor("table1-apd", overrides=[*steps, FAST])
+    scene, sensor = load_scene(scene_file), load_sensor("table1-apd", overrides=[*steps, FAST])
     mobile = [body.name for body in scene.bodies if body.class_name in ("car", "pedestrian")]
     away = {
         body.name: float(np.linalg.norm(body.pose.position_m - scene.sensor_pose.position_m))

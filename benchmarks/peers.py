@@ -12,9 +12,9 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.errors import LidarSceneError
 from lidarscene.kernel.rays.onward import START_OFFSET_M
-from lidarscene.render import api
 from lidarscene.render.simulator import Simulator
 from lidarscene.scene.model import Body, Part, Scene
 
@@ -38,7 +38,7 @@ def measure(
     synthetic  triangles of each ground
     middle     the size with which those are seen
     """
-    street = api.load_scene(scene_file)
+    street = load_scene(scene_file)
     scenes = {scene_file.name: street} | {
         f"{count:,} triangles": ground(street, count) for count in synthetic
     }
@@ -48,7 +48,7 @@ def measure(
         seen = sizes if scene is street else {middle: sizes[middle]}
         for beams, step_deg in seen.items():
             steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
-            sensor = api.load_sensor("table1-apd", overrides=steps)
+            sensor = load_sensor("table1-apd", overrides=steps)
             simulator = Simulator(scene, sensor, world=world, interactions=0)
             world = simulator.world
             for threads in sorted({1, os.cpu_count() or 1}):

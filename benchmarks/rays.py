@@ -9,13 +9,13 @@ import clock
 import numpy as np
 from table import Row, Section, verdict
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.device.profile import kernel_history
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams, echoes, pulse_train
 from lidarscene.light.footprint import footprint, spread
-from lidarscene.render import api
 from lidarscene.render.chunk import Order
 from lidarscene.render.simulator import Simulator
 from lidarscene.render.stages import ambient_of
@@ -40,7 +40,7 @@ the waveform is the stage that puts the rays of a pulse together, finds the cros
 
 def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, rounds: int) -> Section:
     """``single_deg`` and ``many_deg``: steps of the raster with one ray and with ``rays``."""
-    scene = api.load_scene(scene_file)
+    scene = load_scene(scene_file)
     one = Simulator(scene, _sensor(single_deg), interactions=0)
     many = {
         name: Simulator(scene, _sensor(many_deg, *changes), world=one.world, rays=rays, interactions=0)
@@ -87,7 +87,7 @@ def _spread(values: np.ndarray, form: str) -> str:
 
 def _sensor(step_deg: float, *changes: str) -> Any:
     steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
-    return api.load_sensor("table1-apd", overrides=[*steps, *changes])
+    return load_sensor("table1-apd", overrides=[*steps, *changes])
 
 
 def _device_seconds(simulators: dict[str, Simulator], rounds: int) -> tuple[clock.Seconds, clock.Seconds]:

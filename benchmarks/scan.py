@@ -14,10 +14,10 @@ from typing import Any
 import clock
 import numpy as np
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
-from lidarscene.render import api
 from lidarscene.render.simulator import DEFAULT_CHUNK, Simulator
 
 ROOT = Path(__file__).parents[1]
@@ -32,7 +32,7 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
     """
     import scanners
 
-    scene, sensor = api.load_scene(scene_file), api.load_sensor("table1-apd")
+    scene, sensor = load_scene(scene_file), load_sensor("table1-apd")
     world = Simulator(scene, sensor)
     place = tuple(float(x) for x in world.pose.position_m - world.world.centre_m)
     origin, turn = (

@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from .errors import LidarSceneError as LidarSceneError
     from .errors import OutputError as OutputError
     from .maths.pose import Pose as Pose
-    from .render.api import load_rig as load_rig
-    from .render.api import load_scene as load_scene
-    from .render.api import load_sensor as load_sensor
     from .render.api import render as render
     from .render.api import render_frames as render_frames
     from .render.simulator import Simulator as Simulator
+    from .scene.file import load_scene as load_scene
     from .scene.model import Scene as Scene
+    from .sensor.catalogue import load_sensor as load_sensor
     from .sensor.model import Sensor as Sensor
+    from .sensor.rig_file import load_rig as load_rig
 
 _HOME = {
     "render": "render.api",
     "render_frames": "render.api",
-    "load_rig": "render.api",
+    "load_rig": "sensor.rig_file",
     "deskewed": "cloud.deskew",
-    "load_scene": "render.api",
-    "load_sensor": "render.api",
+    "load_scene": "scene.file",
+    "load_sensor": "sensor.catalogue",
     "PointCloud": "cloud.points",
     "Pose": "maths.pose",
     "Scene": "scene.model",

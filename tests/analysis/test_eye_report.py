@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarscene import catalog
 from lidarscene.errors import InputError
+from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
 from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, report_text
 
-TABLE_1 = catalog.sensor("table1-apd")
+TABLE_1 = load_sensor("table1-apd")
 PULSE_J = 45 * 6e-9 * math.sqrt(math.pi / (4 * math.log(2)))  # 287.4 nJ
 C4 = 10**0.41
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from lidarscene import catalog
+from lidarscene import catalog, load_scene, load_sensor
 from lidarscene.batch import tasks
 from lidarscene.batch.tasks import Job
 from lidarscene.errors import InputError
-from lidarscene.render import api
 
 WALL = """
 [sensor]
@@ -175,8 +174,8 @@ def test_any_key_is_swept(folder: Path, kind: str, swept: str, of: Any) -> None:
     """Weather, light, places, motions, detectors, scanners: what a worker reads is another scene, or sensor."""
     keys(folder, f"[sweep.{kind}]\n{swept}\n")
     one, other = (
-        (api.load_scene(task.scene.path, overrides=task.scene.overrides),
-         api.load_sensor(task.sensor.name, overrides=task.sensor.overrides))
+        (load_scene(task.scene.path, overrides=task.scene.overrides),
+         load_sensor(task.sensor.name, overrides=task.sensor.overrides))
         for task in Job.read(folder / "job.toml").tasks()
     )  # fmt: skip
     assert of(one) != of(other)

@@ -12,6 +12,8 @@ from lidarscene import Simulator, catalog
 from lidarscene.cli import main
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validated
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.catalogue import published as catalogue_published
 from lidarscene.sensor.published_file import PublishedFile
 from lidarscene.studies import catalogue
 
@@ -40,13 +42,13 @@ SHORTER = {
 
 
 def angles_deg(name: str, pulses: int) -> tuple[Any, Any]:
-    azimuth, elevation = catalog.sensor(name).scanner.angles(np.arange(pulses, dtype=np.uint32))
+    azimuth, elevation = load_sensor(name).scanner.angles(np.arange(pulses, dtype=np.uint32))
     return np.degrees(np.asarray(azimuth)), np.degrees(np.asarray(elevation))
 
 
 def by_channel(name: str, lasers: int) -> Any:
     """Elevations of the first cycle in the order of the file's lists."""
-    channel = catalog.sensor(name).scanner.channel(np.arange(lasers, dtype=np.uint32))
+    channel = load_sensor(name).scanner.channel(np.arange(lasers, dtype=np.uint32))
     return angles_deg(name, lasers)[1][np.argsort(np.asarray(channel))]
 
 
@@ -57,10 +59,10 @@ def test_all_are_there() -> None:
 @pytest.mark.parametrize("name", sorted(SENSORS))
 def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
     """The budget is nowhere passed off as the maker's."""
-    sources = catalog.sensor(name).sources
+    sources = load_sensor(name).sources
     assert "assumed" in sources["optics"]
     power = sources.get("laser.peak_power_w", sources.get("laser", ""))
-    published = catalog.published(name)
+    published = catalogue_published(name)
     if name == "mems-1550":
         assert published is None
         assert power.startswith("assumed")
@@ -81,13 +83,13 @@ def test_fitted_range_is_the_published(name: str) -> None:
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_points_per_second_round_to_the_published(name: str) -> None:
     """In the digits that are published."""
-    published = catalog.published(name)
+    published = catalogue_published(name)
     assert published is not None
     if published.points_per_second is None:
         assert name == "sony-spad-189x600"
         return
     digits = len(f"{published.points_per_second:.0f}".rstrip("0"))
-    simulated = catalogue.points_per_second(catalog.sensor(name))
+    simulated = catalogue.points_per_second(load_sensor(name))
     step = 10.0 ** (math.floor(math.log10(published.points_per_second)) + 1 - digits)
     assert abs(simulated - published.points_per_second) <= 0.5 * step + 1.0
 
@@ -105,7 +107,7 @@ def test_vlp16_angles() -> None:
     assert angles_deg("vlp-16", 16)[1] == pytest.approx(
         [-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15], abs=1e-4
     )
-    time = catalog.sensor("vlp-16").scanner.time_s(np.arange(33, dtype=np.uint32))
+    time = load_sensor("vlp-16").scanner.time_s(np.arange(33, dtype=np.uint32))
     assert time[[1, 15, 16, 32]] == pytest.approx([2.304e-6, 34.56e-6, 55.296e-6, 110.592e-6], rel=1e-6)
 
 
@@ -131,7 +133,7 @@ def test_vls128_angles_and_groups() -> None:
     elevation = by_channel("vls-128", 128)
     assert (elevation.min(), elevation.max()) == pytest.approx((-25.0, 15.0), abs=0.01)
     assert len(set(np.round(elevation, 3))) == 128
-    time = 1e6 * catalog.sensor("vls-128").scanner.time_s(np.arange(256, dtype=np.uint32))
+    time = 1e6 * load_sensor("vls-128").scanner.time_s(np.arange(256, dtype=np.uint32))
     starts = [2.665 * (k + (k >= 8)) for k in range(16)]
     assert time[:128:8] == pytest.approx(starts, abs=1e-3)
     assert time[7:128:8] == pytest.approx(starts, abs=1e-3)
@@ -149,7 +151,7 @@ def test_ouster_angles(name: str, half_deg: float, spread_deg: float, origin_mm:
     assert (elevation[0] - elevation[-1]) / 2.0 == pytest.approx(half_deg, rel=0.06)
     offsets = (azimuth + 360.0) % 360.0 - 180.0
     assert np.abs(offsets).max() == pytest.approx(spread_deg, abs=0.6)
-    start = catalog.sensor(name).scanner.offset_m(np.arange(128, dtype=np.uint32))
+    start = load_sensor(name).scanner.offset_m(np.arange(128, dtype=np.uint32))
     assert start is not None
     assert np.hypot(start[0], start[1]) == pytest.approx(1e-3 * origin_mm, rel=1e-4)
 
@@ -159,7 +161,7 @@ def test_pandar64_angles_and_times() -> None:
     elevation = by_channel("pandar64", 64)
     assert elevation[[0, 17, 63]] == pytest.approx([14.882, 0.0, -24.897], abs=1e-3)
     assert np.all(np.diff(elevation) < 0.0)
-    scanner = catalog.sensor("pandar64").scanner
+    scanner = load_sensor("pandar64").scanner
     pulses = np.arange(64, dtype=np.uint32)
     time = 1e6 * scanner.time_s(pulses)[np.argsort(np.asarray(scanner.channel(pulses)))]
     last = time[[50, 60]]  # the last to fire, 3.62 us before the block's end
@@ -182,7 +184,7 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
     """A few hundred pulses into a white ball are echoes, at its radius."""
     del mi
     scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=10.0), klux=0.0)
-    sensor = catalog.sensor(name, overrides=SHORTER[name])
+    sensor = load_sensor(name, overrides=SHORTER[name])
     assert 100 < sensor.scanner.pulses < 2500
     cloud = Simulator(scene, sensor).render(seed=1)
     assert len(cloud) > 0.95 * sensor.scanner.pulses

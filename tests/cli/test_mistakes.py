@@ -320,7 +320,7 @@ def test_output_that_cannot_be(
 ) -> None:
     """It is told before anything is computed."""
     (tmp_path / "folder.ply").mkdir()
-    monkeypatch.setattr("lidarscene.render.api.load_scene", lambda scene: pytest.fail("the scene was read"))
+    monkeypatch.setattr("lidarscene.scene.file.load_scene", lambda scene: pytest.fail("the scene was read"))
     assert told in refused(run, tmp_path, "render", wall, "-o", output)
 
 

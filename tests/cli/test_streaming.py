@@ -16,15 +16,16 @@ import pytest
 from command_line import BEAMS, COARSE, Run
 from walls import LEFT_AND_RIGHT
 
+from lidarscene import load_rig, load_scene, load_sensor
 from lidarscene.cloud import thinning
 from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.formats import parquet
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
-from lidarscene.render import api
+from lidarscene.render.rig import simulators
 from lidarscene.render.simulator import Simulator
-from lidarscene.sensor.rig import merged, simulators
 
 SENSOR = "table1-apd"
 MOVING = """
@@ -48,8 +49,8 @@ CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
 def whole(folder: Path, name: str, *, seed: int = 0, truth: bool = True, ascii: bool = False) -> bytes:
     """The file of the cloud that is put together first, in one chunk."""
     overrides = [one.removeprefix("--set=") for one in COARSE]
-    scene = api.load_scene(folder / "wall.toml")
-    cloud = Simulator(scene, api.load_sensor(SENSOR, overrides=overrides)).render(seed=seed)
+    scene = load_scene(folder / "wall.toml")
+    cloud = Simulator(scene, load_sensor(SENSOR, overrides=overrides)).render(seed=seed)
     assert 0 < len(cloud) < BEAMS
     (cloud if truth else cloud.without_truth()).save(folder / f"whole_{name}", ascii=ascii)
     return (folder / f"whole_{name}").read_bytes()
@@ -90,7 +91,7 @@ def test_a_frame_without_points(run: Run, tmp_path: Path) -> None:
     (tmp_path / "far.toml").write_text(text + "position_m = [0, 0, -900]\n")
     quiet = "--set=tdc.threshold_to_noise=30"
     assert run("render", "far.toml", "-o", "a.ply", "--sensor", SENSOR, *COARSE, quiet, CHUNKS).code == 0
-    assert len(api.PointCloud.load(tmp_path / "a.ply")) == 0
+    assert len(PointCloud.load(tmp_path / "a.ply")) == 0
 
 
 @pytest.fixture
@@ -142,8 +143,8 @@ def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: 
 def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
     """What Python writes of the clouds that `render` returns, put together before anything else."""
     overrides = [one.removeprefix("--set=") for one in COARSE]
-    scene = api.load_scene(moving)
-    made = dict(simulators(scene, api.load_rig("rig.toml", overrides=overrides).sensors))
+    scene = load_scene(moving)
+    made = dict(simulators(scene, load_rig("rig.toml", overrides=overrides).sensors))
     clouds = [one.render() for one in made.values()]
     still = [deskewed(cloud, one.motion) for cloud, one in zip(clouds, made.values(), strict=True)]
     for name, parts in (("a", clouds), ("a.deskewed", still)):
@@ -157,8 +158,8 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
 
 def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
     overrides = [one.removeprefix("--set=") for one in COARSE]
-    scene = api.load_scene(moving)
-    sensor = api.load_sensor(scene.sensor_name, overrides=overrides)
+    scene = load_scene(moving)
+    sensor = load_sensor(scene.sensor_name, overrides=overrides)
     kitti_dataset.write_object_frame(tmp_path / "api", 0, Simulator(scene, sensor).render(), scene)
     assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS).code == 0
     assert contents(tmp_path / "cli") == contents(tmp_path / "api")
@@ -239,7 +240,7 @@ def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
     together = json.loads(run("render", wall, "-o", "b.ply", *asked, "--picture", "p.png").out)
     same = set(chunks) - {"seconds", "beams_per_second", "output"}
     assert {key: chunks[key] for key in same} == {key: together[key] for key in same}
-    assert chunks["points"] == len(api.PointCloud.load("a.ply"))
+    assert chunks["points"] == len(PointCloud.load("a.ply"))
     assert np.array_equal(missed, np.load("m.npz")["pulse"])
     assert {"write"} <= set(chunks["seconds"])
     assert "assemble" not in chunks["seconds"]
@@ -249,7 +250,5 @@ def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
 def test_frames_are_streamed_too(run: Run, wall: str, tmp_path: Path) -> None:
     asked = ("--sensor", SENSOR, *COARSE, CHUNKS, "--frames", "2")
     assert run("render", wall, "-o", "many", *asked).code == 0
-    starts = [
-        api.PointCloud.load(one).metadata["frame_number"] for one in sorted((tmp_path / "many").iterdir())
-    ]
+    starts = [PointCloud.load(one).metadata["frame_number"] for one in sorted((tmp_path / "many").iterdir())]
     assert starts == ["0", "1"]

@@ -15,11 +15,11 @@ import trimesh
 from unit.test_cloud import small_cloud
 
 import lidarscene
+from lidarscene import load_scene
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
-from lidarscene.scene.model import Scene
 
 
 def test_structured() -> None:
@@ -101,7 +101,7 @@ def test_nothing_heavy_is_imported_to_save_and_show(run_python: Any) -> None:
 def test_a_trimesh_is_a_body(mi: ModuleType) -> None:
     """A wall 10 m ahead, rendered: every echo is from it."""
     wall = trimesh.creation.box((0.2, 4.0, 4.0), trimesh.transformations.translation_matrix((10.1, 0, 0)))
-    scene = Scene.from_trimesh(wall, material="concrete", name="wall")
+    scene = load_scene(wall, material="concrete", name="wall")
     assert (scene.name, len(scene.bodies), len(scene.bodies[0].parts)) == ("wall", 1, 1)
     np.testing.assert_array_equal(scene.bodies[0].parts[0].vertices_m, wall.vertices)
     cloud = lidarscene.render(scene, overrides=["scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2"])
@@ -123,7 +123,7 @@ def scene_of_two() -> trimesh.Scene:
 
 def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
     own = Material(name="mine", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), description="")
-    scene = Scene.from_trimesh(
+    scene = load_scene(
         scene_of_two(), material="asphalt", materials={"ball": own}, classes={"van": "car"}, sensor_name="vlp-16",
         sensor_pose=Pose(position_m=np.array([0.0, 0.0, 2.0])),
     )  # fmt: skip
@@ -140,7 +140,7 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
     ("mesh", "options", "message"),
     [
         ("a", {}, "a Trimesh or a trimesh.Scene was expected, str came"),
-        (trimesh.Trimesh(), {}, "from_trimesh: the mesh is empty"),
+        (trimesh.Trimesh(), {}, "load_scene: the mesh is empty"),
         (scene_of_two(), {}, "no material for 'van', which has no colour of its own"),
         (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),
         (
@@ -157,7 +157,7 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
 )
 def test_mistakes_with_trimesh(mesh: Any, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Scene.from_trimesh(mesh, **options)
+        load_scene(mesh, **options)
 
 
 MITSUBA = """<scene version="3.0.0">
@@ -168,9 +168,7 @@ MITSUBA = """<scene version="3.0.0">
 
 def test_a_mitsuba_file_is_a_scene(mi: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "block.xml").write_text(MITSUBA)
-    scene = Scene.from_mitsuba(
-        tmp_path / "block.xml", materials={"grey": "concrete"}, sensor_name="table1-sipm"
-    )
+    scene = load_scene(tmp_path / "block.xml", materials={"grey": "concrete"}, sensor_name="table1-sipm")
     assert (scene.name, scene.base_materials, list(scene.materials)) == (
         "block",
         {"grey": "concrete"},
@@ -181,4 +179,4 @@ def test_a_mitsuba_file_is_a_scene(mi: ModuleType, tmp_path: Path) -> None:
     assert echoes.body_names == ("block",)
     np.testing.assert_allclose(echoes.true_range_m * np.cos(echoes.incidence_angle_rad), 9.0, rtol=1e-5)
     with pytest.raises(InputError, match=r"none\.xml: no such file"):
-        Scene.from_mitsuba(tmp_path / "none.xml")
+        load_scene(tmp_path / "none.xml")

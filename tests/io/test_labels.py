@@ -12,6 +12,7 @@ import pytest
 import street
 from test_readers import osi_messages, rotated, value_at
 
+from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files import spool
@@ -22,7 +23,6 @@ from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stre
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, pose_at
 from lidarscene.scene.model import Ball, Body, Scene
-from lidarscene.sensor.rig import merged
 
 CAR = (4.0, 2.0, 1.5)
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarscene import load_sensor
 from lidarscene.detection.returns import OUTCOME_TEXT
 from lidarscene.files import spool
 from lidarscene.record.missed import missed_stream
-from lidarscene.render import api
 
-SENSOR = api.load_sensor("table1-apd")
+SENSOR = load_sensor("table1-apd")
 FRAME = 2
 """Later than the first: times are since its start."""
 

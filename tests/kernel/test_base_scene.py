@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import lidarscene
-from lidarscene import PointCloud, Pose, catalog
+from lidarscene import PointCloud, Pose
 from lidarscene.errors import InputError
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
+from lidarscene.materials.catalogue import material
 
 COARSE = (
     "scanner.azimuth_fov_deg=40", "scanner.azimuth_step_deg=1",
@@ -97,9 +98,9 @@ def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: P
     cloud = lidarscene.render(tmp_path / "scene.toml", overrides=COARSE)
     assert set(cloud.body_names) == {"floor", "ball", "kite", "shape_2"}
     assert set(cloud.class_names) == {"road", "unlabelled"}
-    for name, material in (("kite", "concrete"), ("ball", "retroreflective_sheeting"), ("floor", "asphalt")):
-        assert material_of(cloud, name) == material
-        expected = catalog.material(material).at(905e-9)["reflectivity"]
+    for name, made_of in (("kite", "concrete"), ("ball", "retroreflective_sheeting"), ("floor", "asphalt")):
+        assert material_of(cloud, name) == made_of
+        expected = material(made_of).at(905e-9)["reflectivity"]
         assert reflectivity_of(cloud, name) == pytest.approx(expected, rel=1e-6)
     assert reflectivity_of(cloud, "shape_2") == pytest.approx(0.75)
 
@@ -135,7 +136,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
     )
     for name in ("parts/more.xml", "$folder/more.xml"):
         base.write_text(XML.replace("</scene>", f'<include filename="{name}"/></scene>'))
-        materials = {"brick": catalog.material("brick").at(905e-9)}
+        materials = {"brick": material("brick").at(905e-9)}
         shapes = {shape.name: shape for shape in load_shapes(base, {"inner": "brick"}, materials)}
         assert set(shapes) == {"ball", "kite", "shape_2", "extra"}
         assert shapes["extra"].material == "brick"
@@ -146,7 +147,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
 def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> None:
     (kite,) = (
         shape
-        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": catalog.material("chrome").at(905e-9)})
+        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": material("chrome").at(905e-9)})
         if shape.name == "kite"
     )
     assert kite.reflectivity == 0
@@ -154,7 +155,7 @@ def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> 
 
 def test_a_bsdf_called_as_a_material_is_told_apart(mi: ModuleType, base: Path) -> None:
     base.write_text(XML.replace('"paint"', '"brick"'))
-    materials = {"brick": catalog.material("brick").at(905e-9)}
+    materials = {"brick": material("brick").at(905e-9)}
     shapes = {shape.name: shape for shape in load_shapes(base, {"grey": "brick"}, materials)}
     assert (shapes["kite"].material, shapes["ball"].material) == ("brick", "brick of base.xml")
 

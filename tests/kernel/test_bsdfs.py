@@ -8,6 +8,7 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.kernel.world import bsdfs
+from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.materials.material import Material, Spectrum
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -80,14 +81,14 @@ def test_a_coat_that_cannot_let_so_much_out_is_an_error(mi):
 
 def test_conductor_reflectance(mi):
     """Aluminium at 905 nm: the Fresnel reflectance of its index, less a few percent of masking."""
-    values = catalog.material("brushed_aluminium").at(LASER_M)
+    values = catalogue_material("brushed_aluminium").at(LASER_M)
     n, k = values["index_n"], values["index_k"]
     fresnel = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
     assert reflectance(mi, values | {"roughness": 0.1}) == pytest.approx(fresnel, rel=0.03)
 
 
 def test_clear_glass_sends_nothing_back(mi):
-    glass = loaded(mi, catalog.material("clear_glass").at(LASER_M))
+    glass = loaded(mi, catalogue_material("clear_glass").at(LASER_M))
     assert evaluated(mi, glass, tilted(10), [tilted(10)])[0] == 0.0
 
 
@@ -172,7 +173,7 @@ def test_retroreflector_sampling_matches_its_density(mi):
 @pytest.mark.parametrize("name", catalog.names("materials"))
 def test_every_material_of_the_catalogue_from_both_sides(mi, name):
     """Hit from the front and from behind, a surface sends the same light back (panes, mirrors and gaps: none)."""
-    material = catalog.material(name)
+    material = catalogue_material(name)
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     front = chain.facing(range_m=30.0, theta_deg=20.0, material=name)
     part = front.parts[0]
@@ -190,7 +191,7 @@ def test_every_material_of_the_catalogue_from_both_sides(mi, name):
 
 def test_number_plate_outshines_paint(mi):
     """A retro-reflector's echo is R_A pi / rho times that of a board: 3 orders of magnitude over 10 %."""
-    plate = catalog.material("retroreflective_sheeting")
+    plate = catalogue_material("retroreflective_sheeting")
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     scene = chain.scene(chain.facing(range_m=30.0, material=plate.name), materials=(plate,))
     bright = chain.run(scene, sensor).light.peak_power_w[MIDDLE]

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from test_motion import EGO, SENSOR, direction, frozen, traffic
 
-from lidarscene import catalog
 from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.render.rig import require_common_frames, simulators
 from lidarscene.render.simulator import Simulator
-from lidarscene.scene.file import read_scene
+from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Ball, Body, Scene
-from lidarscene.sensor.rig import Mounted, merged, require_common_frames, simulators
+from lidarscene.sensor.rig import Mounted
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -251,7 +252,7 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
         'material = "own"\nposition_m = [12, 0, 0]\n[bodies.motion]\nvelocity_m_s = [0, 3, 0]\n'
         "[materials.own]\nreflectivity = 0.3\n"
     )
-    scene = read_scene(tmp_path / "scene.toml", catalogue=catalog.material)
+    scene = load_scene(tmp_path / "scene.toml")
     cloud = echoes(Simulator(scene, table1()).render(seed=6))
     ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
     wall = cloud.body == cloud.body_names.index("wall")

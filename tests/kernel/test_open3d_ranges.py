@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
 from lidarscene.maths.pose import Pose
-from lidarscene.render import api
 from lidarscene.render.simulator import Simulator
 from lidarscene.scene.model import Part, Scene
 
@@ -116,8 +116,8 @@ def across(axis: Array, length: float) -> Array:
 
 @pytest.fixture(scope="module")
 def simulator(mi: ModuleType) -> Simulator:
-    scene = api.load_scene(STREET)
-    return Simulator(scene, api.load_sensor(scene.sensor_name, overrides=OVERRIDES))
+    scene = load_scene(STREET)
+    return Simulator(scene, load_sensor(scene.sensor_name, overrides=OVERRIDES))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import catalog
+from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Motion
@@ -119,7 +119,7 @@ def test_nothing_is_lost_at_a_clear_pane():
 @pytest.mark.parametrize("moves", [False, True])
 def test_absorption_at_an_angle(theta_deg, moves):
     """Light goes d / cos(theta inside) through the pane: 50 passages to and fro between its faces, added up."""
-    tinted = catalog.material("tinted_glass")
+    tinted = catalogue_material("tinted_glass")
     glass = pane(10.0, theta_deg, material=tinted.name, size_m=8.0)
     if moves:
         glass = dataclasses.replace(glass, motion=Course(start=glass.pose))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from unit.test_cloud import assert_same
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.registry import FORMATS
-from lidarscene.render import api
 from lidarscene.render.simulator import Simulator, Summary
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
@@ -21,7 +21,7 @@ CHUNK = 5_000
 def simulator(*, rows: int) -> Simulator:
     """The car, seen by 601 pulses in each of some rows."""
     step = f"scanner.elevation_step_deg={25.0 / (rows - 1)}"
-    return Simulator(api.load_scene(CAR), api.load_sensor("table1-apd", overrides=[step]))
+    return Simulator(load_scene(CAR), load_sensor("table1-apd", overrides=[step]))
 
 
 def test_pieces_are_the_whole() -> None:

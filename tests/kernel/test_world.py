@@ -98,11 +98,11 @@ def test_no_surface_shades_itself(range_m):
 
 def test_clear_glass_sends_nothing():
     """A beam that may meet no pane ends at the first, without an echo."""
-    from lidarscene import catalog
+    from lidarscene.materials.catalogue import material as catalogue_material
 
     pane = chain.facing(range_m=10.0, theta_deg=30.0, material="clear_glass")
     board = named(chain.facing(range_m=20.0), "board", "board")
-    scene = chain.scene(pane, board, materials=(catalog.material("clear_glass"),))
+    scene = chain.scene(pane, board, materials=(catalogue_material("clear_glass"),))
     lanes = chain.run(scene, chain.sensor("table1-apd", *chain.NARROW), interactions=0)
     assert lanes.hits.found.all()
     assert lanes.hits.range_m[MIDDLE] == pytest.approx(10.0, rel=1e-6)

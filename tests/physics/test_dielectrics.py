@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarscene import catalog
+from lidarscene.materials.catalogue import material
 from lidarscene.physics.optics import dielectrics
 
 
@@ -93,8 +93,7 @@ def test_wet_asphalt_of_the_catalogue():
             index_k=index_k, thickness_m=0.2e-3, wavelength_m=wavelength_nm * 1e-9
         )
         dry, wet = (
-            catalog.material(name).at(wavelength_nm * 1e-9)["reflectivity"]
-            for name in ("asphalt", "asphalt_wet")
+            material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
         )
         came = dielectrics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))

@@ -13,7 +13,7 @@ from lidarscene.errors import InputError
 from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk
 from lidarscene.render.stages import ambient_of
-from lidarscene.scene.file import read_scene
+from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Interferer
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -161,10 +161,10 @@ def test_scene_file(tmp_path):
     text += '[[interference]]\nkind = "lidar"\nrate_hz = 1e4\nirradiance_w_m2 = 1e-3\n'
     path = tmp_path / "lit.toml"
     path.write_text(SCENE + text, encoding="utf-8")
-    scene = read_scene(path, catalogue=lambda name: chain.diffuse(name))
+    scene = load_scene(path)
     assert scene.lamps_w_m2 == 1.0
     assert scene.interferers == (Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),)
     assert ambient_of(scene, chain.sensor("table1-apd")).lamps_w_m2 == 1.0
     path.write_text(SCENE + text.replace("lidar", "radar"), encoding="utf-8")
     with pytest.raises(InputError, match="interference"):
-        read_scene(path, catalogue=lambda name: chain.diffuse(name))
+        load_scene(path)

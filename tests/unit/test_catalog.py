@@ -9,6 +9,8 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
+from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.sensor.catalogue import load_sensor
 
 
 def tables_of(name: str) -> dict[str, Any]:
@@ -37,7 +39,7 @@ def test_both_sensors_of_table_1_are_there() -> None:
 
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_sensor_loads_under_its_own_name(name: str) -> None:
-    sensor = catalog.sensor(name)
+    sensor = load_sensor(name)
     assert sensor.name == name
     assert sensor.description
 
@@ -56,7 +58,7 @@ def test_every_number_has_a_source(name: str) -> None:
 
 @pytest.mark.parametrize("name", catalog.names("materials"))
 def test_material_loads(name: str) -> None:
-    material = catalog.material(name)
+    material = catalogue_material(name)
     assert material.name == name
     assert 0 <= material.at(905e-9)["reflectivity"] <= 1
 
@@ -66,11 +68,11 @@ def test_sensor_by_path(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
         text.replace('name = "table1-apd"', 'name = "mine"'), encoding="utf-8"
     )
-    assert catalog.sensor(tmp_path / "mine.toml").name == "mine"
-    assert catalog.sensor(str(tmp_path / "mine.toml")).name == "mine"
+    assert load_sensor(tmp_path / "mine.toml").name == "mine"
+    assert load_sensor(str(tmp_path / "mine.toml")).name == "mine"
 
 
 @pytest.mark.parametrize("name", ["../sensors/table1-apd", "/etc/passwd\0", "concret", ""])
 def test_unknown_material(name: str) -> None:
     with pytest.raises(InputError, match=r"^no material '.*' in the catalogue; (did you mean|it has) "):
-        catalog.material(name)
+        catalogue_material(name)

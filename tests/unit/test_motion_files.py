@@ -9,7 +9,7 @@ import pytest
 from lidarscene import catalog, load_rig
 from lidarscene.errors import InputError
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
-from lidarscene.scene.file import files_of_scene, read_scene
+from lidarscene.scene.file import files_of_scene, load_scene
 from lidarscene.scene.model import Scene
 from lidarscene.scene.poses import read_poses
 from lidarscene.sensor.rig_file import files_of_rig
@@ -22,7 +22,7 @@ TUM = "# time x y z qx qy qz qw\n0 0 0 0 0 0 0 1\n1 10 0 0 0 0 0 1\n2 20 5 0 0 0
 def scene_of(folder: Path, text: str) -> Scene:
     path = folder / "scene.toml"
     path.write_text(text)
-    return read_scene(path, catalogue=catalog.material)
+    return load_scene(path)
 
 
 def yaw_deg(rotation: np.ndarray) -> float:

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarscene import catalog
-from lidarscene.scene.file import files_of_scene, read_scene
+from lidarscene.scene.file import files_of_scene, load_scene
 from lidarscene.scene.model import Ball, Part, Scene
 
 HOUSE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 0 1\nusemtl wall\nf 1 2 3\nusemtl roof\nf 1 2 4\n"
@@ -17,7 +16,7 @@ def scene_of(folder: Path, text: str) -> Scene:
     (folder / "house.obj").write_text(HOUSE)
     path = folder / "scene.toml"
     path.write_text(text)
-    return read_scene(path, catalogue=catalog.material)
+    return load_scene(path)
 
 
 def body(more: str) -> str:

@@ -10,13 +10,14 @@ from lidarscene import catalog
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.scan import Raster
+from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.detectors import Apd, Sipm
 from lidarscene.sensor.file import PoseFile, read_sensor
 
 
 def test_table_1_in_si_units() -> None:
     """Reference: Table 1 of the paper, converted by hand."""
-    sensor = catalog.sensor("table1-apd")
+    sensor = load_sensor("table1-apd")
     assert sensor.laser.wavelength_m == pytest.approx(905e-9, rel=1e-15)
     assert sensor.laser.peak_power_w == 45
     assert sensor.laser.pulse_fwhm_s == pytest.approx(6e-9, rel=1e-15)
@@ -37,13 +38,13 @@ def test_table_1_in_si_units() -> None:
 
 
 def test_sipm_in_si_units() -> None:
-    detector = catalog.sensor("table1-sipm", overrides=["detector.dead_time_ns=30"]).detector
+    detector = load_sensor("table1-sipm", overrides=["detector.dead_time_ns=30"]).detector
     assert isinstance(detector, Sipm)
     assert detector.dead_time_s == pytest.approx(30e-9, rel=1e-15)
 
 
 def test_overrides_reach_numbers_texts_lists_and_tables() -> None:
-    sensor = catalog.sensor(
+    sensor = load_sensor(
         "table1-apd",
         overrides=[
             "detector.gain=60", "name=mine", "mounting.position_m=[0, 0, 1.5]", "mounting.yaw_deg=90",
@@ -64,7 +65,7 @@ def test_overrides_may_complete_a_file(tmp_path: Path) -> None:
     path.write_text(text.replace("gain = 80\n", ""), encoding="utf-8")
     with pytest.raises(InputError, match=r"mine\.toml: key 'detector\.gain' is missing"):
         read_sensor(path)
-    detector = catalog.sensor(path, overrides=["detector.gain=70"]).detector
+    detector = load_sensor(path, overrides=["detector.gain=70"]).detector
     assert isinstance(detector, Apd)
     assert detector.gain == 70
 
@@ -94,6 +95,6 @@ def test_positive_roll_turns_left_to_up() -> None:
 
 def test_the_window_ends_before_the_next_pulse() -> None:
     """An echo of the pulse before would be taken for one of this pulse: the model has no such echoes."""
-    catalog.sensor("table1-apd", overrides=["tdc.window_us=20"])
+    load_sensor("table1-apd", overrides=["tdc.window_us=20"])
     with pytest.raises(InputError, match=r"tdc.window_us: at most the pulse period of 20 us .* 20.1 came"):
-        catalog.sensor("table1-apd", overrides=["tdc.window_us=20.1"])
+        load_sensor("table1-apd", overrides=["tdc.window_us=20.1"])

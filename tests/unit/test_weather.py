@@ -7,9 +7,9 @@ import chain
 import numpy as np
 import pytest
 
-from lidarscene import Simulator, catalog
+from lidarscene import Simulator
 from lidarscene.physics.weather import fog, precipitation
-from lidarscene.scene.file import read_scene
+from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Air
 from lidarscene.scene.tables import FogKind
 from lidarscene.scene.weather import Weather
@@ -21,7 +21,7 @@ LASERS_M = (905e-9, 1550e-9)
 def air_of(folder: Path, text: str) -> Air:
     path = folder / "scene.toml"
     path.write_text(text + BODY)
-    return read_scene(path, catalogue=catalog.material).air
+    return load_scene(path).air
 
 
 def test_kinds_of_fog_are_those_that_are_known() -> None:

@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import __version__, catalog
+from .. import catalog
+from .._version import __version__
 from ..errors import InputError
 from ..files.toml import toml_text
 from ..formats.registry import FORMATS
-from ..render import api
 from ..scene.file import files_of_scene, sensor_of_scene
+from ..sensor.catalogue import load_sensor
 from ..sensor.file import files_of_sensor
 from ..sensor.model import Sensor
-from ..sensor.rig_file import read_rig
+from ..sensor.rig_file import load_rig, read_rig
 from .file import JobFile, TrajectoryFile
 
 LAYOUT = 1
@@ -198,7 +199,7 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
         for rig in file.rigs:
             path = str((folder / rig).absolute())
             content = rig_content(path, overrides)
-            for label in (one.label for one in api.load_rig(path, overrides=overrides).sensors):
+            for label in (one.label for one in load_rig(path, overrides=overrides).sensors):
                 yield SensorChoice(
                     name="", rig=path, label=label, overrides=overrides, parameters=parameters,
                     content=content,
@@ -212,7 +213,7 @@ def _located(name: str, folder: Path) -> str:
 
 def sensor_content(name: str, overrides: Sequence[str]) -> str:
     """Hash of a sensor: its files, and the changes. Raises InputError."""
-    api.load_sensor(name, overrides=overrides)
+    load_sensor(name, overrides=overrides)
     path = Path(name) if name.endswith(".toml") else catalog.path_of("sensors", name)
     return _hash([[_digest(one) for one in files_of_sensor(path, overrides=overrides)], list(overrides)])
 
@@ -221,9 +222,9 @@ def rig_content(path: str, overrides: Sequence[str]) -> str:
     """Hash of a rig: its file, its sensors and the changes to them. Raises InputError."""
     found = [_digest(Path(path))]
 
-    def sensor(name: str, changes: Sequence[str]) -> Sensor:
-        found.append(sensor_content(name, changes))
-        return api.load_sensor(name, overrides=changes)
+    def sensor(name: str, /, *, overrides: Sequence[str]) -> Sensor:
+        found.append(sensor_content(name, overrides))
+        return load_sensor(name, overrides=overrides)
 
     read_rig(Path(path), sensor=sensor, overrides=overrides)
     return _hash(found)

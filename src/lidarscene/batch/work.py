@@ -16,12 +16,14 @@ from ..errors import InputError, LidarSceneError
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
 from ..record import report
-from ..render import api
 from ..render.frame import motion_of
 from ..render.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ..scene.file import load_scene
 from ..scene.model import Scene
+from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from ..sensor.rig import Mounted
+from ..sensor.rig_file import load_rig
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 
@@ -134,7 +136,7 @@ def _simulator(task: FrameTask) -> Simulator:
 
 def _scene(choice: SceneChoice) -> Scene:
     path = Path(choice.path)
-    scene = api.load_scene(path, overrides=choice.overrides)
+    scene = load_scene(path, overrides=choice.overrides)
     if scene_content(path, choice.overrides) != choice.content:
         raise _changed(choice.path)
     return scene
@@ -143,12 +145,12 @@ def _scene(choice: SceneChoice) -> Scene:
 def _mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
     """The sensor where it is on the vehicle, and the one around which its world is compiled."""
     if not choice.rig:
-        sensor = api.load_sensor(choice.name, overrides=choice.overrides)
+        sensor = load_sensor(choice.name, overrides=choice.overrides)
         if sensor_content(choice.name, choice.overrides) != choice.content:
             raise _changed(choice.name)
         alone = Mounted(label="", sensor=sensor, pose=scene.sensor_pose)
         return alone, alone
-    rig = api.load_rig(choice.rig, overrides=choice.overrides)
+    rig = load_rig(choice.rig, overrides=choice.overrides)
     if rig_content(choice.rig, choice.overrides) != choice.content:
         raise _changed(choice.rig)
     own = next(one for one in rig.sensors if one.label == choice.label)

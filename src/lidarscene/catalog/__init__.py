@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Sequence
-from functools import cache
 from importlib import resources
 from pathlib import Path
 
 from ..errors import InputError
-from ..materials.file import read_material
-from ..materials.material import Material
-from ..sensor.file import read_sensor
-from ..sensor.model import Sensor
-from ..sensor.published_file import PublishedFile, read_published
 
 KINDS = ("sensors", "materials")
 
@@ -39,20 +32,3 @@ def path_of(kind: str, name: str) -> Path:
     near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
     raise InputError(f"no {kind.removesuffix('s')} '{name}' in the catalogue; {hint}")
-
-
-@cache
-def material(name: str) -> Material:
-    """A catalogue material. Raises InputError."""
-    return read_material(path_of("materials", name))
-
-
-def sensor(name: str | Path, *, overrides: Sequence[str] = ()) -> Sensor:
-    """A sensor by catalogue name, or from a file if the name ends in .toml. Raises InputError."""
-    path = Path(name) if str(name).endswith(".toml") else path_of("sensors", str(name))
-    return read_sensor(path, overrides=overrides)
-
-
-def published(name: str) -> PublishedFile | None:
-    """What the maker publishes of a catalogue sensor, if its file says so. Raises InputError."""
-    return read_published(path_of("sensors", name))

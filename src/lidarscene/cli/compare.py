@@ -77,8 +77,8 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 
 def _sensors(arguments: argparse.Namespace) -> str:
-    from ..render.api import load_scene
     from ..render.simulator import DEFAULT_CHUNK
+    from ..scene.file import load_scene
     from ..studies.compare import study
     from ..studies.ranging.axes import CONDITIONS
     from ..studies.ranging.subjects import subjects

@@ -60,7 +60,8 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
 
 def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns what is printed. Raises InputError and OutputError before anything is written."""
-    from ..studies.field_of_view import study as fov
+    from ..studies.field_of_view.seen import CELL_DEG, TIMES_S, Study
+    from ..studies.field_of_view.study import write
     from ..studies.ranging.axes import CONDITIONS
     from ..studies.ranging.plane import Target
 
@@ -68,7 +69,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
         raise InputError("SENSOR and --rig: one of them was expected; see lidarscene fov -h")
     if arguments.pose is not None and arguments.scene is None:
         raise InputError("--pose goes with --scene")
-    cell = fov.CELL_DEG if arguments.cell is None else arguments.cell
+    cell = CELL_DEG if arguments.cell is None else arguments.cell
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
         raise InputError(
             f"--cell: {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees were expected, {cell:g} came"
@@ -82,21 +83,19 @@ def fov_text(arguments: argparse.Namespace) -> str:
     found = _sensors(arguments)
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
-        from ..render.api import load_scene
+        from ..scene.file import load_scene
 
         scene = load_scene(arguments.scene)
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
-    study = fov.Study(
-        times_s=arguments.time or fov.TIMES_S, cell_deg=cell, mask=arguments.mask, target=target
-    )
-    return fov.write(arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json)
+    study = Study(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
+    return write(arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json)
 
 
 def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:
     """Names and sensors; those of a rig by their labels, at their places."""
     if arguments.rig is not None:
-        from ..render.api import load_rig
+        from ..sensor.rig_file import load_rig
 
         rig = load_rig(arguments.rig, overrides=arguments.overrides)
         return [(one.label, one.placed) for one in rig.sensors]

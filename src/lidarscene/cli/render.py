@@ -117,18 +117,19 @@ def render_text(arguments: argparse.Namespace) -> str:
 
 def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> str:
     """The same with what Dr.Jit runs counted in ``history``."""
-    from ..render import api
+    from ..render.rig import require_common_frames
     from ..render.simulator import Summary
-    from ..sensor.rig import require_common_frames
+    from ..scene.file import load_scene
+    from ..sensor.rig_file import load_rig
 
     _check_options(arguments)
     before, since = Summary(), time.perf_counter()
-    rig = None if arguments.rig is None else api.load_rig(arguments.rig, overrides=arguments.overrides)
+    rig = None if arguments.rig is None else load_rig(arguments.rig, overrides=arguments.overrides)
     labels = [""] if rig is None else [one.label for one in rig.sensors]
     groups = [labels] if arguments.merge else [[label] for label in labels]
     wanted = [_files(arguments, group[0], number) for number in _numbers(arguments) for group in groups]
     _check_outputs(wanted)
-    scene = api.load_scene(arguments.scene, overrides=arguments.scene_overrides)
+    scene = load_scene(arguments.scene, overrides=arguments.scene_overrides)
     sensors = _sensors(arguments, scene) if rig is None else rig.sensors
     _note_thin_beams(arguments, sensors)
     _keep_inputs(arguments, wanted)
@@ -163,10 +164,10 @@ def _numbers(arguments: argparse.Namespace) -> range:
 
 def _sensors(arguments: argparse.Namespace, scene: Scene) -> Sequence[Mounted]:
     """The one that is asked for, or else the scene's, without a label."""
-    from ..render import api
+    from ..sensor.catalogue import load_sensor
     from ..sensor.rig import Mounted
 
-    sensor = api.load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
+    sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
     return [Mounted(label="", sensor=sensor, pose=arguments.pose or scene.sensor_pose)]
 
 
@@ -185,7 +186,7 @@ def _note_thin_beams(arguments: argparse.Namespace, sensors: Sequence[Mounted]) 
 def _simulators(
     arguments: argparse.Namespace, scene: Scene, sensors: Sequence[Mounted]
 ) -> Iterator[tuple[str, Simulator]]:
-    from ..sensor.rig import simulators
+    from ..render.rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
     return simulators(

@@ -79,7 +79,7 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 
 def _source(arguments: argparse.Namespace) -> Source:
-    from ..render.api import load_scene
+    from ..scene.file import load_scene
     from ..view.sources import Clouds, Live
 
     scenes = [path for path in arguments.paths if path.suffix.lower() in SCENES]

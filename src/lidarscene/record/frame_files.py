@@ -146,7 +146,7 @@ class FrameFiles:
 
     def _merged(self, change: Change) -> Change:
         """Pieces that are changed so, as pieces of one cloud."""
-        from ..sensor.rig import Merging
+        from ..cloud.merging import Merging
 
         frame = self.arguments.frame
         empty = [one.empty(**self._which, frame=frame) for one in self._simulators]

@@ -10,7 +10,9 @@ from .. import catalog
 from ..detection.returns import OUTCOME_TEXT as OUTCOME_TEXT
 from ..detection.returns import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
+from ..materials.catalogue import material as catalogue_material
 from ..render.simulator import Summary
+from ..sensor.catalogue import load_sensor
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.
 _FRAME_STAGES = ("record", "trace", "collect", "assemble")
@@ -88,9 +90,9 @@ def catalog_text(kind: str) -> str:
     lines = [f"{kind}:"]
     for name in catalog.names(kind):
         if kind == "sensors":
-            lines.append(f"  {name:<26} {catalog.sensor(name).description}")
+            lines.append(f"  {name:<26} {load_sensor(name).description}")
         else:
-            material = catalog.material(name)
+            material = catalogue_material(name)
             value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"
             lines.append(f"  {name:<26} {value:<18} {material.bsdf:<15} {material.description}")
     return "\n".join(lines)

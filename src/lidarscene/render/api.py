@@ -3,82 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from .. import catalog
 from ..cloud.points import PointCloud
 from ..kernel.rays.trace import INTERACTIONS
-from ..materials.material import Material
 from ..maths.pose import Pose
-from ..scene.file import read_scene
-from ..scene.foreign import mitsuba_scene, trimesh_scene
+from ..scene.file import load_scene
 from ..scene.model import Scene
+from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
-from ..sensor.rig import Rig
-from ..sensor.rig_file import read_rig
 from .simulator import DEFAULT_CHUNK, Simulator
-
-
-def load_scene(scene: str | os.PathLike[str] | Scene, *, overrides: Sequence[str] = ()) -> Scene:
-    """A scene from a TOML file or a Mitsuba XML; a `Scene` stays.
-
-    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
-    Raises InputError.
-    """
-    if isinstance(scene, Scene):
-        return scene
-    return read_scene(Path(scene), catalogue=catalog.material, overrides=overrides)
-
-
-def scene_from_trimesh(
-    mesh: Any,
-    *,
-    material: str | Material | None,
-    materials: Mapping[str, str | Material],
-    classes: Mapping[str, str],
-    settings: Mapping[str, Any],
-) -> Scene:
-    """See `Scene.from_trimesh`."""
-    return trimesh_scene(
-        mesh,
-        material=material,
-        materials=materials,
-        classes=classes,
-        settings=settings,
-        catalogue=catalog.material,
-    )
-
-
-def scene_from_mitsuba(
-    path: str | os.PathLike[str], *, materials: Mapping[str, str | Material], settings: Mapping[str, Any]
-) -> Scene:
-    """See `Scene.from_mitsuba`."""
-    return mitsuba_scene(Path(path), materials=materials, settings=settings, catalogue=catalog.material)
-
-
-def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:
-    """A sensor by catalogue name or from a TOML file; a `Sensor` stays.
-
-    overrides  ``detector.gain=60``-like changes to the file's values
-    Raises InputError.
-    """
-    if isinstance(sensor, Sensor):
-        return sensor
-    return catalog.sensor(os.fspath(sensor), overrides=overrides)
-
-
-def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
-    """A rig from a TOML file; a `Rig` stays. ``overrides`` go to every sensor, or as LABEL:KEY=VALUE to one.
-
-    Raises InputError.
-    """
-    if isinstance(rig, Rig):
-        return rig
-    return read_rig(
-        Path(rig), sensor=lambda name, changes: load_sensor(name, overrides=changes), overrides=overrides
-    )
 
 
 def render_frames(

@@ -5,40 +5,73 @@ from __future__ import annotations
 import functools
 import os
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from ..errors import InputError
 from ..files.toml import read_toml, validated, with_overrides
-from ..materials.material import Material, Spectrum
+from ..materials import catalogue
+from ..materials.material import Material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
 from . import interferers, meshes
+from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .model import Ball, Body, Part, Scene, Sky, View
 from .submesh import SubMesh
 from .tables import BodyFile, SceneFile
-
-MaterialLookup = Callable[[str], Material]
 
 SMALLEST_BODY_M = 1e-6
 """A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
 
 
-def read_scene(path: Path, *, catalogue: MaterialLookup, overrides: Sequence[str] = ()) -> Scene:
-    """A scene from a TOML or Mitsuba XML file; ``catalogue`` finds materials the file does not define.
+def load_scene(
+    scene: Any,
+    *,
+    overrides: Sequence[str] = (),
+    material: str | Material | None = None,
+    materials: Mapping[str, str | Material] | None = None,
+    classes: Mapping[str, str] | None = None,
+    **settings: Any,
+) -> Scene:
+    """A scene from a TOML file, a Mitsuba XML file, or what trimesh holds; a `Scene` stays.
 
     overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
+    material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a name of the catalogue,
+               or a `Material`. A mesh without either that has a colour of its own is diffuse with its mean.
+    materials  the same by the name of a mesh's material, geometry or node; in a Mitsuba XML file by BSDF id, where
+               BSDFs that are not named are used as they are
+    classes    of a trimesh.Scene, class by node; a node that is not named is a class of its own. Nodes are bodies.
+    settings   of an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
     Raises InputError, one line that names the file and the key.
     """
-    if _is_xml(path):
+    options = {"material": material, "materials": materials, "classes": classes, **settings}
+    given = [name for name, value in options.items() if value is not None]
+    if isinstance(scene, Scene):
+        _refuse(given, "a Scene")
+        return scene
+    if not isinstance(scene, (str, os.PathLike)):
+        _refuse([f"override {one}" for one in overrides], "a mesh")
+        return trimesh_scene(
+            scene, material=material, materials=materials or {}, classes=classes or {}, settings=settings
+        )
+    path = Path(scene)
+    if is_xml(path):
         _no_overrides(path, overrides)
-        return Scene(name=path.stem, base=xml_file(path))
-    return scene_from_model(scene_model(path, overrides=overrides), path=path, catalogue=catalogue)
+        _refuse([name for name in given if name in ("material", "classes")], str(path))
+        return mitsuba_scene(path, materials=materials or {}, settings=settings)
+    _refuse(given, str(path))
+    return scene_from_model(scene_model(path, overrides=overrides), path=path)
+
+
+def _refuse(options: Sequence[str], source: str) -> None:
+    """Raises InputError if there is an option that this source of a scene does not take."""
+    if options:
+        raise InputError(f"load_scene: {options[0]}: does not go with {source}")
 
 
 def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
@@ -50,7 +83,7 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
 
 def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
     """The scene's own sensor, a catalogue name or a file; no mesh is read for it. Raises InputError."""
-    if _is_xml(path):
+    if is_xml(path):
         _no_overrides(path, overrides)
         return Scene(name="").sensor_name
     return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
@@ -59,10 +92,10 @@ def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
 def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
     """The scene file and all that it names: meshes, base scene, sensor. None of them may be an output.
 
-    The file is one that `read_scene` has taken; of an XML file, what it takes from others is not known.
+    The file is one that `load_scene` has taken; of an XML file, what it takes from others is not known.
     """
     yield path
-    if _is_xml(path):
+    if is_xml(path):
         with suppress(OSError, LookupError, ValueError, ElementTree.ParseError):
             for element in ElementTree.parse(path).getroot().iter():
                 if element.tag in ("string", "include"):
@@ -78,9 +111,9 @@ def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pat
         yield from files_of_scene(path.parent / file.base)
 
 
-def scene_from_model(file: SceneFile, *, path: Path, catalogue: MaterialLookup) -> Scene:
+def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """A scene from a checked scene file that lies at ``path``."""
-    surfaces = _Surfaces(file, catalogue)
+    surfaces = _Surfaces(file)
     reader = functools.cache(meshes.read_mesh)
     ego = None
     if file.ego is not None:
@@ -117,20 +150,6 @@ def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
         raise InputError(f"--scene-set {overrides[0]}: goes with a scene file (.toml), {path} came")
 
 
-def _is_xml(path: Path) -> bool:
-    return path.suffix.lower() == ".xml"
-
-
-def xml_file(path: Path, where: str = "") -> Path:
-    """The path, if there is an XML file. Raises InputError."""
-    if not os.path.isfile(path):
-        what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
-        raise InputError(f"{where}{path}: {what}")
-    if not _is_xml(path):
-        raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")
-    return path
-
-
 def _sensor_name(name: str, folder: Path) -> str:
     """A catalogue name as it is, a sensor file relative to the scene file."""
     return str(folder / name) if name.endswith(".toml") else name
@@ -139,31 +158,22 @@ def _sensor_name(name: str, folder: Path) -> str:
 class _Surfaces:
     """The materials of a scene by name: the file's own, and those of the catalogue that something needs."""
 
-    def __init__(self, file: SceneFile, catalogue: MaterialLookup) -> None:
+    def __init__(self, file: SceneFile) -> None:
         self.materials = {name: model.build(name) for name, model in file.materials.items()}
-        self._catalogue = catalogue
 
     def require(self, name: str, where: str) -> str:
         """The name, once there is such a material."""
         if name not in self.materials:
             try:
-                self.materials[name] = self._catalogue(name)
+                self.materials[name] = catalogue.material(name)
             except InputError as error:
                 raise InputError(f"{where}: {error}") from None
         return name
 
     def add_grey(self, name: str, grey: float) -> str:
         """A mesh file's own colour as a diffuse surface."""
-        self.materials[name] = grey_material(name, grey)
+        self.materials[name] = meshes.grey_material(name, grey)
         return name
-
-
-def grey_material(name: str, grey: float) -> Material:
-    """A mesh's own colour as a diffuse surface: an estimate, since colours are not infrared."""
-    return Material(
-        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
-        description="estimate: mean of the mesh file's base colour",
-    )  # fmt: skip
 
 
 def _check_names(bodies: list[Body], path: Path) -> None:

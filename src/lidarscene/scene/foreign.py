@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..materials import catalogue
 from ..materials.material import Material
-from .file import grey_material, xml_file
-from .meshes import checked, pieces_of
+from .meshes import checked, grey_material, pieces_of
 from .model import Body, Part, Scene
 from .submesh import SubMesh
 
 Given = str | Material
-Lookup = Callable[[str], Material]
 
 
 def trimesh_scene(
@@ -24,12 +24,11 @@ def trimesh_scene(
     materials: Mapping[str, Given],
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
-    catalogue: Lookup,
 ) -> Scene:
-    """A scene of a Trimesh or trimesh.Scene; arguments as of `Scene.from_trimesh`. Raises InputError."""
+    """A scene of a Trimesh or trimesh.Scene; arguments as of `load_scene`. Raises InputError."""
     import trimesh
 
-    where = "from_trimesh"
+    where = "load_scene"
     loaded = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(loaded, trimesh.Scene):
         raise InputError(f"{where}: a Trimesh or a trimesh.Scene was expected, {type(mesh).__name__} came")
@@ -38,7 +37,7 @@ def trimesh_scene(
     known = {key for _, piece in pieces for key in piece.keys}
     _refuse_unknown(materials, known, f"{where}: materials")
     _refuse_unknown(classes, {node for node, _ in pieces}, f"{where}: classes")
-    surfaces = _Surfaces(catalogue)
+    surfaces = _Surfaces()
     bodies = [
         Body(
             name=node,
@@ -51,11 +50,9 @@ def trimesh_scene(
     return Scene(bodies=tuple(bodies), materials=surfaces.materials, **settings)
 
 
-def mitsuba_scene(
-    path: Path, *, materials: Mapping[str, Given], settings: Mapping[str, Any], catalogue: Lookup
-) -> Scene:
-    """A scene of the shapes of a Mitsuba XML file; arguments as of `Scene.from_mitsuba`. Raises InputError."""
-    surfaces = _Surfaces(catalogue)
+def mitsuba_scene(path: Path, *, materials: Mapping[str, Given], settings: Mapping[str, Any]) -> Scene:
+    """A scene of the shapes of a Mitsuba XML file; arguments as of `load_scene`. Raises InputError."""
+    surfaces = _Surfaces()
     named = {identity: surfaces.name_of(given) for identity, given in materials.items()}
     return Scene(
         **({"name": path.stem} | dict(settings)),
@@ -68,15 +65,14 @@ def mitsuba_scene(
 class _Surfaces:
     """The materials that a scene needs, by name."""
 
-    def __init__(self, catalogue: Lookup) -> None:
+    def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
-        self._catalogue = catalogue
 
     def name_of(self, given: Given) -> str:
         """The name of a material, which is the scene's from now on."""
         name = given if isinstance(given, str) else given.name
         if name not in self.materials:
-            self.materials[name] = self._catalogue(given) if isinstance(given, str) else given
+            self.materials[name] = catalogue.material(given) if isinstance(given, str) else given
         return name
 
 
@@ -88,7 +84,7 @@ def _part(piece: SubMesh, node: str, given: Given | None, surfaces: _Surfaces) -
     if given is None:
         if piece.grey is None:
             raise InputError(
-                f"from_trimesh: no material for '{node}', which has no colour of its own; material or materials "
+                f"load_scene: no material for '{node}', which has no colour of its own; material or materials "
                 "was expected"
             )
         given = grey_material(f"colour of {node}", piece.grey)
@@ -101,3 +97,18 @@ def _refuse_unknown(given: Mapping[str, Any], known: set[str], where: str) -> No
     unknown = sorted(set(given) - known)
     if unknown:
         raise InputError(f"{where}: no mesh '{unknown[0]}'; there are {', '.join(sorted(known))}")
+
+
+def is_xml(path: Path) -> bool:
+    """Whether this is the name of a Mitsuba XML file."""
+    return path.suffix.lower() == ".xml"
+
+
+def xml_file(path: Path, where: str = "") -> Path:
+    """The path, if there is an XML file. Raises InputError."""
+    if not os.path.isfile(path):
+        what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
+        raise InputError(f"{where}{path}: {what}")
+    if not is_xml(path):
+        raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")
+    return path

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..materials.material import Material, Spectrum
 from .mesh_cache import cached
 from .submesh import SubMesh
 
@@ -202,3 +203,11 @@ def _welded(vertices: Matrix, faces: Matrix) -> tuple[Matrix, Matrix]:
     """The same mesh with equal vertices made one."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     return unique, index.reshape(-1)[faces]
+
+
+def grey_material(name: str, grey: float) -> Material:
+    """A mesh's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+    return Material(
+        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
+        description="estimate: mean of the mesh file's base colour",
+    )  # fmt: skip

@@ -5,13 +5,11 @@
 
 from __future__ import annotations
 
-import importlib
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -168,48 +166,3 @@ class Scene:
     view: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
-
-    @classmethod
-    def from_trimesh(
-        cls,
-        mesh: Any,
-        *,
-        material: str | Material | None = None,
-        materials: Mapping[str, str | Material] | None = None,
-        classes: Mapping[str, str] | None = None,
-        **settings: Any,
-    ) -> Scene:
-        """A scene of what trimesh holds: a Trimesh is one body, of a trimesh.Scene each node with a mesh is one.
-
-        material   of all meshes that ``materials`` does not name: a name of the catalogue, or a `Material`
-        materials  by the name of a mesh's material, geometry or node; a mesh that is not named and has a colour
-                   of its own is diffuse with that colour's mean
-        classes    class by node; a node that is not named is a class of its own
-        settings   other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
-        Raises InputError.
-        """
-        made = importlib.import_module("lidarscene.render.api").scene_from_trimesh
-        return cast(
-            Scene,
-            made(
-                mesh, material=material, materials=materials or {}, classes=classes or {}, settings=settings
-            ),
-        )
-
-    @classmethod
-    def from_mitsuba(
-        cls,
-        path: str | os.PathLike[str],
-        *,
-        materials: Mapping[str, str | Material] | None = None,
-        **settings: Any,
-    ) -> Scene:
-        """A scene of the shapes of a Mitsuba XML file.
-
-        materials  by BSDF id in that file: a name of the catalogue, or a `Material`; BSDFs not named are used as
-                   they are
-        settings   other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
-        Raises InputError.
-        """
-        made = importlib.import_module("lidarscene.render.api").scene_from_mitsuba
-        return cast(Scene, made(path, materials=materials or {}, settings=settings))

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.toml import FileModel, addressed, read_toml, validated
+from .catalogue import load_sensor
 from .file import PoseFile
 from .model import Sensor
 from .rig import Mounted, Rig
 
-SensorLookup = Callable[[str, Sequence[str]], Sensor]
+
+class SensorLookup(Protocol):
+    """What finds a sensor: `load_sensor`, or something like it."""
+
+    def __call__(self, sensor: str, /, *, overrides: Sequence[str]) -> Sensor:
+        """The sensor of this catalogue name or file."""
+
 
 MOST_SENSORS = 256
 
@@ -51,19 +59,25 @@ class RigFile(FileModel):
         return self
 
 
-def read_rig(path: Path, *, sensor: SensorLookup, overrides: Sequence[str] = ()) -> Rig:
-    """A rig from its file; ``sensor`` finds a sensor by catalogue name or path, with overrides applied.
+def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
+    """A rig from a TOML file; a `Rig` stays.
 
     overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """
+    return rig if isinstance(rig, Rig) else read_rig(Path(rig), overrides=overrides)
+
+
+def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Sequence[str] = ()) -> Rig:
+    """`load_rig`; ``sensor`` finds a sensor by catalogue name or path, with overrides applied."""
     file = validated(RigFile, read_toml(path), str(path))
     labels = [one.label for one in file.sensors]
     changes = [addressed(assignment, labels) for assignment in overrides]
     mounted = []
     for index, one in enumerate(file.sensors):
         name = str(path.parent / one.sensor) if one.sensor.endswith(".toml") else one.sensor
+        own = [*one.set, *(text for to, text in changes if to in (None, one.label))]
         try:
-            found = sensor(name, [*one.set, *(text for to, text in changes if to in (None, one.label))])
+            found = sensor(name, overrides=own)
         except InputError as error:
             raise InputError(f'{path}: sensors[{index} "{one.label}"]: {error}') from None
         mounted.append(Mounted(label=one.label, sensor=found, pose=one.pose()))

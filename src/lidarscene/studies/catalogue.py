@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import catalog
 from ..detection.returns import Status, detect
+from ..sensor.catalogue import load_sensor
+from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor
 from ..sensor.published_file import PublishedFile
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
@@ -71,8 +72,8 @@ def precision_m(sensor: Sensor, target: Target, range_m: float) -> float | None:
 
 def check(name: str) -> Check:
     """A catalogue sensor against its `[published]`. Raises InputError."""
-    sensor = catalog.sensor(name)
-    published = catalog.published(name) or PublishedFile(source="unknown")
+    sensor = load_sensor(name)
+    published = catalogue_published(name) or PublishedFile(source="unknown")
     return Check(
         name=name,
         range_m=_range(sensor, published, published.reflectivity, published.range_m),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError
-from ..render.api import load_sensor
 from ..scene.model import Scene, Sun
+from ..sensor.catalogue import load_sensor
 from ..sensor.detectors import Apd, Detector
 from ..sensor.model import Sensor
 

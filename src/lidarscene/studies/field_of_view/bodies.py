@@ -10,8 +10,9 @@ import numpy as np
 
 from ...cloud.points import PointCloud
 from ...maths.pose import Pose
+from ...render.rig import simulators
 from ...scene.model import Scene
-from ...sensor.rig import Mounted, simulators
+from ...sensor.rig import Mounted
 
 Matrix = np.ndarray[Any, Any]
 

@@ -19,7 +19,7 @@ from .spacing import PERCENTILES, QUERIES
 
 if TYPE_CHECKING:
     from .bodies import OnBody
-    from .study import Seen
+    from .seen import Seen
 
 Matrix = np.ndarray[Any, Any]
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,74 +13,19 @@ import numpy as np
 from ...figures.page import Page, csv_text, put_text
 from ...files.atomic import require_writable
 from ...sensor.model import Sensor
-from ..ranging.plane import Target
 from . import figures as figures
-from .cells import Cells
-from .pattern import DWELL_S, CellMaps, Pulses, fired, maps, rate_hz
-from .pattern import field as field_of_view
-from .reach import Ground, ground, range_map_m
-from .spacing import PERCENTILES, nearest_deg
+from .pattern import DWELL_S, rate_hz
+from .reach import Ground, ground
+from .seen import Seen, Study, seen
+from .spacing import PERCENTILES
 
 if TYPE_CHECKING:
     from ...maths.pose import Pose
     from ...scene.model import Scene
     from .bodies import OnBody
 
-Matrix = np.ndarray[Any, Any]
-
 PAGES = ("index.md", "index.html")
-TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
-CELL_DEG = 0.28
 MAPS = ("pattern", "density", "revisit", "range")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
-    """What is asked: coverage at these times, cells of this size, what the field of view is, the target."""
-
-    times_s: tuple[float, ...] = TIMES_S
-    cell_deg: float = CELL_DEG
-    mask: str = "outline"
-    target: Target = field(default_factory=Target)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seen:
-    """A sensor's part of a study.
-
-    frame    pulses of the first frame
-    maps     of the longest time asked for
-    revisits of that time or two frames, whichever is longer
-    """
-
-    name: str
-    slug: str
-    sensor: Sensor
-    cells: Cells
-    frame: Pulses
-    watched_s: float
-    mapped_s: float
-    revisits_s: float
-    maps: CellMaps
-    revisits: CellMaps
-    range_m: Matrix
-    spacing_deg: Matrix
-
-
-def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
-    """One sensor's numbers. Raises InputError where its pulses are too many."""
-    cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
-    revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
-    pulses = fired(sensor.scanner, revisits_s)
-    mask, watched = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
-    whole = maps(pulses, cells, mask)
-    until = maps(pulses.until(longest), cells, mask)
-    frame = pulses.until(sensor.scanner.frame_s)
-    return Seen(
-        name=name, slug=slug, sensor=sensor, cells=cells, frame=frame, watched_s=watched, mapped_s=longest,
-        revisits_s=revisits_s, maps=until, revisits=whole, range_m=range_map_m(sensor, whole, study.target),
-        spacing_deg=nearest_deg(frame.direction),
-    )  # fmt: skip
 
 
 def slugs(names: Sequence[str]) -> list[str]:

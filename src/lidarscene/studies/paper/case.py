@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from ...catalog import sensor as catalogue_sensor
 from ...physics.electronics import apd, sipm
+from ...sensor.catalogue import load_sensor
 from ...sensor.detectors import Apd, Sipm
 from ...sensor.model import Sensor
 from ..ranging import plane
@@ -22,19 +22,19 @@ AS_PRINTED = ("detector.statistics='published'", "detector.cell_floor=0")
 @cache
 def apd_lidar(*changes: str) -> Sensor:
     """Table 1 with its APD; (19) is right as printed."""
-    return catalogue_sensor("table1-apd", overrides=changes)
+    return load_sensor("table1-apd", overrides=changes)
 
 
 @cache
 def sipm_printed(*changes: str) -> Sensor:
     """Table 1 with its SiPM, (23)-(27) as printed."""
-    return catalogue_sensor("table1-sipm", overrides=[*AS_PRINTED, *changes])
+    return load_sensor("table1-sipm", overrides=[*AS_PRINTED, *changes])
 
 
 @cache
 def sipm_derived(*changes: str) -> Sensor:
     """Table 1 with its SiPM as lidarscene has it: busy cells in steady state, a floor of one cell."""
-    return catalogue_sensor("table1-sipm", overrides=changes)
+    return load_sensor("table1-sipm", overrides=changes)
 
 
 def range_m(sensor: Sensor, **target: Any) -> float:

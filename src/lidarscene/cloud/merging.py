@@ -1,0 +1,66 @@
+"""Clouds of several sensors of a rig as one cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .points import PointCloud
+
+JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
+"""Metadata of which a merged cloud has one for each sensor, and what stands between them."""
+
+
+def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
+    """Clouds of several sensors, in one frame that is not the sensor's, as one.
+
+    `sensor_index` says of which each point is, `sensor_names` are the labels, and the metadata's `frame_start_s`,
+    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times stay since the
+    start of each sensor's own frame. Raises ValueError for clouds whose points are in the sensor's frame, or in two.
+    """
+    frames = {cloud.metadata.get("frame", "sensor") for cloud in clouds}
+    if len(frames) != 1 or "sensor" in frames:
+        raise ValueError(
+            f"merged: clouds in one frame, world or vehicle, were expected, {sorted(frames)} came"
+        )
+    numbered = [
+        replace(cloud, sensor_names=tuple(labels), sensor_index=_constant(number, len(cloud)))
+        for number, cloud in enumerate(clouds)
+    ]
+    together = PointCloud.concatenate(numbered)
+    joined = {
+        key: separator.join(cloud.metadata[key] for cloud in clouds)
+        for key, separator in JOINED.items()
+        if all(key in cloud.metadata for cloud in clouds)
+    }
+    units = list(dict.fromkeys(cloud.metadata.get("intensity_unit", "") for cloud in clouds))
+    if len(units) > 1:
+        joined["intensity_unit"] = " or ".join(units)
+    return replace(together, metadata={**clouds[0].metadata, **joined})
+
+
+class Merging:
+    """`merged` for clouds that come in pieces, those of the first sensor first."""
+
+    def __init__(self, clouds: Sequence[PointCloud], labels: Sequence[str]) -> None:
+        """``clouds`` have the names and metadata of each sensor's, and no points."""
+        self._whole = merged(clouds, labels)
+        self._dtype: Any = None
+
+    def piece(self, number: int, cloud: PointCloud) -> PointCloud:
+        """Some points of sensor ``number`` as points of the merged cloud."""
+        self._dtype = self._dtype or cloud.xyz_m.dtype  # the first one's, as of arrays that are joined
+        return replace(
+            cloud,
+            xyz_m=cloud.xyz_m.astype(self._dtype, copy=False),
+            sensor_names=self._whole.sensor_names,
+            sensor_index=_constant(number, len(cloud)),
+            metadata=self._whole.metadata,
+        )
+
+
+def _constant(number: int, points: int) -> np.ndarray[Any, Any]:
+    return np.broadcast_to(np.uint8(number), points)

@@ -1,0 +1,70 @@
+"""What a study of fields of view asks, and one sensor's part of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...sensor.model import Sensor
+from ..ranging.plane import Target
+from .cells import Cells
+from .pattern import CellMaps, Pulses, fired, maps
+from .pattern import field as field_of_view
+from .reach import range_map_m
+from .spacing import nearest_deg
+
+Matrix = np.ndarray[Any, Any]
+
+TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
+CELL_DEG = 0.28
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """What is asked: coverage at these times, cells of this size, what the field of view is, the target."""
+
+    times_s: tuple[float, ...] = TIMES_S
+    cell_deg: float = CELL_DEG
+    mask: str = "outline"
+    target: Target = field(default_factory=Target)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seen:
+    """A sensor's part of a study.
+
+    frame    pulses of the first frame
+    maps     of the longest time asked for
+    revisits of that time or two frames, whichever is longer
+    """
+
+    name: str
+    slug: str
+    sensor: Sensor
+    cells: Cells
+    frame: Pulses
+    watched_s: float
+    mapped_s: float
+    revisits_s: float
+    maps: CellMaps
+    revisits: CellMaps
+    range_m: Matrix
+    spacing_deg: Matrix
+
+
+def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
+    """One sensor's numbers. Raises InputError where its pulses are too many."""
+    cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
+    revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
+    pulses = fired(sensor.scanner, revisits_s)
+    mask, watched = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
+    whole = maps(pulses, cells, mask)
+    until = maps(pulses.until(longest), cells, mask)
+    frame = pulses.until(sensor.scanner.frame_s)
+    return Seen(
+        name=name, slug=slug, sensor=sensor, cells=cells, frame=frame, watched_s=watched, mapped_s=longest,
+        revisits_s=revisits_s, maps=until, revisits=whole, range_m=range_map_m(sensor, whole, study.target),
+        spacing_deg=nearest_deg(frame.direction),
+    )  # fmt: skip
