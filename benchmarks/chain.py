@@ -11,14 +11,14 @@ from table import Row, Section, verdict
 from lidarscene import load_scene, load_sensor
 from lidarscene.detection import returns
 from lidarscene.errors import LidarSceneError
-from lidarscene.files.open3d_door import open3d
+from lidarscene.files.open3d import open3d
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.device.backend import mitsuba
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams, echoes
-from lidarscene.render.simulator import Simulator, Summary
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.model import Part
 
 SENSORS = ("table1-apd", "table1-sipm")

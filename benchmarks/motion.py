@@ -11,7 +11,7 @@ from table import Row, Section
 from lidarscene import load_scene, load_sensor
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Scene
 
 MOVERS = (1, 5, 10, 20)

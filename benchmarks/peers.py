@@ -15,7 +15,7 @@ from table import Row, Section, verdict
 from lidarscene import load_scene, load_sensor
 from lidarscene.errors import LidarSceneError
 from lidarscene.kernel.rays.onward import START_OFFSET_M
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Body, Part, Scene
 
 OURS, EMBREEX, MUJOCO = "lidarscene", "trimesh + embreex", "mujoco-lidar"

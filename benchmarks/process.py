@@ -30,9 +30,9 @@ mark("import trimesh")
 from lidarscene.kernel.device.backend import mitsuba
 mi = mitsuba()
 mark("import mitsuba, load LLVM")
-from lidarscene.render import api; from lidarscene.cli import main as cli
+from lidarscene.rendering import api; from lidarscene.cli import main as cli
 from lidarscene.formats import ply
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 mark("import lidarscene")
 scene = api.load_scene(sys.argv[1])
 sensor = api.load_sensor(scene.sensor_name)
@@ -79,8 +79,8 @@ BESIDES = ("--picture", "p.png", "--labels", "kitti", "--keep-missed", "m.npz")
 
 WHOLE = """
 import json, sys
-from lidarscene.render import api
-from lidarscene.render.simulator import Simulator; from lidarscene.render.simulator import Summary
+from lidarscene.rendering import api
+from lidarscene.rendering.simulator import Simulator; from lidarscene.rendering.simulator import Summary
 scene = api.load_scene(sys.argv[1])
 simulator = Simulator(scene, api.load_sensor(scene.sensor_name, overrides=sys.argv[2:]))
 summary = Summary()

@@ -18,7 +18,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
-from lidarscene.render.simulator import DEFAULT_CHUNK, Simulator
+from lidarscene.rendering.simulator import DEFAULT_CHUNK, Simulator
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "scan"))

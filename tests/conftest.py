@@ -13,7 +13,7 @@ from types import ModuleType
 import pytest
 
 from lidarscene.errors import BackendError, LidarSceneError
-from lidarscene.files import open3d_door
+from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")

@@ -10,8 +10,8 @@ from PIL import Image
 
 import lidarscene
 from lidarscene.figures.pictures import frame_picture
+from lidarscene.outputs.light import AmbientImage
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.record.light import AmbientImage
 
 BOARD = "#ffc14d"
 WIDE_BEAM = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]

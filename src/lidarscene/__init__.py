@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from .errors import LidarSceneError as LidarSceneError
     from .errors import OutputError as OutputError
     from .maths.pose import Pose as Pose
-    from .render.api import render as render
-    from .render.api import render_frames as render_frames
-    from .render.simulator import Simulator as Simulator
+    from .rendering.api import render as render
+    from .rendering.api import render_frames as render_frames
+    from .rendering.simulator import Simulator as Simulator
     from .scene.file import load_scene as load_scene
     from .scene.model import Scene as Scene
     from .sensor.catalogue import load_sensor as load_sensor
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from .sensor.rig_file import load_rig as load_rig
 
 _HOME = {
-    "render": "render.api",
-    "render_frames": "render.api",
+    "render": "rendering.api",
+    "render_frames": "rendering.api",
     "load_rig": "sensor.rig_file",
     "deskewed": "cloud.deskew",
     "load_scene": "scene.file",
@@ -37,7 +37,7 @@ _HOME = {
     "Pose": "maths.pose",
     "Scene": "scene.model",
     "Sensor": "sensor.model",
-    "Simulator": "render.simulator",
+    "Simulator": "rendering.simulator",
     "LidarSceneError": "errors",
     "InputError": "errors",
     "OutputError": "errors",

@@ -13,9 +13,9 @@ from lidarscene.errors import InputError
 from lidarscene.kernel.rays.relit import COLUMNS, light_of
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
-from lidarscene.render.frame import Frame
-from lidarscene.render.simulator import Simulator
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.frame import Frame
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.model import Scene
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.budget import budget_of, pulses_of

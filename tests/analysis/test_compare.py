@@ -12,7 +12,7 @@ from scipy import stats
 from lidarscene import InputError, load_sensor
 from lidarscene.detection.returns import Status
 from lidarscene.maths.pose import Pose
-from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.model import Air
 from lidarscene.studies.compare import clouds, data, numbers
 from lidarscene.studies.compare.run import Bench, fires_alike, sweep, with_beams_of

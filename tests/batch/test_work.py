@@ -14,7 +14,7 @@ from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
 from lidarscene.files import atomic
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 
 COARSE = [
     f"--set=scanner.{axis}_{key}_deg={value}"

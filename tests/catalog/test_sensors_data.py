@@ -14,7 +14,7 @@ from lidarscene.errors import InputError
 from lidarscene.files.toml import validated
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.catalogue import published as catalogue_published
-from lidarscene.sensor.published_file import PublishedFile
+from lidarscene.sensor.readout import PublishedFile
 from lidarscene.studies import catalogue
 
 SENSORS = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import COARSE, WALL, Ran, Run
 
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 
 NOISE = np.random.default_rng(7).bytes(2000)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -393,7 +393,7 @@ def test_interrupt_leaves_nothing(
         raise KeyboardInterrupt
 
     before = files_in(tmp_path)
-    for target in ("lidarscene.render.simulator.Simulator.stream", "lidarscene.files.atomic._sync"):
+    for target in ("lidarscene.rendering.simulator.Simulator.stream", "lidarscene.files.atomic._sync"):
         with monkeypatch.context() as patch:
             patch.setattr(target, interrupted)
             ran = run("render", wall, "-o", "new/o.ply", *COARSE)

@@ -9,7 +9,7 @@ from command_line import BEAMS, COARSE, WALL, Run
 from walls import LEFT_AND_RIGHT
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 
 DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"
 FRAME_S = BEAMS / 50e3  # of the coarse raster

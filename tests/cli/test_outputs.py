@@ -24,7 +24,7 @@ def test_every_format_by_its_name(run: Run, wall: str, tmp_path: Path) -> None:
         ran = run("render", wall, "-o", f"a{one.suffix}", "--format", name, *COARSE)
         assert (ran.code, ran.err) == (0, "")
         assert f"a{one.suffix}" in ran.out
-        if one.reader:
+        if one.read:
             cloud = PointCloud.load(tmp_path / f"a{one.suffix}", format=name)
             assert len(cloud) > 20
             assert set(cloud.column("body").tolist()) <= {0, -1}

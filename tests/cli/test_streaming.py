@@ -24,8 +24,8 @@ from lidarscene.cloud.points import PointCloud
 from lidarscene.formats import parquet
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
-from lidarscene.render.rig import simulators
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.rig import simulators
+from lidarscene.rendering.simulator import Simulator
 
 SENSOR = "table1-apd"
 MOVING = """

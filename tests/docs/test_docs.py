@@ -20,8 +20,8 @@ from pydantic_core import PydanticUndefined
 import lidarscene
 from lidarscene.batch.file import JobFile
 from lidarscene.cli import main
-from lidarscene.cloud.points import COLUMNS
 from lidarscene.files.toml import FileModel
+from lidarscene.formats.columns import COLUMNS
 from lidarscene.materials.file import MaterialFile
 from lidarscene.scene.file import SceneFile
 from lidarscene.sensor.file import SensorFile

@@ -18,7 +18,7 @@ from lidarscene.files import optional
 from lidarscene.formats import las
 from lidarscene.formats.registry import FORMATS, format_of
 
-READ = [name for name, one in FORMATS.items() if one.reader]
+READ = [name for name, one in FORMATS.items() if one.read]
 EXACT = [name for name in READ if name not in ("las", "laz")]
 PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
 

@@ -11,7 +11,7 @@ import street
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files import png
-from lidarscene.record.range_image import images, write_range_image
+from lidarscene.outputs.range_image import images, write_range_image
 
 
 def test_png_in_pillow(tmp_path: Path) -> None:

@@ -15,12 +15,12 @@ from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import las, parquet
 from lidarscene.formats.registry import FORMATS
 
-STREAMED = [name for name, one in FORMATS.items() if one.appender]
+STREAMED = [name for name, one in FORMATS.items() if one.stream]
 CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])
 
 
 def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
-    with FORMATS[name].stream()(path) as append:
+    with FORMATS[name].stream(path) as append:
         for piece in pieces:
             append(piece)
     return path.read_bytes()
@@ -52,7 +52,7 @@ def test_no_points(tmp_path: Path, name: str) -> None:
     need(name)
     path, none = tmp_path / f"a{FORMATS[name].suffix}", small_cloud(0)
     written(path, name, [none, none])
-    if FORMATS[name].reader:
+    if FORMATS[name].read:
         assert_same(PointCloud.load(path), none)
     else:  # rows and nothing else
         assert path.read_bytes() == b""
@@ -91,7 +91,7 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, name: str) -> 
     path.write_bytes(b"before")
 
     def failing() -> None:
-        with FORMATS[name].stream()(path) as append:
+        with FORMATS[name].stream(path) as append:
             append(small_cloud(10))
             raise InputError("enough")
 

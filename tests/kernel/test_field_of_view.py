@@ -9,7 +9,7 @@ import pytest
 
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")

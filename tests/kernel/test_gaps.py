@@ -9,7 +9,7 @@ import pytest
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.materials.material import Material, Spectrum
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -10,7 +10,7 @@ from test_specular import INDEX, MATERIALS, MIDDLE, both_sides, pane
 
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.optics import radiometry
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("mi")
 

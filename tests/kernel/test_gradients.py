@@ -18,7 +18,7 @@ from lidarscene.light.echoes import Ambient
 from lidarscene.light.footprint import footprint, spread
 from lidarscene.light.hits import Hits
 from lidarscene.maths.arrays import xp
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -11,7 +11,7 @@ from lidarscene.kernel.world.build import build_world
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.optics import radiometry
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.model import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -12,7 +12,7 @@ from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics import radiometry
 from lidarscene.physics.optics.pulse import gaussian_pulse
 from lidarscene.physics.weather import soft_target
-from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.model import Air
 from lidarscene.scene.weather import Weather
 

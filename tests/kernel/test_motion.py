@@ -11,7 +11,7 @@ from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.maths.trajectory import Course, Motion, Riding, Spline, States, pose_at
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scan import Pattern
 from lidarscene.scene.model import Body, Scene
 

@@ -15,8 +15,8 @@ from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
-from lidarscene.render.rig import require_common_frames, simulators
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.rig import require_common_frames, simulators
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Ball, Body, Scene
 from lidarscene.sensor.rig import Mounted

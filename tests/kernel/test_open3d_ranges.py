@@ -14,7 +14,7 @@ from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
 from lidarscene.maths.pose import Pose
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Part, Scene
 
 Array = np.ndarray[Any, Any]

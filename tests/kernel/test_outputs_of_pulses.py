@@ -10,7 +10,7 @@ import pytest
 from lidarscene.errors import InputError
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics import radiometry
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Air
 from lidarscene.scene.weather import Weather
 

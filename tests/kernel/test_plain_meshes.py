@@ -13,7 +13,7 @@ from lidarscene.kernel.rays.meeting import Moment
 from lidarscene.kernel.world.build import build_world
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("mi")
 

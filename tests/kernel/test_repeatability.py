@@ -8,7 +8,7 @@ from lidarscene import Pose, Simulator
 from lidarscene.detection import returns
 from lidarscene.light import beams, echoes
 from lidarscene.light.hits import Hits
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -14,8 +14,8 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.maths.pose import Pose
-from lidarscene.render.simulator import Simulator
-from lidarscene.render.stages import Chain
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.rendering.stages import Chain
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -7,7 +7,7 @@ import pytest
 from lidarscene import Simulator
 from lidarscene.detection import returns
 from lidarscene.light import beams, echoes
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -11,7 +11,7 @@ from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Motion
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Body, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")

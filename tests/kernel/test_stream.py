@@ -12,7 +12,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.registry import FORMATS
-from lidarscene.render.simulator import Simulator, Summary
+from lidarscene.rendering.simulator import Simulator, Summary
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
 CHUNK = 5_000
@@ -64,7 +64,7 @@ def test_memory_does_not_grow_with_the_frame(tmp_path: Path) -> None:
     small, large = simulator(rows=40), simulator(rows=320)
 
     def to_file(sim: Simulator) -> None:
-        with FORMATS["ply"].stream()(tmp_path / "a.ply") as append:
+        with FORMATS["ply"].stream(tmp_path / "a.ply") as append:
             sim.stream(append, chunk=CHUNK)
 
     assert peak(lambda: to_file(large)) < 1.5 * peak(lambda: to_file(small))

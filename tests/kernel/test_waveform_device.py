@@ -14,7 +14,7 @@ from lidarscene.kernel.world.build import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
 from lidarscene.physics.optics import radiometry
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -12,7 +12,7 @@ from lidarscene import Simulator
 from lidarscene.detection.returns import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
-from lidarscene.render.simulator import Summary
+from lidarscene.rendering.simulator import Summary
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 

@@ -12,7 +12,7 @@ from lidarscene.detection.returns import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Interferer
 from lidarscene.studies.ranging import plane

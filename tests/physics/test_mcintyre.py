@@ -11,7 +11,7 @@ from scipy.stats import invgauss, nbinom, norm, poisson
 
 from lidarscene import Simulator, load_sensor
 from lidarscene.physics.electronics import apd, mcintyre
-from lidarscene.render.simulator import Summary
+from lidarscene.rendering.simulator import Summary
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target
 

@@ -8,7 +8,7 @@ import pytest
 import scanners
 
 from lidarscene import Simulator
-from lidarscene.render.tiles import HEIGHT, PACKET, Tiling
+from lidarscene.rendering.tiles import HEIGHT, PACKET, Tiling
 
 
 def tiled():

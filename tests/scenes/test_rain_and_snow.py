@@ -15,7 +15,7 @@ from lidarscene.detection.returns import Status
 from lidarscene.light import air_light
 from lidarscene.physics.optics import receiver
 from lidarscene.physics.weather import precipitation
-from lidarscene.render.simulator import Simulator
+from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.cloud.points import COLUMNS, MEASURED, TRUTH, CloudBuilder, PointCloud
+from lidarscene.cloud import interop
+from lidarscene.cloud.builder import CloudBuilder
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.files import open3d_door
+from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
 
 NAMES: dict[str, tuple[str, ...]] = {
     "sensor_names": ("roof", "left"),
@@ -169,17 +171,17 @@ def test_builder_holds_the_points_and_one_column() -> None:
             builder.append(small_columns(n, seed=seed))
         tracemalloc.reset_peak()
         held, _ = tracemalloc.get_traced_memory()
-        cloud = builder.build(**NAMES)
+        cloud = PointCloud(**builder.fields(**NAMES))
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert len(cloud) == chunks * n
     assert peak - held < chunks * n * 12 + 65536
-    assert len(builder.build()) == 0
+    assert len(PointCloud(**builder.fields())) == 0
 
 
 def test_builder_of_nothing_is_an_empty_cloud() -> None:
-    cloud = CloudBuilder().build(metadata={"sensor": "a"})
+    cloud = PointCloud(**CloudBuilder().fields(metadata={"sensor": "a"}))
     assert (len(cloud), cloud.has_truth, cloud.metadata) == (0, True, {"sensor": "a"})
 
 
@@ -227,7 +229,7 @@ def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatc
     def closed() -> ModuleType:
         raise LidarSceneError("try: pip install open3d")
 
-    monkeypatch.setattr(open3d_door, "open3d", closed)
+    monkeypatch.setattr(interop, "open3d", closed)
     with pytest.raises(LidarSceneError, match="pip install open3d"):
         small_cloud().to_open3d()
 
@@ -252,7 +254,7 @@ def test_one_value_stays_one_value() -> None:
     builder = CloudBuilder(capacity=n * chunks)
     for part in parts:
         builder.append(part)
-    cloud = builder.build()
+    cloud = PointCloud(**builder.fields())
     taken = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert cloud.radial_velocity_m_s is not None
@@ -271,6 +273,6 @@ def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: 
     builder = CloudBuilder(capacity=capacity)
     for part in parts:
         builder.append(part)
-    cloud = builder.build()
+    cloud = PointCloud(**builder.fields())
     for name in ("radial_velocity_m_s", "sensor_index", "range_m"):
         np.testing.assert_array_equal(getattr(cloud, name), np.concatenate([part[name] for part in parts]))

@@ -8,7 +8,7 @@ import pytest
 from lidarscene import catalog
 from lidarscene.errors import InputError
 from lidarscene.sensor.file import read_sensor
-from lidarscene.sensor.filter_file import FilterFile, read_transmittance
+from lidarscene.sensor.optics import FilterFile, read_transmittance
 
 SENSOR = catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8")
 GIVEN = "sun_irradiance_w_m2 = 29.4"

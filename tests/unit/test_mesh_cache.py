@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarscene.scene import mesh_cache, meshes
-from lidarscene.scene.submesh import SubMesh
+from lidarscene.scene.mesh_cache import SubMesh
 
 CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
 

@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from lidarscene.errors import LidarSceneError
-from lidarscene.files import open3d_door
+from lidarscene.files import open3d as open3d_door
 
 MODULE = ModuleType("open3d")
 NO_LIBUSB = ImportError("libusb-1.0.so.0: cannot open shared object file: No such file or directory")

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from lidarscene.cloud import pixels
+from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, splat
-from lidarscene.cloud.points import CloudBuilder, PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.figures import pictures
 from lidarscene.figures.pictures import frame_picture, perspective_picture, range_image
@@ -126,7 +127,7 @@ def cloud() -> PointCloud:
 def test_picture_has_its_size_and_shows_something(
     draw: Any, size: tuple[int, int], full: bool, cloud: PointCloud, tmp_path: Path
 ) -> None:
-    shown = cloud if full else CloudBuilder().build()
+    shown = cloud if full else PointCloud(**CloudBuilder().fields())
     draw(shown, tmp_path / "a.png")
     image = picture(tmp_path / "a.png")
     assert image.shape == (size[1], size[0], 3)
@@ -201,7 +202,9 @@ def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:
 
 def test_projection_against_trigonometry() -> None:
     """Reference: with 90 degrees across, a point 30 degrees to the left is tan 30 of the half width to the left."""
-    camera = camera_for(CloudBuilder().build(), eye_m=(1, 2, 3), target_m=(11, 2, 3), fov_deg=90.0)
+    camera = camera_for(
+        PointCloud(**CloudBuilder().fields()), eye_m=(1, 2, 3), target_m=(11, 2, 3), fov_deg=90.0
+    )
     points = np.array([[11, 2, 3], [11, 2 + 10 * math.tan(math.pi / 6), 3], [11, 2, 5], [-9, 2, 3]])
     u, v, depth = camera.project(points, width=200, height=100)
     np.testing.assert_allclose(u[:3], [100, 100 - 100 * math.tan(math.pi / 6), 100], atol=1e-4)
@@ -210,7 +213,7 @@ def test_projection_against_trigonometry() -> None:
 
 
 def test_nearest_point_is_on_top_whatever_the_order() -> None:
-    camera = camera_for(CloudBuilder().build(), eye_m=(0, 0, 0), target_m=(1, 0, 0))
+    camera = camera_for(PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0))
     for x in ([10.0, 5.0, -5.0, 20.0], [5.0, 10.0, 20.0, -5.0]):
         front, depth = splat(camera, np.array([[d, 0, 0] for d in x]), size=(101, 51))
         assert set(np.unique(front)) == {NOTHING, x.index(5.0)}

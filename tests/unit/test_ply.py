@@ -16,10 +16,11 @@ import pytest
 import trimesh
 from test_cloud import assert_same, small_cloud, small_columns
 
-from lidarscene.cloud.points import COLUMNS, PointCloud
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.formats import counted, ply
-from lidarscene.formats.ply import read_ply, write_ply
+from lidarscene.formats import described, ply
+from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.ply import write_ply
 
 TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
 
@@ -46,7 +47,7 @@ def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asc
     for n in (7, 8, 9, 24):
         cloud = small_cloud(n)
         write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
-        assert_same(read_ply(tmp_path / "a.ply"), cloud)
+        assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
 
 
 @pytest.mark.parametrize("ascii", [False, True])
@@ -56,7 +57,7 @@ def test_extreme_numbers(tmp_path: Path, ascii: bool) -> None:
     time_s = np.array([5e-324, 1e300, 1 / 3, 0.1, 1e-9, 2**53 + 1, 0.0])
     cloud = small_cloud(7, snr=snr, time_s=time_s, channel=np.array([2**31 - 1, -(2**31), 0, 1, 2, 3, 4]))
     write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
-    assert_same(read_ply(tmp_path / "a.ply"), cloud)
+    assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
 
 
 @pytest.mark.parametrize("ascii", [False, True])
@@ -72,7 +73,7 @@ def test_any_text_survives(tmp_path: Path, ascii: bool) -> None:
     }
     cloud = small_cloud(3, metadata=metadata, class_names=("", " a b ", "long " * 500))
     write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
-    assert_same(read_ply(tmp_path / "a.ply"), cloud)
+    assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
     assert max(map(len, header_of(tmp_path / "a.ply"))) < 1000
     vertices = trimesh.load(tmp_path / "a.ply").vertices
     np.testing.assert_array_equal(vertices, cloud.xyz_m.astype(np.float64))
@@ -154,10 +155,10 @@ def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
     for size in range(0, len(data), 1 if ascii else 7):
         cut.write_bytes(data[:size])
         with pytest.raises(InputError, match=r"^.*b\.ply: [^\n]+$"):
-            read_ply(cut)
+            PointCloud.load(cut)
     cut.write_bytes(data + b"\n")
     with pytest.raises(InputError, match="longer than its header says"):
-        read_ply(cut)
+        PointCloud.load(cut)
 
 
 def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
@@ -166,14 +167,14 @@ def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
     size = path.stat().st_size
     os.truncate(path, size - 10)
     with pytest.raises(InputError) as caught:
-        read_ply(path)
+        PointCloud.load(path)
     assert (
         str(caught.value) == f"{path}: truncated: {size} bytes were expected for 3 points, {size - 10} came"
     )
     write_ply(path, small_cloud(3), ascii=True)
     os.truncate(path, path.stat().st_size - 1)
     with pytest.raises(InputError, match="truncated: 3 lines of points were expected, 2 came"):
-        read_ply(path)
+        PointCloud.load(path)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +199,7 @@ def test_foreign_and_damaged_files_are_refused(tmp_path: Path, old: bytes, new: 
     assert old in data
     path.write_bytes(data.replace(old, new, 1))
     with pytest.raises(InputError, match=message) as caught:
-        read_ply(path)
+        PointCloud.load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
 
@@ -210,14 +211,14 @@ def test_damaged_text_is_refused(tmp_path: Path) -> None:
     for broken in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
         path.write_text(head + "end_header\n" + broken)
         with pytest.raises(InputError, match=r"^.*a\.ply: [^\n]+$"):
-            read_ply(path)
+            PointCloud.load(path)
 
 
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.ply: cannot be read: No such file"):
-        read_ply(tmp_path / "none.ply")
+        PointCloud.load(tmp_path / "none.ply")
     with pytest.raises(InputError, match="Is a directory"):
-        read_ply(tmp_path)
+        PointCloud.load(tmp_path, format="ply")
 
 
 def test_disk_full_in_the_middle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +232,7 @@ def test_disk_full_in_the_middle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return super().write(data)
 
-    monkeypatch.setattr(counted, "open", lambda name, mode: Full(name, "w"), raising=False)
+    monkeypatch.setattr(described, "open", lambda name, mode: Full(name, "w"), raising=False)
     with pytest.raises(OutputError) as caught:
         write_ply(path, small_cloud(50))
     assert str(caught.value) == f"{path}: cannot be written: No space left on device"
@@ -270,7 +271,7 @@ def test_kill_9_leaves_the_old_file(tmp_path: Path) -> None:
         child.send_signal(signal.SIGKILL)
         child.wait()
     assert sorted(os.listdir(tmp_path)) == [f".a.ply.{child.pid}.part", "a.ply"]
-    assert_same(read_ply(path), small_cloud(3))
+    assert_same(PointCloud.load(path), small_cloud(3))
     write_ply(path, small_cloud(4))
     assert os.listdir(tmp_path) == ["a.ply"]
 

@@ -17,7 +17,7 @@ import lidarscene
 from lidarscene import PointCloud, Pose, load_scene, load_sensor
 from lidarscene.cli.main import main
 from lidarscene.cloud.pixels import camera_for
-from lidarscene.render.stages import ambient_of
+from lidarscene.rendering.stages import ambient_of
 from lidarscene.studies.budget import budget_of
 
 SETS = [f"--set={one}" for one in COARSE]

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..files.atomic import atomic_output
 from ..files.toml import toml_text
-from ..record import report
+from ..outputs import report
 from .store import Store
 from .tasks import FrameTask, Job
 

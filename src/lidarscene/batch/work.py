@@ -15,9 +15,9 @@ from .._version import __version__
 from ..errors import InputError, LidarSceneError
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
-from ..record import report
-from ..render.frame import motion_of
-from ..render.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ..outputs import report
+from ..rendering.frame import motion_of
+from ..rendering.simulator import DEFAULT_CHUNK, Simulator, Summary
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor

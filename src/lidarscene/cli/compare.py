@@ -77,7 +77,7 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 
 def _sensors(arguments: argparse.Namespace) -> str:
-    from ..render.simulator import DEFAULT_CHUNK
+    from ..rendering.simulator import DEFAULT_CHUNK
     from ..scene.file import load_scene
     from ..studies.compare import study
     from ..studies.ranging.axes import CONDITIONS

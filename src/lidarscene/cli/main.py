@@ -93,7 +93,7 @@ def _help(parser: argparse.ArgumentParser) -> int:
 
 def _catalog(arguments: argparse.Namespace) -> int:
     from .. import catalog
-    from ..record import report
+    from ..outputs import report
 
     if arguments.kind == "check":
         return _catalog_check(arguments)

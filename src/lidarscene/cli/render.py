@@ -16,21 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..formats.registry import SUFFIXES as CLOUD_SUFFIXES
-from ..record.frame_files import FrameFiles
-from ..record.outputs import (
+from ..outputs.frame_files import FrameFiles
+from ..outputs.outputs import (
     SINGLE,
-    add_output_options,
     check_output_options,
     cloud_files,
     is_folder,
     pulses_of_waveforms,
 )
+from .outputs import add_output_options
 from .words import number as seconds
 from .words import pose, whole
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
-    from ..render.simulator import Simulator
+    from ..rendering.simulator import Simulator
     from ..scene.model import Scene
     from ..sensor.rig import Mounted
 
@@ -117,8 +117,8 @@ def render_text(arguments: argparse.Namespace) -> str:
 
 def _rendered(arguments: argparse.Namespace, history: KernelHistory | None) -> str:
     """The same with what Dr.Jit runs counted in ``history``."""
-    from ..render.rig import require_common_frames
-    from ..render.simulator import Summary
+    from ..rendering.rig import require_common_frames
+    from ..rendering.simulator import Summary
     from ..scene.file import load_scene
     from ..sensor.rig_file import load_rig
 
@@ -186,7 +186,7 @@ def _note_thin_beams(arguments: argparse.Namespace, sensors: Sequence[Mounted]) 
 def _simulators(
     arguments: argparse.Namespace, scene: Scene, sensors: Sequence[Mounted]
 ) -> Iterator[tuple[str, Simulator]]:
-    from ..render.rig import simulators
+    from ..rendering.rig import simulators
 
     vehicle = arguments.pose if arguments.rig is not None else None
     return simulators(
@@ -263,8 +263,8 @@ def _keep_inputs(arguments: argparse.Namespace, wanted: Sequence[dict[str, Path]
 
 def _told(arguments: argparse.Namespace, written: Sequence[FrameFiles], history: KernelHistory | None) -> str:
     """The summary, of all frames together; as JSON with each of them if there are several."""
-    from ..record import report
-    from ..render.simulator import Summary
+    from ..outputs import report
+    from ..rendering.simulator import Summary
 
     total = Summary.total([one.summary for one in written])
     names = [{key: str(path) for key, path in one.files.items()} for one in written]

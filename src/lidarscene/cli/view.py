@@ -100,7 +100,7 @@ def clouds_in(paths: Sequence[Path]) -> list[Path]:
     """Cloud files in the order given; those of a folder by the numbers in their names."""
     from ..formats.registry import FORMATS
 
-    suffixes = {one.suffix for one in FORMATS.values() if one.reader}
+    suffixes = {one.suffix for one in FORMATS.values() if one.read}
 
     found: list[Path] = []
     for path in paths:

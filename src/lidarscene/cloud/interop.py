@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..files import open3d_door
+from ..files.open3d import open3d
 from ..files.optional import optional
 from ..files.png import encoded
+from ..formats.columns import Cloud
 from .pixels import camera_for, coloured, lit, splat
-from .points import PointCloud
 
 THUMBNAIL_PX = (720, 405)
 BACKGROUND = (11, 14, 20)
@@ -21,7 +21,7 @@ NEAR, MIDDLE, FAR = (255, 214, 102), (70, 190, 190), (72, 76, 160)
 """Colours of the nearest, the middle and the farthest points of a thumbnail."""
 
 
-def to_pandas(cloud: PointCloud) -> Any:
+def to_pandas(cloud: Cloud) -> Any:
     """See `PointCloud.to_pandas`."""
     pandas = optional("pandas", extra="pandas")
     frame = pandas.DataFrame({c.name: cloud.column(c.name) for c in cloud.columns}, copy=False)
@@ -29,7 +29,7 @@ def to_pandas(cloud: PointCloud) -> Any:
     return frame
 
 
-def to_torch(cloud: PointCloud) -> Any:
+def to_torch(cloud: Cloud) -> Any:
     """See `PointCloud.to_torch`."""
     torch = optional("torch")
     with warnings.catch_warnings():
@@ -39,9 +39,9 @@ def to_torch(cloud: PointCloud) -> Any:
         return tensors | {c.name: torch.from_numpy(cloud.column(c.name)) for c in cloud.columns[3:]}
 
 
-def to_open3d(cloud: PointCloud) -> Any:
+def to_open3d(cloud: Cloud) -> Any:
     """See `PointCloud.to_open3d`."""
-    module: Any = open3d_door.open3d()
+    module: Any = open3d()
     made = module.t.geometry.PointCloud()
     made.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
     for column in cloud.columns[3:]:
@@ -49,11 +49,11 @@ def to_open3d(cloud: PointCloud) -> Any:
     return made
 
 
-def thumbnail(cloud: PointCloud) -> bytes:
+def thumbnail(cloud: Cloud) -> bytes:
     """A PNG of the cloud from above and behind its sensor, coloured by range."""
     width, height = THUMBNAIL_PX
     point, depth_m = splat(camera_for(cloud), cloud.xyz_m, size=(2 * width, 2 * height))
-    order = np.log(np.maximum(cloud.range_m, 1e-3))
+    order = np.log(np.maximum(cloud.column("range"), 1e-3))
     low, high = np.percentile(order, (2, 98)) if len(cloud) else (0.0, 1.0)
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
     rgb = np.stack(
@@ -63,7 +63,7 @@ def thumbnail(cloud: PointCloud) -> bytes:
     return encoded(lit(image, depth_m, reduction=2))
 
 
-def to_html(cloud: PointCloud) -> str:
+def to_html(cloud: Cloud) -> str:
     """The thumbnail, and the cloud in words."""
     picture = base64.b64encode(thumbnail(cloud)).decode("ascii")
     words = html.escape(repr(cloud))

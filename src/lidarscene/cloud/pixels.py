@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .points import PointCloud
+from ..formats.columns import Cloud
 
 Array = np.ndarray[Any, Any]
 Vector = tuple[float, float, float]
@@ -40,11 +40,11 @@ class Camera:
 
 
 def camera_for(
-    cloud: PointCloud, *, eye_m: Vector | None = None, target_m: Vector | None = None, fov_deg: float = 60.0
+    cloud: Cloud, *, eye_m: Vector | None = None, target_m: Vector | None = None, fov_deg: float = 60.0
 ) -> Camera:
     """A camera from eye to target, z up; what is not given follows from the echoes near the sensor."""
     sensor = cloud.sensor_position_m
-    reach, ahead, ground = _near_field(cloud.xyz_m[cloud.status == 0] - sensor)
+    reach, ahead, ground = _near_field(cloud.xyz_m[cloud.column("status") == 0] - sensor)
     around = not ahead.any()
     back, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
     ahead = np.array([1.0, 0.0, 0.0]) if around else ahead
@@ -161,12 +161,12 @@ def _centres(first: float, last: float, n: int) -> Array:
     return first + (last - first) * (np.arange(n) + 0.5) / n
 
 
-def cells_of(cloud: PointCloud) -> Cells:
+def cells_of(cloud: Cloud) -> Cells:
     """Sort the beams into cells; where several points share one, the first return is shown.
 
     Rows and columns are those of the scan where it has some, else cells as large as the points are dense.
     """
-    return cells_of_beams(cloud.azimuth_rad, cloud.elevation_rad, cloud.return_number)
+    return cells_of_beams(cloud.column("azimuth"), cloud.column("elevation"), cloud.column("return_number"))
 
 
 def cells_of_beams(azimuth_rad: Array, elevation_rad: Array, return_number: Array) -> Cells:

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..cloud.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
-from ..cloud.points import COLUMNS, STATUS_NAMES, PointCloud
+from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..formats.columns import COLUMNS, STATUS_NAMES
 
 Array = np.ndarray[Any, Any]
 Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure

@@ -1,20 +1,22 @@
-"""What a cloud says besides its numbers, as one line of JSON, and clouds from columns and that line.
+"""What a cloud says besides its numbers, as one line of JSON, and fields from columns and that line.
 
-For formats that hold columns by name and a text: NPZ, Parquet, PCD, LAS.
+For formats that hold columns by name and a text: NPZ, Parquet, PCD, LAS. And what formats share whose header counts
+the points, which is known last where clouds come one after the other: PLY, PCD.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
-from ..cloud.points import COLUMNS, NAMES, PointCloud
 from ..errors import InputError, LidarSceneError
+from ..files.atomic import atomic_output
+from .columns import COLUMNS, NAMES, Cloud, Fields
 
 Array = np.ndarray[Any, Any]
 
@@ -22,7 +24,7 @@ VERSION = 1
 LARGEST = np.finfo(np.float32).max
 
 
-def description(cloud: PointCloud) -> str:
+def description(cloud: Cloud) -> str:
     """Metadata, units, the type of the positions, and the names behind the integers: ASCII, one line."""
     content: dict[str, Any] = {
         "lidarscene": VERSION,
@@ -34,14 +36,14 @@ def description(cloud: PointCloud) -> str:
     return json.dumps(content, separators=(",", ":"))
 
 
-def unit_of(cloud: PointCloud, name: str) -> str:
+def unit_of(cloud: Cloud, name: str) -> str:
     """Unit of a column; that of the intensity is the detector's."""
     unit = next(column.unit for column in COLUMNS if column.name == name)
     return cloud.metadata.get(f"{name}_unit", unit)
 
 
-def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
-    """The cloud of these columns, by name as in files, and this `description`.
+def described_fields(columns: Mapping[str, Array], text: str) -> Fields:
+    """The fields of the cloud of these columns, by name as in files, and this `description`.
 
     Raises ValueError if this is none of ours.
     """
@@ -54,7 +56,7 @@ def described_cloud(columns: Mapping[str, Array], text: str) -> PointCloud:
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
     given: dict[str, Any] = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
     given |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
-    return PointCloud(xyz_m=xyz_m, metadata=content["metadata"], **given)
+    return {"xyz_m": xyz_m, "metadata": content["metadata"], **given}
 
 
 @contextmanager
@@ -72,3 +74,32 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{os.fspath(path)}: cannot be read: {reason}") from error
+
+
+@contextmanager
+def counted_stream(
+    path: str | os.PathLike[str],
+    *,
+    header: Callable[[Cloud, int], bytes],
+    write: Callable[[IO[bytes], Cloud], None],
+) -> Iterator[Callable[[Cloud], None]]:
+    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+
+    header  of a cloud and so many points; as long for any number of them
+    write   the points of a cloud behind what is there
+    """
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        first: list[Cloud] = []
+        points = 0
+
+        def append(cloud: Cloud) -> None:
+            nonlocal points
+            if not first:
+                first.append(cloud.without_points())
+                file.write(header(cloud, 0))
+            points += len(cloud)
+            write(file, cloud)
+
+        yield append
+        file.seek(0)
+        file.write(header(first[0], points))

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
 from ..files.optional import optional
 from ..maths.rotations import quaternion
+from .columns import Cloud
 from .described import LARGEST, description
 
 Array = np.ndarray[Any, Any]
@@ -32,7 +32,7 @@ BLOCK_POINTS = 1 << 18
 LARGEST_ROW = 2**31 - 1
 
 
-def write_e57(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+def write_e57(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write the cloud as one scan."""
     e57 = optional("pye57.libe57", extra="e57")
     with atomic_output(path) as temporary:
@@ -43,7 +43,7 @@ def write_e57(path: str | os.PathLike[str], cloud: PointCloud) -> None:
             file.close()
 
 
-def _write(e57: Any, file: Any, cloud: PointCloud) -> None:
+def _write(e57: Any, file: Any, cloud: Cloud) -> None:
     columns = _columns(cloud)
     text = description(cloud)
     file.extensionsAdd("", e57.E57_V1_0_URI)
@@ -73,7 +73,7 @@ def _write(e57: Any, file: Any, cloud: PointCloud) -> None:
         _write_points(e57, file, points, columns)
 
 
-def _columns(cloud: PointCloud) -> dict[str, Array]:
+def _columns(cloud: Cloud) -> dict[str, Array]:
     """The columns by the names of the standard and of our extension, finite and as it counts."""
     columns = {}
     for column in cloud.columns:
@@ -92,7 +92,7 @@ def _columns(cloud: PointCloud) -> dict[str, Array]:
     return columns
 
 
-def _scan_tree(cloud: PointCloud, columns: dict[str, Array], text: str) -> dict[str, Any]:
+def _scan_tree(cloud: Cloud, columns: dict[str, Array], text: str) -> dict[str, Any]:
     """All that is said of the scan, but its points."""
     low, high = (
         (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3))

@@ -1,7 +1,8 @@
-"""Point clouds as KITTI has them: a PointCloud in, a `.bin` file out. Written only.
+"""Point clouds as KITTI (`.bin`) and nuScenes (`.pcd.bin`) have them: float32 rows without a header. Written only.
 
-Four float32 a point, without a header: x, y, z (forward, left, up, in the sensor's frame, as KITTI's Velodyne) and
-intensity.
+KITTI has four numbers a point: x, y, z (forward, left, up, in the sensor's frame, as KITTI's Velodyne) and intensity.
+nuScenes has five: ring too. The axes are the sensor's own; those of the nuScenes lidar have x to the right and y
+forward, so a loader that draws in its frame draws ours turned by 90 degrees.
 """
 
 from __future__ import annotations
@@ -12,15 +13,15 @@ from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
+from .columns import Cloud
 
 BLOCK_POINTS = 1 << 18
 
-Append = Callable[[PointCloud], None]
+Append = Callable[[Cloud], None]
 
 
-def write_kitti(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+def write_kitti(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write the points in the sensor's frame; the intensity keeps its unit."""
     with kitti_stream(path) as append:
         append(cloud)
@@ -36,10 +37,21 @@ def rows_stream(path: str | os.PathLike[str], columns: tuple[str, ...]) -> Itera
     """Rows of float32 without a header: the place in the sensor's frame, and these columns."""
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
 
-        def append(cloud: PointCloud) -> None:
+        def append(cloud: Cloud) -> None:
             for first in range(0, len(cloud), BLOCK_POINTS):
                 local = cloud.select(slice(first, first + BLOCK_POINTS)).in_sensor_frame()
                 values = [local.xyz_m, *(local.column(name) for name in columns)]
                 file.write(np.column_stack(values).astype("<f4").data)
 
         yield append
+
+
+def write_nuscenes(path: str | os.PathLike[str], cloud: Cloud) -> None:
+    """Write the points in the sensor's frame; the intensity keeps its unit."""
+    with nuscenes_stream(path) as append:
+        append(cloud)
+
+
+def nuscenes_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]:
+    """Write the clouds that are appended in the block one after the other."""
+    return rows_stream(path, ("intensity", "channel"))

@@ -17,11 +17,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..cloud.points import Column, PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.optional import optional
-from .described import described_cloud, description, reading, unit_of
+from .columns import Cloud, Column, Fields
+from .described import described_fields, description, reading, unit_of
 
 Array = np.ndarray[Any, Any]
 
@@ -39,19 +39,19 @@ PIECE_POINTS = 1 << 20
 """Records that are made at a time, and the points of the last pulse that go with them."""
 
 
-def write_las(path: str | os.PathLike[str], cloud: PointCloud, *, compressed: bool = False) -> None:
+def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
     """Write the cloud, as LAZ if ``compressed``."""
     laspy = _laspy(compressed)
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         writer = _Writer(laspy, file, path, compressed=compressed)
-        writer.append(cloud, peak=float(cloud.intensity.max(initial=0.0)))
+        writer.append(cloud, peak=float(cloud.column("intensity").max(initial=0.0)))
         writer.close()
 
 
 @contextmanager
 def las_stream(
     path: str | os.PathLike[str], *, compressed: bool = False
-) -> Iterator[Callable[[PointCloud], None]]:
+) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
 
     The standard intensity is of the largest in the file, known last: it is put into the LAS that is there by then.
@@ -88,7 +88,7 @@ class _Writer:
     largest  intensity so far
     """
 
-    first: PointCloud
+    first: Cloud
 
     def __init__(
         self, laspy: Any, file: IO[bytes], path: str | os.PathLike[str], *, compressed: bool
@@ -102,7 +102,7 @@ class _Writer:
         """Of the records, with the extra bytes."""
         return self._writer.header.point_format
 
-    def open(self, cloud: PointCloud) -> None:
+    def open(self, cloud: Cloud) -> None:
         """Write the header that this cloud and those of its frame have."""
         self.first = cloud.without_points()
         self._text = description(cloud).encode("ascii")
@@ -114,11 +114,11 @@ class _Writer:
             laz_backend=self._laspy.LazBackend.LazrsParallel if self._compressed else None,
         )  # fmt: skip
 
-    def append(self, cloud: PointCloud, *, peak: float = 0.0) -> None:
+    def append(self, cloud: Cloud, *, peak: float = 0.0) -> None:
         """Write a cloud; ``peak`` is the largest intensity of the file, as far as it is known."""
         if self._writer is None:
             self.open(cloud)
-        self.largest = max(self.largest, float(cloud.intensity.max(initial=0.0)))
+        self.largest = max(self.largest, float(cloud.column("intensity").max(initial=0.0)))
         for piece in _whole_pulses(cloud):
             self.write(_points(self._laspy, piece, self._writer.header, self._path, peak))
 
@@ -148,7 +148,7 @@ class _Writer:
         return self._laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", self._text)
 
 
-def read_las(path: str | os.PathLike[str]) -> PointCloud:
+def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
@@ -159,10 +159,10 @@ def read_las(path: str | os.PathLike[str]) -> PointCloud:
         extra = {name: np.ascontiguousarray(las[name]) for name in las.point_format.extra_dimension_names}
         columns = {column: extra.pop(name) for column, name in LAS_NAMES.items() if name in extra}
         columns |= extra | {axis: np.asarray(las[axis]) for axis in "xyz"}
-        return described_cloud(columns, ours[0].record_data_bytes().decode())
+        return described_fields(columns, ours[0].record_data_bytes().decode())
 
 
-def _header(laspy: Any, cloud: PointCloud) -> Any:
+def _header(laspy: Any, cloud: Cloud) -> Any:
     """The file's header, but for what counts the points."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
@@ -183,12 +183,12 @@ def _header(laspy: Any, cloud: PointCloud) -> Any:
     return header
 
 
-def _columns(cloud: PointCloud) -> list[Column]:
+def _columns(cloud: Cloud) -> list[Column]:
     """Those in extra bytes."""
     return [c for c in cloud.columns if c.name not in ("x", "y", "z")]
 
 
-def _points(laspy: Any, cloud: PointCloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
+def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
     """The points as laspy has them."""
     if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
         raise InputError(
@@ -204,15 +204,15 @@ def _points(laspy: Any, cloud: PointCloud, header: Any, path: str | os.PathLike[
     return points
 
 
-def _standard_fields(cloud: PointCloud, peak: float) -> dict[str, Array]:
+def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Array]:
     """What LAS calls things, as far as it can hold them; ``peak`` is the largest intensity of the file."""
-    returns = cloud.return_number.clip(1, MOST_RETURNS)
-    angle = np.rint(np.degrees(cloud.azimuth_rad.astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
+    returns = cloud.column("return_number").clip(1, MOST_RETURNS)
+    angle = np.rint(np.degrees(cloud.column("azimuth").astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
     return {
-        "intensity": _intensity(cloud.intensity, peak),
+        "intensity": _intensity(cloud.column("intensity"), peak),
         "return_number": returns,
         "number_of_returns": returns_of_pulses(cloud).clip(returns, MOST_RETURNS),
-        "gps_time": cloud.time_s,
+        "gps_time": cloud.column("time"),
         "classification": _classification(cloud),
         "scan_angle": angle.clip(-30000, 30000).astype(np.int16),
     }
@@ -223,7 +223,7 @@ def _intensity(values: Array, peak: float) -> Array:
     return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
 
-def _whole_pulses(cloud: PointCloud) -> Iterator[PointCloud]:
+def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
     """The cloud in pieces; no pulse is cut."""
     first = 0
     while first < len(cloud):
@@ -234,13 +234,18 @@ def _whole_pulses(cloud: PointCloud) -> Iterator[PointCloud]:
         first = end
 
 
-def _pulse_changes(cloud: PointCloud, which: slice) -> Array:
+def _pulse_changes(cloud: Cloud, which: slice) -> Array:
     """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
-    key = (cloud.time_s[which], cloud.channel[which], cloud.azimuth_rad[which], cloud.elevation_rad[which])
+    key = (
+        cloud.column("time")[which],
+        cloud.column("channel")[which],
+        cloud.column("azimuth")[which],
+        cloud.column("elevation")[which],
+    )
     return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
 
 
-def returns_of_pulses(cloud: PointCloud) -> Array:
+def returns_of_pulses(cloud: Cloud) -> Array:
     """(n,) how many points the pulse of each point has: neighbours of one time, channel and direction."""
     if not len(cloud):
         return np.zeros(0, np.uint8)
@@ -249,9 +254,9 @@ def returns_of_pulses(cloud: PointCloud) -> Array:
     return np.repeat(counts, counts).clip(max=255).astype(np.uint8)
 
 
-def _classification(cloud: PointCloud) -> Array:
+def _classification(cloud: Cloud) -> Array:
     classes = np.full(len(cloud), UNCLASSIFIED, np.int64)
-    if cloud.class_id is not None:
-        known = cloud.class_id >= 0
-        classes[known] = np.minimum(FIRST_OF_USERS + cloud.class_id[known], LARGEST_CLASS)
-    return np.where(cloud.status != 0, LOW_NOISE, classes).astype(np.uint8)
+    if cloud.has_truth:
+        known = cloud.column("class") >= 0
+        classes[known] = np.minimum(FIRST_OF_USERS + cloud.column("class")[known], LARGEST_CLASS)
+    return np.where(cloud.column("status") != 0, LOW_NOISE, classes).astype(np.uint8)

@@ -6,24 +6,24 @@ import os
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
-from .described import described_cloud, description, reading
+from .columns import Cloud, Fields
+from .described import described_fields, description, reading
 
 DESCRIPTION = "lidarscene"
 
 
-def write_npz(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write an array for each column, by its name, and the `described.description` as an array of text."""
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, **{DESCRIPTION: np.array(description(cloud))}, **columns)  # type: ignore[arg-type]
 
 
-def read_npz(path: str | os.PathLike[str]) -> PointCloud:
+def read_npz(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_npz`. Raises InputError, in one line."""
     with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
         if DESCRIPTION not in archive:
             raise ValueError("not a point cloud of lidarscene: there is no description in it")
         columns = {name: archive[name] for name in archive.files if name != DESCRIPTION}
-        return described_cloud(columns, str(archive[DESCRIPTION]))
+        return described_fields(columns, str(archive[DESCRIPTION]))

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
 from ..files.protobuf import double, double_rows, joined, message, message_rows, number, number_rows
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 from ..physics.constants import SPEED_OF_LIGHT_M_S
+from .columns import Cloud
 
 Array = np.ndarray[Any, Any]
 
@@ -32,12 +32,12 @@ UNKNOWN, CLUTTER = 0, 3
 """Values of DetectionClassification."""
 
 
-def write_osi(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+def write_osi(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write one frame."""
     start_s = cloud.frame_start_s
     lidars = []
-    for sensor in np.unique(cloud.sensor_index).tolist() or [0]:
-        part = cloud.select(cloud.sensor_index == sensor)
+    for sensor in np.unique(cloud.column("sensor_index")).tolist() or [0]:
+        part = cloud.select(cloud.column("sensor_index") == sensor)
         header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
         lidars.append(message(3, message(1, *header), _detections(part)))
     features = message(26, version(1), *lidars)
@@ -75,25 +75,32 @@ def placed(pose: Pose, *, position: int, orientation: int) -> bytes:
     )
 
 
-def _detections(cloud: PointCloud) -> bytes:
+def _detections(cloud: Cloud) -> bytes:
     """All detections, one after the other."""
     n = len(cloud)
-    position = (cloud.range_m, cloud.azimuth_rad, cloud.elevation_rad)
-    peak = float(cloud.intensity.max(initial=0.0)) or 1.0
+    position = (cloud.column("range"), cloud.column("azimuth"), cloud.column("elevation"))
+    peak = float(cloud.column("intensity").max(initial=0.0)) or 1.0
     parts = [
-        *double_rows(1, cloud.detection_probability),
+        *double_rows(1, cloud.column("detection_probability")),
         *message_rows(3, *(p for i, v in enumerate(position, start=1) for p in double_rows(i, v))),
-        *double_rows(7, 100.0 / peak * cloud.intensity.clip(0).astype(np.float64)),
-        *number_rows(9, np.where(cloud.status != 0, CLUTTER, UNKNOWN), size=1),
-        *message_rows(13, *number_rows(1, cloud.channel.clip(0), size=5)),
+        *double_rows(7, 100.0 / peak * cloud.column("intensity").clip(0).astype(np.float64)),
+        *number_rows(9, np.where(cloud.column("status") != 0, CLUTTER, UNKNOWN), size=1),
+        *message_rows(13, *number_rows(1, cloud.column("channel").clip(0), size=5)),
     ]
-    if cloud.pulse_width_s.any():
+    if cloud.column("pulse_width").any():
         # In metres of range from the rising edge to the falling one.
-        parts += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.pulse_width_s.astype(np.float64))
-    if "radial_velocity" in (column.name for column in cloud.columns):
+        parts += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.column("pulse_width").astype(np.float64))
+    if cloud.has_truth:
         # OSI's is positive towards the sensor, ours away from it.
         parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
-    if cloud.body is not None and cloud.reflectivity is not None:
-        objects = np.where(cloud.body >= 0, cloud.body.astype(np.uint64) + np.uint64(1), np.uint64(NO_OBJECT))
-        parts += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.reflectivity)]
+    if cloud.has_truth:
+        objects = np.where(
+            cloud.column("body") >= 0,
+            cloud.column("body").astype(np.uint64) + np.uint64(1),
+            np.uint64(NO_OBJECT),
+        )
+        parts += [
+            *message_rows(2, *number_rows(1, objects, size=10)),
+            *double_rows(10, cloud.column("reflectivity")),
+        ]
     return joined(message_rows(2, *parts), n)

@@ -10,23 +10,23 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
 from ..files.optional import optional
-from .described import described_cloud, description, reading, unit_of
+from .columns import Cloud, Fields
+from .described import described_fields, description, reading, unit_of
 
 KEY = b"lidarscene"
 GROUP_POINTS = 1 << 20  # rows of a row group: some 100 MB
 
 
-def write_parquet(path: str | os.PathLike[str], cloud: PointCloud) -> None:
+def write_parquet(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write one column of the table for each of the cloud's, compressed with Zstandard."""
     with parquet_stream(path) as append:
         append(cloud)
 
 
 @contextmanager
-def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
+def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
 
     Row groups are of one size however the cloud was cut.
@@ -36,7 +36,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointClou
         waiting: list[Any] = []  # tables of fewer points than a row group, together
         writer: Any = None
 
-        def append(cloud: PointCloud) -> None:
+        def append(cloud: Cloud) -> None:
             nonlocal writer
             if writer is None:
                 schema = _schema(arrow, cloud)
@@ -59,7 +59,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointClou
             write(waiting[0])
 
 
-def _schema(arrow: Any, cloud: PointCloud) -> Any:
+def _schema(arrow: Any, cloud: Cloud) -> Any:
     fields = []
     for column in cloud.columns:
         text = {"unit": unit_of(cloud, column.name), "meaning": column.meaning}
@@ -68,12 +68,12 @@ def _schema(arrow: Any, cloud: PointCloud) -> Any:
     return arrow.schema(fields, metadata={KEY: description(cloud)})
 
 
-def _table(arrow: Any, cloud: PointCloud, schema: Any) -> Any:
+def _table(arrow: Any, cloud: Cloud, schema: Any) -> Any:
     # The positions are every third number of an array; Arrow wants them side by side.
     return arrow.table([arrow.array(cloud.column(name).copy()) for name in schema.names], schema=schema)
 
 
-def read_parquet(path: str | os.PathLike[str]) -> PointCloud:
+def read_parquet(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_parquet`. Raises InputError, in one line."""
     _, parquet = _arrow()
     with reading(path), open(path, "rb") as file:
@@ -82,7 +82,7 @@ def read_parquet(path: str | os.PathLike[str]) -> PointCloud:
         if KEY not in metadata:
             raise ValueError("not a point cloud of lidarscene: there is no description in its metadata")
         columns = {name: table[name].to_numpy() for name in table.column_names}
-        return described_cloud(columns, metadata[KEY].decode())
+        return described_fields(columns, metadata[KEY].decode())
 
 
 def _arrow() -> tuple[Any, Any]:

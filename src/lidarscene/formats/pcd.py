@@ -16,12 +16,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
 from ..files.optional import optional
 from ..maths.rotations import quaternion
-from .counted import counted_stream
-from .described import LARGEST, described_cloud, description, reading
+from .columns import Cloud, Fields
+from .described import LARGEST, counted_stream, described_fields, description, reading
 
 Array = np.ndarray[Any, Any]
 
@@ -37,7 +36,7 @@ LONGEST_RUN = 32
 
 
 def write_pcd(
-    path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False, compressed: bool = False
+    path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, compressed: bool = False
 ) -> None:
     """Write the cloud: binary little-endian, text with ``ascii``, or ``compressed``."""
     if ascii or not compressed:
@@ -53,11 +52,11 @@ def write_pcd(
 
 def pcd_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
-) -> AbstractContextManager[Callable[[PointCloud], None]]:
+) -> AbstractContextManager[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
     data = "ascii" if ascii else "binary"
 
-    def write(file: IO[bytes], cloud: PointCloud) -> None:
+    def write(file: IO[bytes], cloud: Cloud) -> None:
         for start in range(0, len(cloud), BLOCK_POINTS):
             rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
             if ascii:
@@ -70,7 +69,7 @@ def pcd_stream(
     )
 
 
-def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
+def read_pcd(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_pcd`. Raises InputError, in one line."""
     with reading(path), open(path, "rb") as file:
         header, text = _read_header(file)
@@ -81,10 +80,10 @@ def read_pcd(path: str | os.PathLike[str]) -> PointCloud:
             ]
         )
         points, data = int(header["POINTS"][0]), header["DATA"][0]
-        return described_cloud(_read_columns(file, dtype, points, data), text)
+        return described_fields(_read_columns(file, dtype, points, data), text)
 
 
-def _header(cloud: PointCloud, *, points: int, data: str) -> bytes:
+def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
     """All of the header, as long for any number of points."""
     text, place = description(cloud), cloud.sensor_place
     types = [cloud.column(column.name).dtype for column in cloud.columns]

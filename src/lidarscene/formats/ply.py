@@ -12,16 +12,17 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import IO, Any
 
 import numpy as np
 
-from ..cloud.points import COLUMNS, NAMES, CloudBuilder, PointCloud
 from ..errors import InputError
-from .counted import counted_stream
+from ..files.atomic import atomic_output
+from .columns import COLUMNS, NAMES, Cloud, Fields
+from .described import counted_stream
 
 Array = np.ndarray[Any, Any]
 
@@ -35,7 +36,7 @@ _NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
-def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = False) -> None:
+def write_ply(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False) -> None:
     """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block."""
     with ply_stream(path, ascii=ascii) as append:
         append(cloud)
@@ -43,10 +44,10 @@ def write_ply(path: str | os.PathLike[str], cloud: PointCloud, *, ascii: bool = 
 
 def ply_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
-) -> AbstractContextManager[Callable[[PointCloud], None]]:
+) -> AbstractContextManager[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
 
-    def write(file: IO[bytes], cloud: PointCloud) -> None:
+    def write(file: IO[bytes], cloud: Cloud) -> None:
         for block in _blocks(cloud):
             file.write(_as_text(block) if ascii else block.view(np.uint8).data)
 
@@ -55,7 +56,7 @@ def ply_stream(
     )
 
 
-def read_ply(path: str | os.PathLike[str]) -> PointCloud:
+def read_ply(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_ply`, exactly.
 
     Raises InputError, in one line, for a file that is missing, truncated or by another program.
@@ -64,7 +65,9 @@ def read_ply(path: str | os.PathLike[str]) -> PointCloud:
         with open(path, "rb") as file:
             header = _read_header(file)
             blocks = _text_blocks(file, header) if header.ascii else _binary_blocks(file, header)
-            return _gather(blocks, header)
+            # Text has two bytes or more for each number.
+            most = os.fstat(file.fileno()).st_size // (2 * len(header.dtype.names or ()))
+            return _gather(blocks, header, most)
     except OSError as error:
         raise InputError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
@@ -95,11 +98,11 @@ def _properties(dtype: np.dtype[Any]) -> list[str]:
     return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]
 
 
-def _cloud_dtype(cloud: PointCloud) -> np.dtype[Any]:
+def _cloud_dtype(cloud: Cloud) -> np.dtype[Any]:
     return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
 
 
-def _blocks(cloud: PointCloud) -> Iterator[Array]:
+def _blocks(cloud: Cloud) -> Iterator[Array]:
     """The points as they lie in a file, in memory that is used again."""
     columns = {c.name: cloud.column(c.name) for c in cloud.columns}
     block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud))
@@ -110,7 +113,7 @@ def _blocks(cloud: PointCloud) -> Iterator[Array]:
         yield part
 
 
-def _header(cloud: PointCloud, *, points: int, ascii: bool) -> bytes:
+def _header(cloud: Cloud, *, points: int, ascii: bool) -> bytes:
     """All of the header, as long for any number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
     for key, value in cloud.metadata.items():
@@ -245,16 +248,41 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
         raise ValueError(f"longer than its header says: more than {header.points} lines of points came")
 
 
-def _gather(blocks: Iterator[Array], header: _Header) -> PointCloud:
-    """The cloud of these blocks."""
-    names: dict[str, Any] = {_NAMES[word]: tuple(names) for word, names in header.names.items()}
+def _gather(blocks: Iterator[Array], header: _Header, most: int) -> Fields:
+    """The fields of the cloud of these blocks, of so many points at most."""
     has_truth = "true_range" in (header.dtype.names or ())
     scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
-    none = np.zeros(0, header.dtype)
-    builder = CloudBuilder()
-    for block in itertools.chain([none], blocks):
-        columns: dict[str, Any] = {c.attribute: np.ascontiguousarray(block[c.name]) for c in scalars}
-        xyz_m = np.stack([block["x"], block["y"], block["z"]], axis=-1)
-        columns["xyz_m"] = xyz_m
-        builder.append(columns)
-    return builder.build(metadata=header.metadata, **names)
+    rows = min(header.points, most)  # a damaged header may promise more than any memory holds
+    fields: Fields = {c.attribute: np.zeros(rows, c.dtype) for c in scalars}
+    fields["xyz_m"] = np.zeros((rows, 3), header.dtype["x"].newbyteorder("="))
+    first = 0
+    for block in blocks:
+        last = first + len(block)
+        for column in scalars:
+            fields[column.attribute][first:last] = block[column.name]
+        for axis, name in enumerate("xyz"):
+            fields["xyz_m"][first:last, axis] = block[name]
+        first = last
+    names = {_NAMES[word]: tuple(names) for word, names in header.names.items()}
+    return fields | {"metadata": header.metadata} | names
+
+
+def write_columns(
+    path: str | os.PathLike[str], columns: Mapping[str, Array], *, comments: Iterable[str] = ()
+) -> None:
+    """Write a property for each array, atomically, binary little-endian.
+
+    columns   (n,) each, of a dtype in PLY_TYPES
+    comments  one line each; what is not ASCII is backslash-escaped
+    """
+    dtype = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+    points = np.zeros(len(next(iter(columns.values()))), dtype)
+    for name, values in columns.items():
+        points[name] = values
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {text.encode('unicode_escape').decode('ascii')}" for text in comments]
+    lines += [f"element vertex {len(points)}"]
+    lines += [f"property {PLY_TYPES[values.dtype.name]} {name}" for name, values in columns.items()]
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
+        file.write(points.tobytes())

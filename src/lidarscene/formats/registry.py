@@ -2,103 +2,82 @@
 
 from __future__ import annotations
 
-import functools
-import importlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from ..errors import InputError
+from ..files.optional import require
+from . import e57, kitti, las, npz, osi, parquet, pcd, ply, ros
+from .columns import Fields
+
+Write = Callable[..., None]
+Read = Callable[[str | os.PathLike[str]], Fields]
+Stream = Callable[..., AbstractContextManager[Callable[[Any], None]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
-    """One format. Its module is loaded by name on use, so that clouds know no file format.
+    """One format.
 
-    suffix   what names of such files end in
-    reader   "" where a file cannot hold enough to become a cloud again
-    appender "" where a file cannot be written piece by piece, bit for bit as it is from the whole cloud
-    options  of the writer and of the appender
-    extra    group of optional packages that it needs (`lidarscene.files.optional`)
-    text     whether the writer knows ``ascii``
+    suffix  what names of such files end in
+    write   path, cloud and options to a file
+    read    path to the fields of a cloud; None where a file cannot hold enough to become a cloud again
+    stream  path and ``ascii`` to a block in which clouds are appended to the file; None where a file cannot be written
+            piece by piece, bit for bit as it is from the whole cloud
+    extra   group of optional packages that it needs (`files.optional`)
+    text    whether ``write`` and ``stream`` know ``ascii``
     """
 
     suffix: str
-    module: str
-    writer: str
-    reader: str = ""
-    appender: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    write: Write
+    read: Read | None = None
+    stream: Stream | None = None
     extra: str = ""
     text: bool = False
-
-    def write(self) -> Callable[..., None]:
-        """The writer: path, cloud, options."""
-        return self._function(self.writer)
-
-    def read(self) -> Callable[..., Any]:
-        """The reader: path to cloud."""
-        return self._function(self.reader)
-
-    def stream(self) -> Callable[..., AbstractContextManager[Callable[[Any], None]]]:
-        """The appender: path and ``ascii`` to a block in which clouds are appended to the file."""
-        return functools.partial(self._function(self.appender), **self.options)
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
         if self.extra:
-            importlib.import_module("lidarscene.files.optional").require(self.extra)
-
-    def _function(self, name: str) -> Callable[..., Any]:
-        found: Callable[..., Any] = getattr(
-            importlib.import_module(f"lidarscene.formats.{self.module}"), name
-        )
-        return found
+            require(self.extra)
 
 
-def _ros(suffix: str, **options: str) -> Format:
-    return Format(suffix=suffix, module="ros", writer="write_ros", options=options, extra="ros")
+def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
+    return Format(suffix=suffix, write=partial(ros.write_ros, storage=storage, layout=layout), extra="ros")
 
 
-_PCD: dict[str, Any] = {"suffix": ".pcd", "module": "pcd", "writer": "write_pcd", "reader": "read_pcd"}
-_LAS: dict[str, Any] = {
-    "module": "las",
-    "writer": "write_las",
-    "reader": "read_las",
-    "appender": "las_stream",
-    "extra": "las",
-}
+def _las(suffix: str, *, compressed: bool) -> Format:
+    return Format(
+        suffix=suffix, write=partial(las.write_las, compressed=compressed), read=las.read_las,
+        stream=partial(las.las_stream, compressed=compressed), extra="las",
+    )  # fmt: skip
+
 
 FORMATS = {
-    "ply": Format(
-        suffix=".ply", module="ply", writer="write_ply", reader="read_ply", appender="ply_stream", text=True
+    "ply": Format(suffix=".ply", write=ply.write_ply, read=ply.read_ply, stream=ply.ply_stream, text=True),
+    "pcd": Format(suffix=".pcd", write=pcd.write_pcd, read=pcd.read_pcd, stream=pcd.pcd_stream, text=True),
+    "pcd-compressed": Format(
+        suffix=".pcd", write=partial(pcd.write_pcd, compressed=True), read=pcd.read_pcd, extra="pcd"
     ),
-    "pcd": Format(**_PCD, appender="pcd_stream", text=True),
-    "pcd-compressed": Format(**_PCD, options={"compressed": True}, extra="pcd"),
-    "las": Format(suffix=".las", **_LAS),
-    "laz": Format(suffix=".laz", **_LAS, options={"compressed": True}),
-    "e57": Format(suffix=".e57", module="e57", writer="write_e57", extra="e57"),
-    "kitti": Format(suffix=".bin", module="kitti", writer="write_kitti", appender="kitti_stream"),
-    "nuscenes": Format(
-        suffix=".pcd.bin", module="nuscenes", writer="write_nuscenes", appender="nuscenes_stream"
-    ),
-    "npz": Format(suffix=".npz", module="npz", writer="write_npz", reader="read_npz"),
+    "las": _las(".las", compressed=False),
+    "laz": _las(".laz", compressed=True),
+    "e57": Format(suffix=".e57", write=e57.write_e57, extra="e57"),
+    "kitti": Format(suffix=".bin", write=kitti.write_kitti, stream=kitti.kitti_stream),
+    "nuscenes": Format(suffix=".pcd.bin", write=kitti.write_nuscenes, stream=kitti.nuscenes_stream),
+    "npz": Format(suffix=".npz", write=npz.write_npz, read=npz.read_npz),
     "parquet": Format(
-        suffix=".parquet",
-        module="parquet",
-        writer="write_parquet",
-        reader="read_parquet",
-        appender="parquet_stream",
+        suffix=".parquet", write=parquet.write_parquet, read=parquet.read_parquet, stream=parquet.parquet_stream,
         extra="parquet",
     ),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
-    "osi": Format(suffix=".osi", module="osi", writer="write_osi"),
-}
+    "osi": Format(suffix=".osi", write=osi.write_osi),
+}  # fmt: skip
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
 SUFFIXES = tuple(dict.fromkeys(one.suffix for one in FORMATS.values()))

@@ -11,14 +11,14 @@ import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from ..cloud.points import PointCloud
 from ..files.atomic import atomic_output
 from ..files.optional import optional
 from ..maths.rotations import quaternion
+from .columns import Cloud
 from .described import description
 
 Array = np.ndarray[Any, Any]
@@ -52,7 +52,7 @@ _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8
 
 def write_ros(
     path: str | os.PathLike[str],
-    clouds: PointCloud | Iterable[PointCloud],
+    clouds: Cloud | Iterable[Cloud],
     *,
     storage: str = "mcap",
     layout: str = "velodyne",
@@ -64,7 +64,7 @@ def write_ros(
     """
     rosbag2, typesys = optional("rosbags.rosbag2", extra="ros"), optional("rosbags.typesys", extra="ros")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    frames = (clouds,) if isinstance(clouds, PointCloud) else clouds
+    frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
     plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat.
     with (
@@ -77,7 +77,7 @@ def write_ros(
         os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
 
 
-def _write_frames(writer: Any, store: Any, frames: Iterable[PointCloud], layout: str) -> None:
+def _write_frames(writer: Any, store: Any, frames: Iterable[Cloud], layout: str) -> None:
     message, transform = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
     points = writer.add_connection(POINTS, message, typestore=store)
     transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
@@ -91,7 +91,7 @@ def _write_frames(writer: Any, store: Any, frames: Iterable[PointCloud], layout:
         writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
 
 
-def structured(cloud: PointCloud, layout: str) -> Array:
+def structured(cloud: Cloud, layout: str) -> Array:
     """(n,) the points as they lie in the message: the driver's fields, then every other column."""
     fields, size = LAYOUTS[layout]
     taken = {"x", "y", "z", *fields, *_REPLACED[layout]}
@@ -114,7 +114,7 @@ def structured(cloud: PointCloud, layout: str) -> Array:
     return rows
 
 
-def _driver_value(cloud: PointCloud, name: str, dtype: np.dtype[Any]) -> Array:
+def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Array:
     """A field of a driver, in its unit; zero where the cloud has nothing of the kind."""
     scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
     column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
@@ -142,7 +142,7 @@ def _points_message(rows: Array, store: Any, stamp_ns: int) -> Any:
     )  # fmt: skip
 
 
-def _transform_message(cloud: PointCloud, store: Any, stamp_ns: int) -> Any:
+def _transform_message(cloud: Cloud, store: Any, stamp_ns: int) -> Any:
     """Where the sensor stands in the world; None if the cloud does not know."""
     place, types = cloud.sensor_to_world, store.types
     if place is None:

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud, frame_starts_s, sensor_positions_m
+from ..cloud.points import PointCloud
 from ..errors import InputError
+from ..formats.columns import frame_starts_s, sensor_positions_m
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
 from ..scene.model import Ball, Body, Part, Scene

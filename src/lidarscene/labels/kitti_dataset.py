@@ -8,7 +8,7 @@ but `times.txt` and `poses.txt` have a line for each frame so far: frames are wr
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
@@ -17,12 +17,14 @@ import numpy as np
 from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output, named
-from ..formats.kitti import Append, kitti_stream
+from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.model import Scene
 from . import files
 from .boxes import sensor_place
 from .files import SENSOR_TO_CAMERA, kitti_calibration
+
+Append = Callable[[PointCloud], None]
 
 
 def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:

@@ -19,11 +19,11 @@ from ..materials.material import Material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
-from . import interferers, meshes
+from . import meshes
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
+from .mesh_cache import SubMesh
 from .model import Ball, Body, Part, Scene, Sky, View
-from .submesh import SubMesh
-from .tables import BodyFile, SceneFile
+from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
 """A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
@@ -134,8 +134,8 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         sun=file.sun.build(),
         sky=Sky(diffuse_share=file.sky.diffuse_share),
         air=file.air.build(file.weather.build()),
-        lamps_w_m2=interferers.lamps_w_m2(file.interference),
-        interferers=interferers.interferers(file.interference),
+        lamps_w_m2=lamps_w_m2(file.interference),
+        interferers=interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,

@@ -10,9 +10,9 @@ from typing import Any
 from ..errors import InputError
 from ..materials import catalogue
 from ..materials.material import Material
+from .mesh_cache import SubMesh
 from .meshes import checked, grey_material, pieces_of
 from .model import Body, Part, Scene
-from .submesh import SubMesh
 
 Given = str | Material
 

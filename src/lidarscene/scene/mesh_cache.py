@@ -12,14 +12,31 @@ import json
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import OutputError
 from ..files.atomic import atomic_output
-from .submesh import SubMesh
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SubMesh:
+    """One piece of a mesh file, placed by the file's own node transforms.
+
+    vertices_m  (v, 3) float64; faces (f, 3) integers
+    keys        names it may be called by: its material's, geometry's and node's
+    grey        mean of its base colour if the file gives one, else None
+    """
+
+    vertices_m: np.ndarray[Any, Any]
+    faces: np.ndarray[Any, Any]
+    keys: tuple[str, ...]
+    grey: float | None = None
+
 
 VARIABLE = "LIDARSCENE_CACHE"
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..materials.material import Material, Spectrum
-from .mesh_cache import cached
-from .submesh import SubMesh
+from .mesh_cache import SubMesh, cached
 
 Matrix = np.ndarray[Any, Any]
 

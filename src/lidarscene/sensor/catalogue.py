@@ -9,7 +9,7 @@ from pathlib import Path
 from ..catalog import path_of
 from .file import read_sensor
 from .model import Sensor
-from .published_file import PublishedFile, read_published
+from .readout import PublishedFile, read_published
 
 
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:

@@ -16,11 +16,9 @@ from ..maths.pose import Pose
 from ..physics.optics import beam
 from ..scan import Scanner
 from .detectors import Apd, Detector, Sipm
-from .intensity_file import AnyIntensityFile
 from .model import Laser, Optics, Sensor, Tdc
 from .optics import OpticsFile
-from .published_file import PublishedFile
-from .readout import AnySamplerFile
+from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile
 from .scanner_tables import Surroundings
 from .scanners import AnyScannerFile, TableFile
 

@@ -11,7 +11,7 @@ from ..detection.returns import Status, detect
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor
-from ..sensor.published_file import PublishedFile
+from ..sensor.readout import PublishedFile
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
 SHOTS = 20_000

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import STATUS_NAMES, Column, PointCloud
+from ..cloud.points import PointCloud
+from ..formats.columns import STATUS_NAMES, Column
 from ..studies.budget import Budget
 from .blob import packed
 

@@ -19,9 +19,9 @@ from ..kernel.rays.relit import COLUMNS, light_of
 from ..light.echoes import Ambient, Echoes
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
-from ..render.frame import LARGEST_FLOAT32_M, Frame
-from ..render.simulator import Simulator, Summary
-from ..render.stages import ambient_of
+from ..rendering.frame import LARGEST_FLOAT32_M, Frame
+from ..rendering.simulator import Simulator, Summary
+from ..rendering.stages import ambient_of
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor

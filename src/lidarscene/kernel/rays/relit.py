@@ -34,7 +34,7 @@ def light_of(
     """What ``count`` pulses from ``first`` on bring back; without the pulses of other lidars.
 
     sun         (3,) unit vector towards the sun
-    placements  of the sensor and of what moves, as `render.frame.Frame.placements` has them for these pulses
+    placements  of the sensor and of what moves, as `rendering.frame.Frame.placements` has them for these pulses
     seed        of the frame, which the pointing jitter follows
     """
     place, movers = placements

@@ -16,7 +16,7 @@ from ...cloud.points import PointCloud
 from ...figures import pictures as plots
 from ...figures.page import Page, csv_text, put_text
 from ...files.atomic import require_writable
-from ...formats.ply_columns import write_columns
+from ...formats.ply import write_columns
 from ...scene.model import View
 from ..field_of_view.study import slugs
 from . import figures as figures

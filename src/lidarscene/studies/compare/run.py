@@ -16,8 +16,8 @@ import numpy as np
 from ...detection.returns import Outcome
 from ...kernel.world.build import World
 from ...maths.pose import Pose
-from ...record.report import OUTCOME_TEXT
-from ...render.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ...outputs.report import OUTCOME_TEXT
+from ...rendering.simulator import DEFAULT_CHUNK, Simulator, Summary
 from ...scene.model import Scene
 from ...sensor.model import Sensor
 from ..ranging.plane import Target, equal_range_illuminance_klux

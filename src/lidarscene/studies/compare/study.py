@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...maths.pose import Pose
-from ...render.simulator import DEFAULT_CHUNK
+from ...rendering.simulator import DEFAULT_CHUNK
 from ...scene.model import Scene
 from . import clouds
 from .data import groupings

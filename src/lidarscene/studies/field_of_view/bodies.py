@@ -10,7 +10,7 @@ import numpy as np
 
 from ...cloud.points import PointCloud
 from ...maths.pose import Pose
-from ...render.rig import simulators
+from ...rendering.rig import simulators
 from ...scene.model import Scene
 from ...sensor.rig import Mounted
 

@@ -19,7 +19,7 @@ from .outputs import cloud_stream, dataset_stream, pulses_of_waveforms
 if TYPE_CHECKING:
     from ..cloud.points import PointCloud
     from ..cloud.thinning import Thinned
-    from ..render.simulator import Simulator, Summary
+    from ..rendering.simulator import Simulator, Summary
     from ..scene.model import Scene, View
 
 Append = Callable[["PointCloud"], None]
@@ -134,7 +134,7 @@ class FrameFiles:
 
     def _deskewed(self) -> Change:
         from ..cloud.deskew import deskewed
-        from ..render.frame import check_frame
+        from ..rendering.frame import check_frame
 
         lengths_s = [
             check_frame(self.scene, one.sensor.scanner, number=self.number, begin_s=self.arguments.begin)[1]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import SENSOR_TO_WORLD
+from ..formats.columns import SENSOR_TO_WORLD
 from ..scene.model import Scene
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor

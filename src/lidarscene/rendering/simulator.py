@@ -10,7 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..cloud.points import CloudBuilder, PointCloud
+from ..cloud.builder import CloudBuilder
+from ..cloud.points import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..errors import InputError
 from ..kernel.device import transfer
@@ -146,7 +147,7 @@ class Simulator:
             missed=missed, ambient=ambient, observer=observer, summary=summary,
         )  # fmt: skip
         since = time.perf_counter()
-        cloud = builder.build(**self._description(now, seed, frame))
+        cloud = PointCloud(**builder.fields(**self._description(now, seed, frame)))
         summary.spent("assemble", since)
         return cloud
 
@@ -185,7 +186,7 @@ class Simulator:
             missed=missed, ambient=ambient, observer=None, summary=Summary() if summary is None else summary,
         )  # fmt: skip
         if empty:
-            sink(CloudBuilder().build(**description))
+            sink(PointCloud(**CloudBuilder().fields(**description)))
 
     def empty(
         self,
@@ -198,7 +199,9 @@ class Simulator:
     ) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
         _check_call(seed=seed, chunk=1, frame=frame)
-        return CloudBuilder().build(**self._description(self._frame(number, begin_s, pose), seed, frame))
+        return PointCloud(
+            **CloudBuilder().fields(**self._description(self._frame(number, begin_s, pose), seed, frame))
+        )
 
     def _hand_out(
         self,

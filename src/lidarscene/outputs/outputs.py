@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..cli.words import pulses
 from ..errors import InputError
-from ..formats.registry import DATASETS, FORMATS, LABELS, SUFFIXES, Format, format_of
+from ..formats.registry import FORMATS, SUFFIXES, Format, format_of
 
 if TYPE_CHECKING:
     from ..cloud.points import PointCloud
@@ -24,24 +23,6 @@ SINGLE = ("keep_missed", "range_image", "ambient", "waveforms")
 FEW_PULSES = 9
 
 Append = Callable[["PointCloud"], None]
-
-
-def add_output_options(add: Callable[..., Any]) -> None:
-    """Add the options that choose formats."""
-    add("--format", choices=FORMATS, metavar="NAME",
-        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}")  # fmt: skip
-    add("--labels", choices=LABELS, metavar="NAME",
-        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them")  # fmt: skip
-    add("--dataset", choices=DATASETS, metavar="NAME",
-        help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}")  # fmt: skip
-    add("--range-image", metavar="F.png|F.npz", type=Path,
-        help="range, intensity and status by ring and azimuth, a pixel a beam")  # fmt: skip
-    add("--ambient", metavar="F.npz|F.png", type=Path,
-        help="background counts of every pulse, a near-infrared picture by ring and azimuth")  # fmt: skip
-    add("--waveforms", metavar="F.npz", type=Path,
-        help="power on the detector and its signal against time, of the pulses of --pulses")  # fmt: skip
-    add("--pulses", metavar="0,100,2000-2010", type=pulses,
-        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)")  # fmt: skip
 
 
 def check_output_options(arguments: argparse.Namespace) -> None:
@@ -115,16 +96,17 @@ def cloud_stream(arguments: argparse.Namespace, path: Path, points: int) -> Iter
     """Write the clouds that are appended in the block as one; together, of so many points at most, where the format
     needs them so.
     """
-    from ..cloud.points import CloudBuilder
+    from ..cloud.builder import CloudBuilder
+    from ..cloud.points import PointCloud
 
     chosen, options = chosen_format(arguments), {"ascii": True} if arguments.ascii else {}
-    if chosen.appender:
-        with chosen.stream()(path, **options) as append:
+    if chosen.stream is not None:
+        with chosen.stream(path, **options) as append:
             yield _kept(arguments, append)
         return
     builder = CloudBuilder(capacity=points)
     yield _kept(arguments, builder.add)
-    builder.build().save(path, format=arguments.format, **options)
+    PointCloud(**builder.fields()).save(path, format=arguments.format, **options)
 
 
 @contextmanager

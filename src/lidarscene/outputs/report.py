@@ -11,7 +11,7 @@ from ..detection.returns import OUTCOME_TEXT as OUTCOME_TEXT
 from ..detection.returns import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.catalogue import material as catalogue_material
-from ..render.simulator import Summary
+from ..rendering.simulator import Summary
 from ..sensor.catalogue import load_sensor
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from ..cloud.builder import CloudBuilder
 from ..cloud.pixels import NOTHING, cells_of
-from ..cloud.points import CloudBuilder, PointCloud
+from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.png import encoded
@@ -57,7 +58,7 @@ def range_image_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Point
     """Write the images of the clouds that are appended in the block, at least one; their other columns are not kept."""
     builder = CloudBuilder()
     yield lambda cloud: builder.add(_shown(cloud))
-    write_range_image(path, builder.build())
+    write_range_image(path, PointCloud(**builder.fields()))
 
 
 def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[Path, ...]:

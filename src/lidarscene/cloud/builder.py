@@ -1,0 +1,79 @@
+"""CloudBuilder: the columns of a point cloud, gathered chunk by chunk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..formats.columns import MEASURED, NAMES, TRUTH, Cloud, Fields, fitted, is_constant
+
+Array = np.ndarray[Any, Any]
+
+
+class CloudBuilder:
+    """Gathers a cloud chunk by chunk. A single chunk is taken as it is; of several each column is one array.
+    One value that was broadcast (all strides 0), the same in every chunk, stays one value.
+
+    capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
+              without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
+              double the peak: the allocator keeps the holes they leave.
+    """
+
+    def __init__(self, *, capacity: int = 0) -> None:
+        self._columns: dict[str, Array] = {}
+        self._description: dict[str, Any] = {}
+        self._capacity, self._points, self._chunks = capacity, 0, 0
+
+    def append(self, columns: Mapping[str, Any]) -> None:
+        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH.
+
+        The arrays must not change afterwards: a single chunk's become the cloud's own.
+        """
+        expected = self._columns or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
+        if set(columns) != set(expected):
+            differing = ", ".join(sorted(set(columns) ^ set(expected)))
+            raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
+        n = len(columns["xyz_m"])
+        # What is in them is checked once, when they are a cloud.
+        checked = {a: fitted(a, columns[a], n) for a in expected}
+        self._chunks += 1
+        if self._chunks == 1:
+            self._columns, self._points = checked, n
+            return
+        end = self._points + n
+        for a, values in checked.items():
+            if is_constant(kept := self._columns[a]) and is_constant(values) and (kept[0] == values[0]).all():
+                self._columns[a] = np.broadcast_to(kept[0], (end, *kept.shape[1:]))
+                continue
+            self._columns[a] = self._with_room(kept, end)
+            self._columns[a][self._points : end] = values
+        self._points = end
+
+    def add(self, cloud: Cloud) -> None:
+        """Add the points of a cloud; the first's names and metadata are those of what is built."""
+        if not self._description:
+            self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
+        self.append({c: getattr(cloud, c) for c in (MEASURED + TRUTH if cloud.has_truth else MEASURED)})
+
+    def _with_room(self, column: Array, end: int) -> Array:
+        """The column, or its points in a longer one if it is the first chunk's or too short."""
+        if self._chunks > 2 and len(column) >= end:
+            return column
+        room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
+        longer = np.zeros((room, *column.shape[1:]), column.dtype)
+        longer[: self._points] = column[: self._points]
+        return longer
+
+    def fields(self, **description: Any) -> Fields:
+        """Everything appended, as keyword arguments of PointCloud, with names and metadata if given.
+
+        The builder is empty afterwards. Nothing appended: those of a cloud of no points, with truth.
+        """
+        columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
+        if not columns:
+            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
+        described = self._description | description
+        self._columns, self._description, self._points, self._chunks = {}, {}, 0, 0
+        return columns | described
