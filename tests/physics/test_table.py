@@ -76,7 +76,7 @@ def test_snr_at_100_m(sensor, expected):
 
 
 # The first reference had 414.434 m for the APD at 50 klux; (19) written out with SciPy's constants and root finder
-# gives 414.464 as this code does, and every other number of the table agrees: a slip of the pen there (docs/validation.md).
+# gives 414.464 as this code does, and every other number of the table agrees: a slip of the pen.
 @pytest.mark.parametrize(
     ("klux", "apd_m", "sipm_m"),
     [(100, 350.605, 280.871), (50, 414.464, 347.782), (10, 593.591, 539.426), (1, 817.209, 971.009)],
