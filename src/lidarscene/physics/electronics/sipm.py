@@ -4,7 +4,7 @@ Counts are fired cells within one dead time. Two models of the background stand 
 
 ``published``     (23)-(27) as printed: every dead time starts with all cells alive.
 ``steady_state``  derived: a cell that is dead for tau after each firing, under a rate r, is busy
-                  x / (1 + x) of the time, x = r tau; busy cells are binomial: (T16), docs/theory.md 6.
+                  x / (1 + x) of the time, x = r tau; busy cells are binomial. PHYSICS.md, section 3.
 
 At Table 1 the two give 125.7 and 109.6 busy cells; the scene simulation uses the derived one.
 """

@@ -3,7 +3,7 @@
 The echo's own shot noise grows along its edge, so one standard normal deviate z sets the noise
 n(s) = z sigma(s) at every signal level s, with sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 (13). The
 comparator trips where s + n(s) = U, which is a quadratic in s; the echo is found if and only if its peak
-reaches that level, so that P_d = Q((U - peak) / sigma(peak)) exactly: (T22) and (T25), docs/theory.md 8.
+reaches that level, so that P_d = Q((U - peak) / sigma(peak)) exactly. PHYSICS.md, section 5.
 """
 
 from __future__ import annotations
