@@ -5,6 +5,7 @@ import dataclasses
 import chain
 import numpy as np
 import pytest
+from table_1 import K_PD, P_RS, M, sigma_18
 
 from lidarscene.air_light import overlap_of
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
@@ -39,19 +40,15 @@ def of_centre(cloud):
 
 @pytest.mark.parametrize("rays", [1, 3, 7, 19, 64])
 def test_a_plane_wider_than_the_spot_gives_the_lidar_equation(rays):
-    """(5) at any number of rays. Tolerance 1e-4 of the issue: the farthest ray of a beam with 1.5 mrad of half angle
-    has 2e-6 more range and tilt; single precision of the sum of 64 terms is 1e-6.
+    """(5) at any number of rays, over (18) with the sun of (8), all typed out. Tolerance 1e-4 of the issue: the
+    farthest ray of a beam with 1.5 mrad of half angle has 2e-6 more range and tilt; single precision of the sum of 64
+    terms is 1e-6.
     """
     sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
     scene = chain.scene(chain.facing(range_m=80.0, size_m=20.0))
     cloud = of_centre(Simulator(scene, sensor, rays=rays).render(seed=1))
-    power = radiometry.echo_power_w(
-        peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=0.1 / np.pi, range_m=80.0, transmittance=0.98,
-        aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
-    )  # fmt: skip
-    alone = of_centre(Simulator(scene, sensor).render(seed=1))
-    gain = alone.snr[0] / power
-    assert cloud.snr[0] == pytest.approx(gain * power, rel=1e-4)
+    power = 0.98**2 * 0.7206 * 0.1 * 45.0 * np.pi * 0.025**2 / (np.pi * 80.0**2)
+    assert cloud.snr[0] == pytest.approx(K_PD * M * power / sigma_18(P_RS), rel=1e-4)
     assert cloud.true_range_m[0] == pytest.approx(80.0, abs=1e-4)
 
 

@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 import trains
-from scipy.stats import chi2, norm
+from scipy.optimize import brentq
+from scipy.stats import chi2, kstest, norm
 from trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 
+from lidarscene import returns
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.echoes import Echoes
 from lidarscene.errors import InputError
-from lidarscene.physics import sampling
+from lidarscene.physics import sampling, saturation
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 SHOTS = 20_000
@@ -37,6 +40,74 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
     signal = float(equipped.working_point(light.background_power_w[:1]).signal(np.array([power]))[0])
     return (stop.range_m - range_m)[kept], stop.amplitude[kept] / signal, width_s[kept]
+
+
+def alone(equipped, snr, road, *, seed=6):
+    """One echo of this SNR at 100 m, many times, by either road: ranges and amplitudes, its power, working point."""
+    power, every = trains.power_at_snr(equipped, snr), np.ones(SHOTS)
+    if road == "several":
+        stop = detect(train(100.0 * every[:, None], power), equipped, seed=seed).stops[0]
+    else:
+        light = Echoes(
+            found=every > 0.0, range_m=100.0 * every, peak_power_w=power * every,
+            background_power_w=trains.BACKGROUND_W * every,
+        )  # fmt: skip
+        pulse = np.arange(SHOTS, dtype=np.uint32)
+        stop = returns.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
+    kept = stop.reported & (stop.status == 0)
+    assert kept.mean() > 0.999  # a false alarm or two
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    return stop.range_m[kept], stop.amplitude[kept], power, point
+
+
+@pytest.mark.parametrize("road", ["one", "several"])
+@pytest.mark.parametrize(("name", "snr"), [("table1-apd", 30.0), ("table1-sipm", 20.0)])
+def test_noise_of_the_tdcs_amplitude(name, snr, road):
+    """A pole of bandwidth B keeps exp(-2 pi B t) of the edge's deviate for the peak, t later; the rest is new.
+
+    The raw range tells the edge's deviate of each shot: a level s = signal(P g(t)) was reached where s + z sigma(s)
+    = U. What the peak has beyond that must be standard normal and know nothing of z: Kolmogorov and Smirnov, and a
+    correlation, at 1e-4 each. B is 20 MHz, so that half of the deviate is kept.
+    """
+    equipped = sensor(name, "tdc.bandwidth_mhz=20", "tdc.walk='raw'")
+    range_m, amplitude, power, point = alone(equipped, snr, road)
+    early_s = (range_m - 100.0) / HALF_C
+
+    def sigma(signal):
+        return np.sqrt(point.noise[0] ** 2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
+
+    level = point.signal(power * np.exp(-0.5 * (early_s / SIGMA_S) ** 2))
+    deviate = (equipped.threshold(point)[0] - level) / sigma(level)
+    assert kstest(deviate, "norm").pvalue > 1e-4
+    peak = point.signal(np.array([power]))[0]
+    of_peak = (amplitude - peak) / sigma(peak)
+    kept = np.exp(-2.0 * math.pi * 20e6 * np.abs(early_s))
+    assert 0.3 < kept.mean() < 0.7
+    fresh = (of_peak - kept * deviate) / np.sqrt(1.0 - kept**2)
+    assert kstest(fresh, "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(fresh, deviate)[0, 1]) < norm.isf(0.5e-4) / math.sqrt(SHOTS)
+
+
+@pytest.mark.parametrize("road", ["one", "several"])
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_walk_that_the_amplitude_tells(name, road):
+    """Shot by shot: corrected less raw is how long before its peak a pulse of the measured height is at U.
+
+    Reference: t = sigma_p sqrt(2 ln(P / P_U)); of the APD the ratio of powers is that of the signals, of N free cells
+    it is ln(1 - s / N) / ln(1 - U / N). Tolerance: rounding.
+    """
+    raw_m, raw_amplitude, _, _ = alone(sensor(name, "tdc.walk='raw'"), 15.0, road)
+    equipped = sensor(name)
+    range_m, amplitude, _, point = alone(equipped, 15.0, road)
+    level = equipped.threshold(point)[0]
+    np.testing.assert_array_equal(raw_amplitude, amplitude)
+    ratio = amplitude / level
+    if name == "table1-sipm":
+        free = 400.0 - point.busy[0]
+        ratio = np.log1p(-amplitude / free) / np.log1p(-level / free)
+    np.testing.assert_allclose(
+        range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("snr", [30.0, 100.0, 300.0])
@@ -139,15 +210,55 @@ def test_levels_tell_a_broad_echo_from_a_tall_one():
     assert alone[0].mean() < -0.1
 
 
+@pytest.mark.parametrize(("name", "snr"), [("table1-apd", 50.0), ("table1-sipm", 20.0)])
 @pytest.mark.parametrize("walk", ["raw", "none"])
-def test_levels_without_walk_correction_are_the_tdc(walk):
-    """Raw and known walks are those of the first comparator, shot by shot."""
-    for one, other in zip(
-        readings(50.0, *LEVELS, f"tdc.walk='{walk}'")[:1],
-        readings(50.0, f"tdc.walk='{walk}'")[:1],
-        strict=True,
-    ):
-        np.testing.assert_allclose(one, other, atol=1e-9)
+def test_levels_without_walk_correction_are_the_tdc(walk, name, snr):
+    """Raw and known walks are those of the first comparator, shot by shot; a known one is that of a clean pulse."""
+    by_levels = readings(snr, *LEVELS, f"tdc.walk='{walk}'", name=name)[0]
+    alone_m = readings(snr, f"tdc.walk='{walk}'", name=name)[0]
+    np.testing.assert_allclose(by_levels, alone_m, atol=1e-9)
+    if walk == "none":
+        equipped = sensor(name)
+        point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+        ratio = trains.power_at_snr(equipped, snr) / point.power_w(equipped.threshold(point))[0]
+        raw_m = readings(snr, *LEVELS, "tdc.walk='raw'", name=name)[0]
+        np.testing.assert_allclose(
+            by_levels - raw_m, HALF_C * SIGMA_S * math.sqrt(2.0 * math.log(ratio)), atol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "recovery_s"), [("table1-sipm", None), ("table1-apd", None), ("table1-apd", 5e-9)]
+)
+def test_walk_that_the_levels_tell(name, recovery_s):
+    """Shot by shot: half of the width of an even pulse, also of a SiPM, whose cells saturate but whose edges pass a
+    level at the same power. Of a pulse that drains, what a clean one of this width is early by.
+
+    Reference: the width of a clean pulse (`width_at_level_s`, which a grid of 1 ps holds) solved for its peak by SciPy.
+    """
+    drains = [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
+    options = [*LEVELS, *drains]
+    snr = 20.0 if name == "table1-sipm" else 200.0
+    error_m, _, width_s = readings(snr, *options, name=name)
+    raw_m, _, _ = readings(snr, *options, "tdc.walk='raw'", name=name)
+    early_s = 0.5 * width_s
+    if recovery_s is not None:
+        equipped = sensor(name, *options)
+        point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+        level = equipped.threshold(point)[0]
+        error_m, raw_m, width_s = error_m[:200], raw_m[:200], width_s[:200]
+
+        def too_wide_s(overdrive, width_s):
+            return width_s - saturation.width_at_level_s(
+                level=level, signal=level * np.exp(overdrive), saturation=2e-6, fwhm_s=FWHM_S, recovery_s=recovery_s
+            )
+
+        overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(one,), xtol=1e-12) for one in width_s])
+        assert np.exp(overdrives.mean()) * level > 4e-6  # they do clip
+        early_s = SIGMA_S * np.sqrt(2.0 * overdrives)
+        assert np.abs(early_s / (0.5 * width_s) - 1.0).min() > 0.05
+    # Of the table: bisection to 1e-7 of the overdrive.
+    np.testing.assert_allclose(error_m - raw_m, HALF_C * early_s, rtol=1e-6, atol=1e-9)
 
 
 def test_two_pulses_in_one_window_are_read_apart():
@@ -180,3 +291,15 @@ def test_mistakes_are_told(overrides, message):
         sensor("table1-apd", *overrides)
     assert message in str(told.value), str(told.value)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(("rate_mhz", "samples"), [(1e3 / 6.0, 5), (41e3, 985), (42625, 1024)])
+def test_rates_at_their_limits(rate_mhz, samples):
+    """One sample in a pulse of 6 ns is the least that is taken, 1024 in four pulse widths the most, ends included."""
+    adc = sensor("table1-apd", *ADC, f"sampler.rate_mhz={rate_mhz!r}").sampler
+    assert (adc.samples, adc.rate_hz) == (samples, rate_mhz * 1e6)
+    assert adc.room > samples
+    outside = rate_mhz + math.copysign(0.01, samples - 100)
+    if samples in (5, 1024):
+        with pytest.raises(InputError, match=r"sampler\.rate_mhz: at (least|most)"):
+            sensor("table1-apd", *ADC, f"sampler.rate_mhz={outside!r}")
