@@ -53,7 +53,9 @@ class Lidar:
 
     @property
     def sun_w(self):
-        lit = self.sun * self.klux / 100.0 * self.efficiency_sun * 0.98 * self.rho * math.cos(math.radians(60))
+        lit = (
+            self.sun * self.klux / 100.0 * self.efficiency_sun * 0.98 * self.rho * math.cos(math.radians(60))
+        )
         return lit * self.aperture * (self.pixel / 0.03) ** 2
 
     @property
@@ -68,9 +70,10 @@ class Lidar:
         """Peak signal at this range and noise without it: currents over gain 1, or cells."""
         if self.kind == "apd":
             response, excess = e * self.qe / PHOTON, self.gain**self.index
-            variance = 2 * e * self.band * (
-                self.gain**2 * excess * (response * self.sun_w + 1e-10) + 1e-10
-            ) + 4 * k * 300 * self.band / 1e4
+            variance = (
+                2 * e * self.band * (self.gain**2 * excess * (response * self.sun_w + 1e-10) + 1e-10)
+                + 4 * k * 300 * self.band / 1e4
+            )
             return response * self.gain * self.echo_w(r), math.sqrt(variance)
         if self.kind == "printed":
             trigger, dark = math.exp(-self.pde / self.cells) - 1, self.cells * 2007 * 6e-9
@@ -193,7 +196,8 @@ CLAIMS = {
     "improve the APD's SNR": [n for one in ({"qe": 0.77}, {"watts": 49.5}, {"efficiency_sun": 0.9 * 0.7986})
                               for n in (10, percent(replace(APD, **one).snr(100.0) / APD.snr(100.0)))],
     "maximises the SNR": [BEST, AT["best"], 100, 100, 80, APD.snr(100.0)],
-    "optical noise equals": [MULTIPLIED * BEST**2.3 / REST, 2, EQUAL, AT["equal"], 100 * (1 - AT["equal"] / AT["best"])],
+    "optical noise equals": [MULTIPLIED * BEST**2.3 / REST, 2, EQUAL, AT["equal"],
+                             100 * (1 - AT["equal"] / AT["best"])],
     "better sensitivity": [200, 100, fired(200, 0.1, 100), 10, fired(200, 0.6, 100), 60,
                            100 * fired(200, 0.1, 100) / 20, 100 * fired(200, 0.6, 100) / 120],
     "more dynamic range": [10, *(n for cells in (100, 400) for n in (
@@ -256,7 +260,7 @@ ERRATA = [
     [100 * (1 - 2**-0.25), percent(2**0.25), BOUNDS[0] * 2**0.25, BOUNDS[0]],
     [*BOUNDS, *PLAIN],
     [2 / 0.3, BEST, EQUAL, 100, AT["best"], AT["equal"]],
-    [0.95, 0.7, 0.05**-0.7, 1 / (1 - 0.95**0.7), 1],
+    [0.95, 0.7, 0.05**-0.7, 1 / (1 - 0.95**0.7)],
     [BUSY, BUSY_STEADY, 2000, fired(2000, 0.22, 400), 400 * 1.1 / 2.1],
     [BUSY * (1 - BUSY / 400), BUSY_STEADY * (1 - BUSY_STEADY / 400)],
     [LIMIT, STEADY.range_m],
@@ -271,7 +275,7 @@ ERRATA = [
 """Sizes, in the order of the page."""
 
 CAPTIONS = {
-    "fig-4e": [1, 100, EQUAL, 2, BEST],
+    "fig-4e": [100, EQUAL, 2, BEST],
     "fig-6a": [100, 0, 5, *of(APD, PRINTED, STEADY)],
     "fig-6c": [0, *KLUX, DARK[2], DARK[1]],
 }

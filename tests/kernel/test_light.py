@@ -9,7 +9,7 @@ from table_1 import K_PD, P_RS, M, sigma_18
 
 from lidarscene.air_light import overlap_of
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics import radiometry, soft_target
+from lidarscene.physics import soft_target
 from lidarscene.physics.pulse import gaussian_pulse
 from lidarscene.returns import Status
 from lidarscene.scene import Air

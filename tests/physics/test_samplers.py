@@ -236,7 +236,9 @@ def test_walk_that_the_levels_tell(name, recovery_s):
 
     Reference: the width of a clean pulse (`width_at_level_s`, which a grid of 1 ps holds) solved for its peak by SciPy.
     """
-    drains = [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
+    drains = (
+        [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
+    )
     options = [*LEVELS, *drains]
     snr = 20.0 if name == "table1-sipm" else 200.0
     error_m, _, width_s = readings(snr, *options, name=name)
@@ -250,7 +252,11 @@ def test_walk_that_the_levels_tell(name, recovery_s):
 
         def too_wide_s(overdrive, width_s):
             return width_s - saturation.width_at_level_s(
-                level=level, signal=level * np.exp(overdrive), saturation=2e-6, fwhm_s=FWHM_S, recovery_s=recovery_s
+                level=level,
+                signal=level * np.exp(overdrive),
+                saturation=2e-6,
+                fwhm_s=FWHM_S,
+                recovery_s=recovery_s,
             )
 
         overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(one,), xtol=1e-12) for one in width_s])

@@ -112,7 +112,9 @@ def test_indices_at_their_limits(attribute: str) -> None:
         if -1 <= index <= last:
             assert getattr(small_cloud(**among_others), attribute)[2] == index
             continue
-        with pytest.raises(ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"):
+        with pytest.raises(
+            ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"
+        ):
             small_cloud(**among_others)
 
 
