@@ -145,7 +145,7 @@ def test_response_and_its_inverse(name):
     ],
 )
 def test_a_working_point_finds_the_power_of_its_own_signal(overrides, rtol):
-    """Up to two thirds of the free cells. (22) as printed and derived are 3e-4 apart, so that neither undoes the other."""
+    """Up to two thirds of the free cells. (22) as printed and derived are 3e-4 apart: neither undoes the other."""
     sensor = load_sensor("table1-sipm" if overrides else "table1-apd", overrides=overrides)
     point = sensor.working_point(np.array([2.5e-8]))
     power = np.geomspace(1e-9, 1.5e-7, 25)

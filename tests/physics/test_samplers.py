@@ -198,6 +198,20 @@ def test_noise_of_samples_in_a_row(bandwidth_mhz):
     assert error_m.std() == pytest.approx(wanted_m, rel=0.06)
 
 
+def test_width_that_samples_tell():
+    """Samples over the threshold, anywhere on the clock: on average rate times the time that the pulse is over it.
+
+    To five deviations of the mean, and 1 % for noise at the edges; each is a whole number of samples.
+    """
+    for snr in (30.0, 100.0):
+        _, _, width_s = readings(snr, *WHITE, *ADC)
+        wanted_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(snr / 7.0))
+        assert width_s.mean() == pytest.approx(
+            wanted_s, abs=5.0 * width_s.std() / math.sqrt(SHOTS) + 0.01 * wanted_s
+        )
+        np.testing.assert_allclose(width_s * 1e9, np.rint(width_s * 1e9), atol=1e-9)
+
+
 def test_quantisation_noise():
     """Coarse steps add step / sqrt(12) to the noise of a sample, which the matched filter passes on to the amplitude.
 
