@@ -333,6 +333,33 @@ def test_walk_that_the_levels_tell(name, recovery_s):
     np.testing.assert_allclose(error_m - raw_m, HALF_C * early_s, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize(("dip", "apart"), [(0.7, False), (0.3, True)])
+def test_samples_end_below_half_of_the_threshold(dip, apart):
+    """Two equal echoes with a dip between them, in thresholds: the window closes below a half and not above it.
+
+    Reference: the centroid of a waveform without noise at all phases of the clock, of all samples of the window that
+    are over the threshold or of those of the first echo. The threshold is 50 of the noise: half of it is 10 off the
+    dip. Tolerance: five deviations of the mean and 1 % of sigma_p.
+    """
+    snr = 1400.0
+    places = math.sqrt(8.0 * math.log(2.0 * snr / (50.0 * dip)))  # exp(-d^2 / 8) twice is the dip
+    error_m, _, _ = readings(
+        2.0 * snr, *WHITE, *ADC, "tdc.threshold_to_noise=50", "sampler.estimator='centroid'",
+        sub_echoes=((0.0, 0.5), (places * SIGMA_M, 0.5)),
+    )  # fmt: skip
+    crossing = -math.sqrt(2.0 * math.log(snr / 50.0))
+    spacing, width = 1e-9 / SIGMA_S, FWHM_S / SIGMA_S
+    centroids = []
+    for phase in (np.arange(500) + 0.5) / 500.0:
+        at = crossing - width + spacing * (phase + np.arange(25))
+        height = snr * (np.exp(-0.5 * at**2) + np.exp(-0.5 * (at - places) ** 2))
+        kept = (height >= 50.0) & ((at < 0.5 * places) | (not apart))
+        centroids.append((at * height)[kept].sum() / height[kept].sum())
+    assert (np.mean(centroids) < 0.01) == apart
+    tolerance = 5.0 * error_m.std() / math.sqrt(len(error_m)) + 0.01 * SIGMA_M
+    assert error_m.mean() == pytest.approx(np.mean(centroids) * SIGMA_M, abs=tolerance)
+
+
 def test_two_pulses_in_one_window_are_read_apart():
     """Two echoes 4 m apart, with the waveform below half of the threshold between them: each at its own place."""
     equipped = sensor("table1-apd", *WHITE, *ADC, "tdc.stops=2")
