@@ -444,6 +444,26 @@ def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
     assert set(whole.interactions) >= {0, 1}
 
 
+def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
+    """As docs/architecture.md has it: a frame that glass has left needs nothing new; one that it has come into does."""
+    aside = dataclasses.replace(
+        pane(10.0, 6.0), motion=Course(start=pane(10.0, 6.0).pose, velocity_m_s=(0.0, 100.0, 0.0))
+    )
+    described = chain.scene(aside, chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS)
+    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
+    left, come = Simulator(described, sensor), Simulator(described, sensor, interactions=2)
+    cloud, before = kernels(left, seed=1)
+    assert set(cloud.interactions) == {0, 1}
+    cloud, later = kernels(left, seed=2, begin_s=2.0)
+    assert set(cloud.interactions) == {0}
+    launches.assert_none_is_new(later, before)
+    _, before = kernels(come, seed=1, begin_s=2.0)
+    _, first = kernels(come, seed=1)
+    _, later = kernels(come, seed=2)
+    assert max(kernel["operation_count"] for kernel in launches.new(first, before)) > 3000
+    launches.assert_none_is_new(later, [*before, *first])
+
+
 def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_be():
     """Rationale: with no interactions it makes no difference whether panes are traced apart. Reference: each other."""
     described = chain.scene(
