@@ -7,6 +7,7 @@ import numpy as np
 from lidarscene import load_sensor, multi_echo, noise
 from lidarscene.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.echoes import EchoTrain, SubEchoes
+from lidarscene.kernel import device
 from lidarscene.physics import tdc
 from lidarscene.physics.waveform import SIGMAS_PER_FWHM
 from lidarscene.waveform import sampled
@@ -60,23 +61,23 @@ def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
     return range_m, power
 
 
-def on_device(light, mi):
-    """The same train on the device."""
+def on_device(light):
+    """The same train on the device, always at the same alignment: that would become part of the kernels."""
     upload = {
         "parts": tuple(
             replace(
-                part, range_m=mi.Float(part.range_m.astype(np.float32)),
-                peak_power_w=mi.Float(part.peak_power_w.astype(np.float32)),
+                part, range_m=device.from_numpy(part.range_m),
+                peak_power_w=device.from_numpy(part.peak_power_w),
             )
             for part in light.parts
         ),
-        "found": mi.Bool(light.found),
-        "background_power_w": mi.Float(light.background_power_w.astype(np.float32)),
+        "found": device.unsigned_numbers(light.found) != 0,
+        "background_power_w": device.from_numpy(light.background_power_w),
     }  # fmt: skip
     if light.volume is not None:
         air = light.volume
         upload["volume"] = replace(
-            air, scale=mi.Float(air.scale.astype(np.float32)), end_m=mi.Float(air.end_m.astype(np.float32))
+            air, scale=device.from_numpy(air.scale), end_m=device.from_numpy(air.end_m)
         )
     return replace(light, **upload)
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import chain
+import launches
 import numpy as np
 import pytest
 from table_1 import K_PD, P_RS, M, sigma_18
@@ -104,24 +105,20 @@ def test_chunks_and_frames_do_not_show():
 
 def test_a_second_frame_compiles_nothing():
     """With rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
-    import drjit as dr
-
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
     wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=8.0))
     scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=wet)
     first = Simulator(scene, sensor, rays=3)
-    first.render(seed=0, chunk=6000)
+    with launches.launched() as before:
+        first.render(seed=0, chunk=6000)
     denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=12.0)))
     wider = chain.sensor(
         "table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2"
     )
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
+    with launches.launched() as later:
         first.render(seed=1, number=2, chunk=9000)
         Simulator(denser, wider, world=first.world, rays=3).render(seed=2)
-        launched = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-    assert launched
-    assert not [k for k in launched if not k["cache_hit"]]
+    launches.assert_none_is_new(later, before)
 
 
 def test_fog_is_the_first_return_and_the_wall_the_last():
