@@ -1,9 +1,11 @@
-"""The pages of the documentation and what stands in them: blocks, spans, files, commands."""
+"""The pages of the documentation and what stands in them: blocks, spans, files, commands, numbers."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -79,3 +81,77 @@ def make_workplace(folder: Path, page: Path, monkeypatch: pytest.MonkeyPatch) ->
 def in_order(page: Path) -> Iterator[Block]:
     """The blocks that do something, from the top of the page to its end."""
     return (block for block in blocks(page) if block.language in ("python", "sh"))
+
+
+# --- numbers ----------------------------------------------------------------------------------------
+
+NEAR = type(pytest.approx(0.0))
+WORDS = "zero one two three four five six seven eight nine ten eleven twelve".split()
+PLAIN = r"(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?"
+SIGNED = rf"[-+]?{PLAIN}"
+WORD = r"\b(?:" + "|".join(WORDS[1:]) + r")\b"
+
+
+def value_of(printed: str) -> tuple[float, float]:
+    """A number as printed (`49,643`, `-0.07`, `2.9e-4`, `seven`) and half a unit of its last digit."""
+    if printed.lower() in WORDS:
+        return float(WORDS.index(printed.lower())), 0.0
+    number = Decimal(re.sub("[ ,]", "", printed))
+    exponent = number.as_tuple().exponent
+    assert isinstance(exponent, int)
+    return float(number), 0.5 * 10.0**exponent
+
+
+def differs(printed: str, computed: Any) -> str:
+    """Why this is not the computed number to the digits printed, or nothing.
+
+    An approximation of pytest says its own tolerance, a string is meant word for word.
+    """
+    if isinstance(computed, str):
+        return "" if printed == computed else f"the page says {printed}, which is {computed}"
+    value, half = value_of(printed)
+    if isinstance(computed, NEAR):
+        return "" if value == computed else f"the page says {printed}, computed {computed}"
+    # The last digit may be rounded either way where the computed one lies in the middle.
+    right = abs(value - float(computed)) <= half * (1.0 + 1e-6) + 1e-12 * abs(value)
+    return "" if right else f"the page says {printed}, computed {float(computed):.9g}"
+
+
+def says(page: str, words: str, *computed: Any) -> None:
+    """These words stand on the page once, and the numbers in place of each `{}` are the computed ones.
+
+    Line breaks do not count.
+    """
+    path = README if page == README.name else ROOT / "docs" / page
+    parts = [r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in words.split("{}")]
+    pattern = f"({SIGNED}|{WORD})".join(parts)
+    found = re.findall(rf"(?<![\d.]){pattern}(?![\d%])", text_of(path), re.IGNORECASE)
+    assert len(found) == 1, f"{page} says {len(found)} times: {words}"
+    printed = [found[0]] if isinstance(found[0], str) else list(found[0])
+    if "{}" not in words:
+        printed = []
+    compare(f"{page}: {words}", printed, computed)
+
+
+def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None:
+    assert len(printed) == len(computed), f"{where}: {len(printed)} numbers, {len(computed)} computed"
+    wrong = [why for pair in zip(printed, computed, strict=True) if (why := differs(*pair))]
+    assert not wrong, f"{where}: {'; '.join(wrong)}"
+
+
+def table(page: str, header: str) -> list[list[str]]:
+    """The cells of the one table whose heading line begins so, row by row, without the heading."""
+    path = README if page == README.name else ROOT / "docs" / page
+    pattern = rf"^ *\| {re.escape(header)}.*\n *\|[-:| ]+\|\n((?: *\|.*\n?)+)"
+    (body,) = re.findall(pattern, text_of(path), re.MULTILINE)
+    return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in body.splitlines()]
+
+
+def numbers(cell: str) -> list[str]:
+    """The numbers in a cell, without those of names in code."""
+    return re.findall(rf"(?<![\w.^-]){SIGNED}(?![\d.]*\w)", re.sub(r"`[^`]*`", "", cell))
+
+
+def row_says(row: Sequence[str], *computed: Any) -> None:
+    """All numbers of a row of a table, from the left to the right, are the computed ones."""
+    compare(" | ".join(row), [number for cell in row for number in numbers(cell)], computed)
