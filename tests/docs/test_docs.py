@@ -273,13 +273,15 @@ def limits(schema: Any) -> set[float]:
         return set().union(*map(limits, schema))
     if not isinstance(schema, dict):
         return set()
-    bounds = {float(value) for key, value in schema.items() if re.match("(exclusive)?(min|max)", key, re.IGNORECASE)}
+    bounds = {
+        float(value) for key, value in schema.items() if re.match("(exclusive)?(min|max)", key, re.IGNORECASE)
+    }
     return bounds.union(*map(limits, schema.values()))
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_limits_of_keys(name: str) -> None:
-    """"300 to 2500", "up to 45", "1 or more": the model has these bounds."""
+    """ "300 to 2500", "up to 45", "1 or more": the model has these bounds."""
     properties = MODELS[name].model_json_schema()["properties"]
     for key, (_, meaning) in keys_of(name).items():
         words = re.sub(r"`[^`]*`|\([^)]*\)|up to 1.5 it is a point", "", meaning)

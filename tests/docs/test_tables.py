@@ -13,7 +13,14 @@ from scipy.stats import norm
 from lidarscene import catalog, load_sensor
 from lidarscene.analysis import catalog_check, paper_case, ranging
 from lidarscene.analysis.eye_safety import eye_safety_report
-from lidarscene.analysis.paper_case import TABLE_1, apd_lidar, range_m, sipm_counts, sipm_derived, sipm_printed
+from lidarscene.analysis.paper_case import (
+    TABLE_1,
+    apd_lidar,
+    range_m,
+    sipm_counts,
+    sipm_derived,
+    sipm_printed,
+)
 from lidarscene.analysis.paper_errata import closed_forms
 from lidarscene.io import pvlib_door
 from lidarscene.physics import sipm, solar_spectrum, tdc
@@ -30,7 +37,10 @@ def literals(file: str) -> set[float]:
         for node in ast.walk(ast.parse(text_of(ROOT / file)))
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
     }
-    words = {float(n.replace("_", "")) for n in re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text_of(ROOT / file))}
+    words = {
+        float(n.replace("_", ""))
+        for n in re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text_of(ROOT / file))
+    }
     return {round(k * n, 12) for n in written for k in (1.0, 100.0)} | words
 
 
@@ -160,7 +170,9 @@ def test_beams_of_the_catalogue() -> None:
             if "from" in printed:
                 told.append(laser.exit_diameter_m)
             row_says([printed], *(1e3 * float(one) for one in told))
-    shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation")))
+    shown = re.findall(
+        r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation"))
+    )
     wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
     assert sorted(shown) == wide
 
@@ -220,9 +232,7 @@ def test_ranges_of_the_sipm() -> None:
 
 def test_sun() -> None:
     pytest.importorskip("pvlib")
-    spectra = {
-        name: pvlib_door.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")
-    }
+    spectra = {name: pvlib_door.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
     for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
         spectrum = spectra[name.split("`")[1]]
         row_says([w_m2], solar_spectrum.total_irradiance_w_m2(spectrum))
@@ -241,7 +251,13 @@ def test_sun() -> None:
     (row,) = table("sun.md", "nm | 850")
     row_says(row[1:], *(mean(nm) for nm in (850, 905, 940, 1064, 1550)))
     says("sun.md", "the spectrum is {} % above its mean", 100.0 * (mean(905, 0.01) / mean(905) - 1.0))
-    says("sun.md", "With {} W/m2/nm, the mean over {} nm alone, it would be {} nm", mean(905), 20, 29.4 / mean(905))
+    says(
+        "sun.md",
+        "With {} W/m2/nm, the mean over {} nm alone, it would be {} nm",
+        mean(905),
+        20,
+        29.4 / mean(905),
+    )
     says("sun.md", "{} W/m2/nm around 885 nm", mean(885))
     says("sun.md", "With a 20 nm box the same sensor would see {} W/m2", 20.0 * mean(905))
 
