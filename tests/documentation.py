@@ -131,20 +131,19 @@ def differs(printed: str, computed: Any) -> str:
     return "" if right else f"the page says {printed}, computed {float(computed):.9g}"
 
 
-def says(page: str, words: str, *computed: Any) -> None:
-    """These words stand on the page once, and the numbers in place of each `{}` are the computed ones.
-
-    Line breaks do not count.
-    """
+def told(page: str, words: str) -> list[str]:
+    """The numbers in place of each `{}` of these words, which stand on the page once. Line breaks do not count."""
     path = README if page == README.name else ROOT / "docs" / page
     parts = [r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in words.split("{}")]
-    pattern = f"({SIGNED}|{WORD})".join(parts)
-    found = re.findall(rf"(?<![\d.]){pattern}(?![\d%])", text_of(path), re.IGNORECASE)
+    pattern = rf"(?<![\d.]){f'({SIGNED}|{WORD})'.join(parts)}(?![\d%])"
+    found = list(re.finditer(pattern, text_of(path), re.IGNORECASE))
     assert len(found) == 1, f"{page} says {len(found)} times: {words}"
-    printed = [found[0]] if isinstance(found[0], str) else list(found[0])
-    if "{}" not in words:
-        printed = []
-    compare(f"{page}: {words}", printed, computed)
+    return list(found[0].groups())
+
+
+def says(page: str, words: str, *computed: Any) -> None:
+    """The numbers that `told` finds are the computed ones, to the digits printed."""
+    compare(f"{page}: {words}", told(page, words), computed)
 
 
 def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None:

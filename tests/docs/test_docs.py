@@ -281,7 +281,7 @@ def limits(schema: Any) -> set[float]:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_limits_of_keys(name: str) -> None:
-    """ "300 to 2500", "up to 45", "1 or more": the model has these bounds."""
+    """Of what is "300 to 2500", "up to 45" or "1 or more" the model has these bounds."""
     properties = MODELS[name].model_json_schema()["properties"]
     for key, (_, meaning) in keys_of(name).items():
         words = re.sub(r"`[^`]*`|\([^)]*\)|up to 1.5 it is a point", "", meaning)

@@ -1,13 +1,14 @@
 """Numbers of the guides: counts, defaults and limits against the code's own constants, and what a short sum gives."""
 
 import argparse
+import ast
 import math
 import re
 from typing import get_args
 
 import numpy as np
 import pytest
-from documentation import README, prose, row_says, says, table, text_of
+from documentation import PLAIN, README, ROOT, prose, row_says, says, table, text_of
 from test_docs import ARCHITECTURE, MODELS
 
 from lidarscene import catalog, cli, load_sensor, noise
@@ -142,16 +143,16 @@ def test_conventions() -> None:
     stages = {name: getattr(noise, name) for name in vars(noise) if name.startswith("STAGE_")}
     says(
         "conventions.md",
-        "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, {} trailing edges of a multi-level TDC, "
-        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
+        "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
+        "{} trailing edges of a multi-level TDC, {} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
         *(stages[f"STAGE_{name}"] for name in (
-            "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE", "AMBIENT",
-            "PARTICLES", "GAPS",
+            "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
+            "AMBIENT", "PARTICLES", "GAPS",
         )),
     )  # fmt: skip
     assert len(stages) == 10
     says(
-        "conventions.md", "`status` of a point (`returns.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
+        "conventions.md", "(`returns.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
         Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
     )  # fmt: skip
     says(
@@ -305,9 +306,25 @@ def test_sensors() -> None:
     says(
         "sensors.md",
         "| {} beams at once, {} columns",
-        len(np.asarray(os1.elevation_rad.values)),
-        os1.cycles_per_turn,
+        os1.lasers,
+        os1.cycles,
     )
+
+
+def test_one_laser_at_a_time() -> None:
+    scanner = load_sensor("hdl-32e").scanner
+    (step_us,) = np.unique(np.round(1e6 * np.diff(np.sort(scanner.firing_s)), 6))
+    says("sensors.md", "one laser at a time every {} us", step_us)
+    fields = {
+        "livox-mid-40": "speeds of HELIOS++, {} degrees for 38.4",
+        "livox-avia": "six beams of HELIOS++, {} x {} degrees for 70.4 x 77.2",
+        "livox-horizon": "fitted to the field of {} x {} degrees",
+    }
+    for name, words in fields.items():
+        scanner = load_sensor(name).scanner
+        angles = scanner.angles(np.arange(10 * scanner.pulses, dtype=np.uint32))
+        across = np.degrees([np.ptp(np.asarray(angle)) for angle in angles])
+        says("sensors.md", words, *(pytest.approx(a, abs=0.2) for a in across[: words.count("{}")]))
 
 
 # --- eye safety -------------------------------------------------------------------------------------
@@ -346,3 +363,26 @@ def test_every_choice_of_fog_is_named() -> None:
     kinds = MODELS["WeatherFile"].model_fields["fog"].annotation
     told = re.findall(r'fog = "(\w+)"` \|', text_of(README.parent / "docs" / "weather.md"))
     assert set(told) == set(get_args(get_args(kinds)[0]))
+
+
+UNITS = {"ps": 1e-12, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "nm": 1e-9, "mrad": 1e-3, "mm": 1e-3}
+
+
+@pytest.mark.parametrize("header", ["nm | shortest", "factor |", "viewer |"])
+def test_limits_of_the_standard(header: str) -> None:
+    """Every constant of the three tables stands in the module that computes with them, in its units."""
+    source = (ROOT / "src" / "lidarscene" / "physics" / "eye_safety.py").read_text(encoding="utf-8")
+    tree = ast.walk(ast.parse(source))
+    written = {
+        node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+    }
+    assert math.isclose((5e-3 / 0.2) ** 2, 625e-6)  # where alpha_max begins to grow
+    for row in table("eye_safety.md", header):
+        cells = re.sub(r"625 us|\(3/8\)|10 \* ", "", " ".join(row[1:]))
+        for number, unit in re.findall(rf"(?<![\w.^])({PLAIN}) ?(ps|ns|us|ms|nm|mrad|mm)?\b", cells):
+            at = float(number) * UNITS.get(unit, 1.0)
+            scales = (1.0, 1e-9, 1e-3) if not unit or unit == "nm" else (1.0,)
+            near = any(
+                math.isclose(at * k, w) or math.isclose(float(number), w) for k in scales for w in written
+            )
+            assert near, f"{number} {unit} of {row[0]}"

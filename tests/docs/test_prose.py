@@ -36,6 +36,7 @@ from lidarscene.physics import (
     sipm_response,
     tdc,
 )
+from lidarscene.sensor import Sensor
 
 APD, SIPM = apd_lidar(), load_sensor("table1-sipm")
 LIGHT = ranging.echoes_of_plane(APD, TABLE_1, 100.0)
@@ -216,7 +217,38 @@ def test_tails() -> None:
     says("theory.md", "the Gaussian has {} times too few alarms", times)
     says("theory.md", "has {} times too few at Table 1 (`tail", times)
     says("limits.md", "the APD's avalanche has {} times as many", times)
+    equal = 5.0
+    while (
+        statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact")
+        > tail["bright"]["gaussian"]
+    ):
+        equal += 0.05
+    says("theory.md", "and TNR {} is needed for the alarms that (9) promises", pytest.approx(equal, abs=0.05))
+    off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
+    assert 0.4 < off[0.5] < 0.6
+    says(
+        "theory.md",
+        "The saddle point is {} % low with 24 primaries, {} % with 2.4",
+        100 * off[24.0],
+        100 * off[2.4],
+    )
     assert float(tail["dim"]["exact"]) > 600 * tail["dim"]["gaussian"]
+
+
+def with_threshold(tnr: float) -> Sensor:
+    return load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr}"])
+
+
+def saddle_point(primaries: float) -> float:
+    """Its share of error at worst, from one to eight standard deviations, with Table 1's avalanche and amplifier."""
+    numbers = {"primaries": primaries, "gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
+    sigma = math.hypot(311.0, 80.0 * math.sqrt(primaries * 80.0**0.3))
+    return max(
+        1.0
+        - mcintyre.tail_probability(excess=k * sigma, **numbers)
+        / mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
+        for k in (1.0, 3.0, 5.0, 8.0)
+    )
 
 
 def test_saturation() -> None:

@@ -7,7 +7,7 @@ import tomllib
 from functools import cache
 
 import pytest
-from documentation import ROOT, row_says, says, table, text_of
+from documentation import ROOT, row_says, says, table, text_of, told, value_of
 from scipy.stats import norm
 
 from lidarscene import catalog, load_sensor
@@ -287,3 +287,25 @@ def test_eye_safety_of_table_1() -> None:
     says("eye_safety.md", "at rest or scanned: {} W and {} W of peak power", *powers)
     laser = still["single pulse"].emission
     says("eye_safety.md", "has {} nJ in a pulse and {} mW in the mean", 1e9 * laser, 1e3 * 50e3 * laser)
+
+
+# --- what the tests themselves say ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("page", "words", "file"),
+    [
+        ("validation.md", "the slope formula is held at TNR {} and {}", "tests/physics/test_timing.py"),
+        ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/physics/test_timing.py"),
+        ("sipm.md", "1 to {} photons | 4 standard errors at {} shots", "tests/analysis/test_sipm_events.py"),
+        ("sipm.md", "the table against the equation | {} % |", "tests/analysis/test_sipm_events_in_render.py"),
+        ("sipm.md", "numpy against the device | {} of the SNR", "tests/kernel/test_sipm_time_domain.py"),
+        ("motion.md", "{} pulses against {} scenes, ranges and angles to {}", "tests/kernel/test_motion.py"),
+        ("fov.md", "those of a k-d tree, to {} degrees", "tests/analysis/test_fov.py"),
+        ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/test_mie.py"),
+    ],
+)  # fmt: skip
+def test_numbers_of_tests(page: str, words: str, file: str) -> None:
+    """What a page says of a test is written in that test."""
+    for number in told(page, words):
+        assert round(value_of(number)[0], 12) in literals(file), f"{page}: {number} is not in {file}"

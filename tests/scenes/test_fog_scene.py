@@ -97,7 +97,12 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(clouds):
         "gallery.md", "that at 30 m has {}, then {}, {} and {} of them",
         *(pytest.approx(n, abs=0.05 * n + 1.0) for n in told),
     )  # fmt: skip
-    says("gallery.md", "threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
+    says(
+        "gallery.md",
+        "threshold up to {} to {} m, by the background",
+        held_m(background_w=BRIGHTEST_W)[1],
+        latest,
+    )
     fog = np.asarray(foggy.status) == Status.WEATHER
     most = pytest.approx(fog.sum(), rel=1e-3)
     says(
