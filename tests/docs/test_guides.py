@@ -144,7 +144,8 @@ def test_conventions() -> None:
     says(
         "conventions.md",
         "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
-        "{} trailing edges of a multi-level TDC, {} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
+        "{} trailing edges of a multi-level TDC, "
+        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
         *(stages[f"STAGE_{name}"] for name in (
             "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
             "AMBIENT", "PARTICLES", "GAPS",
