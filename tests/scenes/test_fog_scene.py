@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from documentation import says
 from scipy.constants import c
 
 from lidarscene import load_scene, load_sensor, render
@@ -91,6 +92,26 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(clouds):
     assert points_of(clear, "cars.0") > 500
     assert points_of(foggy, "cars.0") == 0
     assert points_of(foggy, "cars.1") > 50
+    told = [points_of(foggy, f"cars.{i}") for i in range(1, 5)]
+    says(
+        "gallery.md", "that at 30 m has {}, then {}, {} and {} of them",
+        *(pytest.approx(n, abs=0.05 * n + 1.0) for n in told),
+    )  # fmt: skip
+    says(
+        "gallery.md",
+        "threshold up to {} to {} m, by the background",
+        held_m(background_w=BRIGHTEST_W)[1],
+        latest,
+    )
+    fog = np.asarray(foggy.status) == Status.WEATHER
+    most = pytest.approx(fog.sum(), rel=1e-3)
+    says(
+        "weather.md",
+        "It has {} points of fog at {} m, nothing up to {} m",
+        most,
+        np.median(foggy.range_m[fog]),
+        held_m(background_w=BRIGHTEST_W)[1],
+    )
 
 
 def points_of(cloud, name):
