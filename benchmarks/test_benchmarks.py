@@ -1,4 +1,4 @@
-"""`make bench-check`: `make bench` works end to end, in small, with every row there. How fast it is no one asks here."""
+"""`make bench-check`: `make bench` works end to end, in small, with every row there. How fast, no one asks."""
 
 import os
 import subprocess

@@ -26,7 +26,8 @@ def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
     job_file.write_text(job_file.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml"]'))
     done = subprocess.run(
         [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True, timeout=PATIENCE_S,
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True,
+        timeout=PATIENCE_S,
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
     assert [line.split()[:3] for line in done.stdout.splitlines()][1:4] == [

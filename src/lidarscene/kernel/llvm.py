@@ -220,7 +220,9 @@ def _in_linker_cache(machine: str) -> Iterator[str]:
     import subprocess
 
     try:
-        cache = subprocess.run(["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        cache = subprocess.run(
+            ["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=PATIENCE_S
+        ).stdout
     except (OSError, subprocess.TimeoutExpired):
         return
     for line in cache.splitlines():
