@@ -194,9 +194,10 @@ class _Converter(Shots):
         particle = self._on_edge(edge, rise.peak, self.surfaces, len(wave.centres))
         slope = wave.at(edge)[1]
         of_air, even = slope > 2.0 * surface.slope, slope > surface.slope + 2.0 * particle.slope
-        return (
-            ops.where(of_air, ops.where(even, -1, particle.number), surface.number),
-            wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean)),
+        range_m = wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean))
+        # Air right before the lens may trip it while the pulse still leaves.
+        return ops.where(of_air, ops.where(even, -1, particle.number), surface.number), ops.maximum(
+            range_m, 0.0
         )
 
     def _on_edge(self, edge: Array, peak: Array, first: int, end: int) -> _Brightest:
