@@ -64,13 +64,12 @@ class _Found:
 class _Brightest:
     """Of some sub-echoes at a place.
 
-    number       of the brightest
-    total, slope light of all of them, and how steeply it rises
-    mean         their mean place by light
+    number  of the brightest
+    slope   how steeply the light of all of them rises
+    mean    their mean place by light
     """
 
     number: Array
-    total: Array
     slope: Array
     mean: Array
 
@@ -185,32 +184,19 @@ class _Converter(Shots):
         Near the peak, where nothing rises any more, and in the valley what rises between them counts.
         """
         ops, wave = self.ops, self.wave
+        surface = self._brightest(rise.peak, 0, self.surfaces)
         if wave.volume is None:
-            brightest = self._brightest(rise.peak, 0, len(wave.centres))
-            return brightest.number, wave.range_m(brightest.mean)
+            return surface.number, wave.range_m(surface.mean)
         between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
         edge = ops.where(in_valley, between, ops.minimum(place, between))
-        surface = self._on_edge(edge, rise.peak, 0, self.surfaces)
-        particle = self._on_edge(edge, rise.peak, self.surfaces, len(wave.centres))
-        slope = wave.at(edge)[1]
-        of_air, even = slope > 2.0 * surface.slope, slope > surface.slope + 2.0 * particle.slope
+        particle = self._brightest(edge, self.surfaces, len(wave.centres))
+        slope, of_surfaces = wave.at(edge)[1], self._brightest(edge, 0, self.surfaces).slope
+        of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
         range_m = wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean))
-        # Air right before the lens may trip it while the pulse still leaves.
-        return ops.where(of_air, ops.where(even, -1, particle.number), surface.number), ops.maximum(
+        number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
+        return number, ops.maximum(
             range_m, 0.0
-        )
-
-    def _on_edge(self, edge: Array, peak: Array, first: int, end: int) -> _Brightest:
-        """Of some sub-echoes at a peak, or on the edge before it if they give more light there; slope on the edge."""
-        ops = self.ops
-        early, late = (self._brightest(place, first, end) for place in (edge, peak))
-        other = early.total > late.total  # the peak is not theirs
-        return _Brightest(
-            number=ops.where(other, early.number, late.number),
-            total=ops.maximum(early.total, late.total),
-            slope=early.slope,
-            mean=ops.where(other, early.mean, late.mean),
-        )
+        )  # air right before the lens trips it while the pulse still leaves
 
     def _brightest(self, place: Array, first: int, end: int) -> _Brightest:
         """Of some sub-echoes, at a place."""
@@ -224,7 +210,7 @@ class _Converter(Shots):
             total, slope = total + part, slope + part * ahead
         lit = total > 0.0
         mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
-        return _Brightest(number=number, total=total, slope=slope, mean=mean)
+        return _Brightest(number=number, slope=slope, mean=mean)
 
     def strongest(self) -> tuple[Array, Array]:
         """Number and range of each pulse's strongest sub-echo of a surface."""
