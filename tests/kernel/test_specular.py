@@ -444,6 +444,27 @@ def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
     assert set(whole.interactions) >= {0, 1}
 
 
+def test_a_single_pulse_that_meets_glass_is_told_once():
+    """It is traced on two lanes. A pane that a single beam meets."""
+    described = chain.scene(
+        pane(10.0, 20.0, size_m=0.15), chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS
+    )
+    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
+    simulator, told = Simulator(described, sensor), []
+    for chunk in (2**20, 100):
+        seen = []
+        cloud = simulator.render(
+            seed=1, chunk=chunk, pose=Pose.from_degrees(pitch_deg=0.5),
+            observer=lambda *all_of, seen=seen: seen.append(all_of),
+        )  # fmt: skip
+        pulse = np.concatenate([every["pulse"] for _, every in seen])
+        assert sum(cloud.interactions > 0) == 1
+        assert len(np.unique(pulse)) == len(pulse) > 1000
+        told.append((np.sort(pulse), np.concatenate([points for points, _ in seen]), cloud.xyz_m))
+    for whole, parts in zip(*told, strict=True):
+        np.testing.assert_array_equal(whole, parts)
+
+
 def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
     """As docs/architecture.md has it: a frame that glass has left needs nothing new; one that it has come into does."""
     aside = dataclasses.replace(
