@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 600.0
-"""Ten times the minute that the slowest of these waits takes at most on two quiet cores."""
+PATIENCE_S = 1200.0
+"""Ten times the two minutes that the slowest of these waits stays below on two quiet cores."""
 
 
 def wait_until(happened: Callable[[], bool]) -> None:
