@@ -25,6 +25,7 @@ from lidarscene.formats import FORMATS
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "environments"
 UV = shutil.which("uv", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}") or "uv"
+LOWEST = ("--resolution", "lowest-direct")
 LOWEST_PYTHON = "3.11"  # as requires-python of pyproject.toml
 NOT_OURS = ("LIDARSCENE_", "DRJIT_", "PYTHON", "VIRTUAL_ENV", "UV_PROJECT", "MAKE", "MFLAGS")
 COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("checks", nargs="+", choices=("wheel", "lowest", "newest"))
     for name in parser.parse_args().checks:
         {"wheel": check_wheel, "lowest": check_lowest, "newest": check_newest}[name]()
+        say(f"{name}: done")
 
 
 # --- the suite in an environment of its own ----------------------------------------------------------
@@ -54,7 +56,7 @@ def main() -> None:
 def check_lowest() -> None:
     """Everything that pyproject.toml names, extras and tools of the tests too, at its lowest bound."""
     python = made(KEPT / "lowest", LOWEST_PYTHON)
-    install = ("pip", "install", "--quiet", "--python", python, "--resolution", "lowest-direct")
+    install = ("pip", "install", "--quiet", "--python", python, *LOWEST)
     uv(*install, "--all-extras", "--group", "dev", "--requirements", "pyproject.toml", "--editable", ".")
     run_part("lowest bounds", python, *OLD)
 
@@ -105,9 +107,6 @@ def check_wheel() -> None:
             uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
             say(f"wheel: {name}: {output(python, '--version')}")
             use(home, python)
-
-
-LOWEST = ("--resolution", "lowest-direct")
 
 
 def use(home: Path, python: str) -> None:
@@ -161,7 +160,7 @@ def without_llvm(lidarscene, told: str, **environment: str) -> None:
     """One error, exit code 3, nothing written; doctor's whole report all the same; what traces nothing works."""
     for command in (
         ("render", "scenes/range.toml", "-o", "new/a.ply"),
-        ("view", "scenes/range.toml", "--save", "b"),
+        ("view", "scenes/range.toml", "--save", "b.html"),
     ):
         must(lidarscene(*command, **environment), 3, told, error=True)
     report = must(lidarscene("doctor", **environment), 1, told)

@@ -7,7 +7,7 @@ import sys
 from lidarscene.cli import main
 from lidarscene.kernel import llvm
 for place in ("environment", "wheel", "system"):
-    setattr(llvm, f"_in_{place}", lambda: iter({found}))
+    setattr(llvm, "_in_" + place, lambda: iter({found}))
 sys.exit(main({argv}))
 """
 MACHINES = {
