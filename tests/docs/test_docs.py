@@ -146,18 +146,22 @@ def test_theory_names_the_formulas() -> None:
     """Every public formula of the chain and the detectors has its place on the page."""
     told = set(dotted_names(THEORY))
     assert len(told) > 40
-    for module in ("radiometry", "sunlight", "tdc", "sipm"):
+    for module in ("optics/radiometry", "optics/sunlight", "electronics/tdc", "electronics/sipm"):
         source = ast.parse(text_of(ROOT / "src" / "lidarscene" / "physics" / f"{module}.py"))
-        names = {f"physics.{module}.{node.name}" for node in source.body if isinstance(node, ast.FunctionDef)}
+        names = {
+            f"physics.{module.replace('/', '.')}.{node.name}"
+            for node in source.body
+            if isinstance(node, ast.FunctionDef)
+        }
         untold = {
             # What needs no equation, or is only an inverse or an aside.
-            "physics.radiometry.time_of_flight_s", "physics.radiometry.time_of_flight_from_beat_s",
-            "physics.radiometry.photon_energy_j", "physics.radiometry.incidence_angle_rad",
-            "physics.radiometry.lambertian_intensity_w_sr", "physics.radiometry.aperture_solid_angle_sr",
-            "physics.radiometry.field_of_view_solid_angle_sr", "physics.tdc.noise_at_level",
-            "physics.sipm.photon_detection_efficiency", "physics.sipm.photons_for_share",
-            "physics.sipm.photons_for_share_published", "physics.sipm.dark_counts",
-            "physics.sipm.snr_approximate",
+            "physics.optics.radiometry.time_of_flight_s", "physics.optics.radiometry.time_of_flight_from_beat_s",
+            "physics.optics.radiometry.photon_energy_j", "physics.optics.radiometry.incidence_angle_rad",
+            "physics.optics.radiometry.lambertian_intensity_w_sr", "physics.optics.radiometry.aperture_solid_angle_sr",
+            "physics.optics.radiometry.field_of_view_solid_angle_sr", "physics.electronics.tdc.noise_at_level",
+            "physics.electronics.sipm.photon_detection_efficiency", "physics.electronics.sipm.photons_for_share",
+            "physics.electronics.sipm.photons_for_share_published", "physics.electronics.sipm.dark_counts",
+            "physics.electronics.sipm.snr_approximate",
         }  # fmt: skip
         assert names - told <= untold
 

@@ -36,7 +36,7 @@ from lidarscene.studies.catalogue import points_per_second
 from lidarscene.studies.compare import clouds
 from lidarscene.studies.eye_safety import exposure
 from lidarscene.studies.eye_safety.report import TIME_BASE_S
-from lidarscene.studies.field_of_view import figures, pattern, reach, spacing, study
+from lidarscene.studies.field_of_view import figures, pattern, reach, seen, spacing
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.axes import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
@@ -87,8 +87,8 @@ def test_defaults_of_range() -> None:
 
 
 def test_defaults_of_fov() -> None:
-    assert default("fov", "--cell") == study.CELL_DEG
-    says("fov.md", "is the size of the cells, {} degrees unless given", study.CELL_DEG)
+    assert default("fov", "--cell") == seen.CELL_DEG
+    says("fov.md", "is the size of the cells, {} degrees unless given", seen.CELL_DEG)
     says(
         "fov.md",
         "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
@@ -106,10 +106,10 @@ def test_defaults_of_fov() -> None:
     says("fov.md", "exact, for {} of them evenly taken", spacing.QUERIES)
     says("fov.md", "vehicle's frame, {} m square", 2.0 * reach.GROUND_M)
     (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("here")]
-    assert len(row) == len(study.TIMES_S) + 1
-    assert f"default {','.join(f'{t:g}' for t in study.TIMES_S)}" in (options("fov")["--time"].help or "")
+    assert len(row) == len(seen.TIMES_S) + 1
+    assert f"default {','.join(f'{t:g}' for t in seen.TIMES_S)}" in (options("fov")["--time"].help or "")
     assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
-        " | ".join(f"{t:.1f}" for t in study.TIMES_S)
+        " | ".join(f"{t:.1f}" for t in seen.TIMES_S)
     ]
 
 
