@@ -130,7 +130,7 @@ def test_report_as_data_and_text() -> None:
     [
         (
             {"wavelength_m": 355e-9},
-            "table1-apd: eye safety: a wavelength of 400 to 2600 nm was expected, 355 nm",
+            "table1-apd: eye safety: wavelength must be 400 to 2600 nm, got 355 nm",
         ),
         ({"pulse_fwhm_s": 3e-5}, "the pulses overlap"),
     ],
