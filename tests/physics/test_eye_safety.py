@@ -189,7 +189,7 @@ def test_beam_grows() -> None:
 
 @pytest.mark.parametrize("nm", [355, 399.9, 2600, 10600])
 def test_wavelengths_beyond_the_tables(nm: float) -> None:
-    with pytest.raises(ValueError, match="400 to 2600 nm was expected"):
+    with pytest.raises(ValueError, match="wavelength must be 400 to 2600 nm, got"):
         energy(nm, 1e-8)
 
 

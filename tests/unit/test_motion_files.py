@@ -136,7 +136,7 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (EGO + "poses = [{ time_s = 0 }]\n" + BOX, r"ego\.poses: .*at least 2"),
         (EGO + "poses = [{ time_s = 0 }, {}]\n" + BOX, r"ego\.poses\[1\]\.time_s"),
         (EGO + TWO.format(1, 1, 0) + BOX, r"scene\.toml: ego\.poses: two poses or more, at rising times"),
-        (EGO + TWO.format(0, 1, 180) + BOX, r"ego\.poses: a turn of 180 degrees came between two poses, at most 170"),
+        (EGO + TWO.format(0, 1, 180) + BOX, r"ego\.poses: the turn between two poses must be <= 170 degrees, got 180"),
         (EGO + "poses_file = 'none.csv'\n" + BOX, r"ego\.poses_file: .*none\.csv: no such file"),
         (EGO + "poses_file = 'few.csv'\n" + BOX, r"few\.csv: column x_m is missing"),
         (EGO + "poses_file = 'bad.txt'\n" + BOX, r"bad\.txt: lines of 8 numbers were expected .*, 3 came"),

@@ -163,7 +163,7 @@ def test_a_turn_of_170_degrees_is_the_largest() -> None:
     assert math.degrees(math.atan2(middle.rotation[0, 1, 0], middle.rotation[0, 0, 0])) == pytest.approx(
         -82.5
     )
-    with pytest.raises(ValueError, match="a turn of 171 degrees came between two poses, at most 170"):
+    with pytest.raises(ValueError, match="turn between two poses must be <= 170 degrees, got 171"):
         Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=171)))
 
 

@@ -1,4 +1,9 @@
-"""Materials: how a surface sends light back, by wavelength. Descriptions only; `kernel.world.bsdfs` makes them real."""
+"""Materials: how a surface reflects light, by wavelength. Descriptions only; `kernel.world.bsdfs` makes Mitsuba
+BSDFs.
+
+A scene is lit by lasers of different wavelengths, and reflectivity differs between them. So a material keeps
+published spectra, and each simulation takes the numbers at its own wavelength.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +18,7 @@ from ..errors import InputError
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spectrum:
-    """A number that depends on wavelength, by linear interpolation between published values.
+    """A quantity over wavelength, interpolated linearly between published values.
 
     wavelength_m  (n,) rising
     value         (n,)
@@ -24,15 +29,15 @@ class Spectrum:
 
     @classmethod
     def constant(cls, value: float) -> Spectrum:
-        """The same at every wavelength."""
+        """The same value at every wavelength."""
         return cls(wavelength_m=(0.0, np.inf), value=(value, value))
 
     def covers(self, wavelength_m: float) -> bool:
-        """Whether the table reaches this wavelength (to 1 nm)."""
+        """Whether the table includes this wavelength (to 1 nm)."""
         return self.wavelength_m[0] - 1e-9 <= wavelength_m <= self.wavelength_m[-1] + 1e-9
 
     def at(self, wavelength_m: float) -> float:
-        """The value at a wavelength inside the table."""
+        """The value at a wavelength within the table."""
         if self.value[0] == self.value[-1] and not np.isfinite(self.wavelength_m[-1]):
             return self.value[0]
         return float(np.interp(wavelength_m, self.wavelength_m, self.value))
@@ -43,10 +48,10 @@ class Material:
     """A surface.
 
     bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
-    reflectivity  diffuse hemispherical reflectivity, or the specular one of conductors, mirrors and glass
-    parameters    what else the kind needs, at one wavelength or as a `Spectrum`: coat_ior, coat_roughness;
-                  roughness, index_n, index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg;
-                  transmittance, diffuse hemispherical, of a thin surface; cover, the share that is not gaps
+    reflectivity  diffuse hemispherical reflectivity; the specular one for conductors, mirrors and glass
+    parameters    further numbers of that kind, constant or a `Spectrum`: coat_ior, coat_roughness; roughness, index_n,
+                  index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse
+                  hemispherical, of a thin surface); cover (share of the surface that is not gaps)
     """
 
     name: str
@@ -56,9 +61,9 @@ class Material:
     description: str = ""
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
-        """Name, kind, wavelength_m and numbers at one laser wavelength: reflectivity and the parameters.
+        """Name, kind, wavelength_m, reflectivity and parameters at one laser wavelength.
 
-        Raises InputError where the table does not reach the wavelength.
+        Raises InputError if a table does not include the wavelength.
         """
         values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf, "wavelength_m": wavelength_m}
         for key, value in {"reflectivity": self.reflectivity, **self.parameters}.items():

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Mathematics without physics: arrays for numpy and Dr.Jit, poses, trajectories, random numbers."""

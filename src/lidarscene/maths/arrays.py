@@ -1,8 +1,8 @@
-"""One source, two array types: the small set of functions that numpy and Dr.Jit share.
+"""One source, two array types: the functions that numpy and Dr.Jit share.
 
-Stage and formula code asks ``xp(a, b, ...)`` for the functions that fit its arguments and then runs
-unchanged on numpy arrays (slow, obvious, no LLVM) and on Dr.Jit arrays (fast, any device). Plain
-Python floats go with either.
+Stages and formulas ask ``xp(a, b, ...)`` for the functions that fit their arguments. The same lines then run on numpy
+arrays (slow, easy to check, no LLVM) and on Dr.Jit arrays (fast, any device), so that the tests compare the
+simulation with itself and `studies` compute with the very code that renders. Plain Python floats go with either.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class NumpyOps:
 
     @staticmethod
     def uint32(x: Array) -> Array:
-        """32-bit unsigned integers, at least one-dimensional (numpy scalars warn when they wrap)."""
+        """32-bit unsigned integers, at least one-dimensional (numpy scalars warn on overflow)."""
         return np.atleast_1d(np.asarray(x)).astype(np.uint32)
 
     @staticmethod
     def float32(x: Array) -> Array:
-        """Single precision, as the device computes in."""
+        """Single precision, as on the device."""
         return np.asarray(x, dtype=np.float32)
 
     @staticmethod
@@ -55,22 +55,22 @@ class NumpyOps:
 
     @staticmethod
     def take(table: Table | Array, index: Array) -> Array:
-        """Entries of a table's values, or of an array's, one after the other."""
+        """Entries of a table's values, or of an array, by flat index."""
         return (table.values if isinstance(table, Table) else table).ravel()[index]
 
     @staticmethod
     def full(like: Array, value: Any) -> Array:
-        """As many times this number as ``like`` is long."""
+        """One value for each entry of ``like``."""
         return np.full(np.shape(like), value)
 
     @staticmethod
     def width(values: Array) -> int:
-        """How many numbers these are."""
+        """Number of entries."""
         return int(np.size(values))
 
     @staticmethod
     def index(like: Array) -> Array:
-        """Number of each lane."""
+        """(n,) 0 .. n - 1: number of each lane."""
         return np.arange(len(like), dtype=np.int32)
 
     @staticmethod
@@ -80,24 +80,27 @@ class NumpyOps:
 
     @staticmethod
     def room(like: Array, size: int) -> Array:
-        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+        """Local memory: ``size`` numbers for each lane, part of a loop's state. Write before reading."""
         return np.zeros((size, *np.shape(like)))
 
     @staticmethod
     def put(room: Array, index: Array, value: Array) -> Array:
-        """The room with each lane's number ``index`` changed."""
+        """The room with entry ``index`` of each lane set to ``value``."""
         room = room.copy()
         np.put_along_axis(room, np.asarray(index)[None], np.asarray(value)[None], axis=0)
         return room
 
     @staticmethod
     def get(room: Array, index: Array) -> Array:
-        """Each lane's number ``index``."""
+        """Entry ``index`` of each lane."""
         return np.take_along_axis(room, np.asarray(index)[None], axis=0)[0]
 
     @staticmethod
     def loop(state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
-        """Step every lane of the state (a tuple of arrays) for as long as it is going."""
+        """Step every lane of the state for as long as it is active.
+
+        A lane that has ended keeps its values while others go on.
+        """
         while np.any(lanes := going(*state)):
             changed = step(*state)
             state = tuple(np.where(lanes, new, old) for new, old in zip(changed, state, strict=True))
@@ -105,7 +108,7 @@ class NumpyOps:
 
     @staticmethod
     def rarely(condition: Array, then: Callable[[], State], otherwise: State) -> State:
-        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+        """``then()`` where the condition holds, else ``otherwise``. For expensive work that few lanes need."""
         if not np.any(condition):
             return otherwise
         return tuple(np.where(condition, new, old) for new, old in zip(then(), otherwise, strict=True))
@@ -124,8 +127,8 @@ class DrjitOps:
         self._dr = dr
         self._uploaded: WeakKeyDictionary[Table, dict[Any, Any]] = WeakKeyDictionary()
 
-    # dr.minimum and dr.maximum become LLVM's fminimum and fmaximum, which some releases cannot lower for
-    # scalars and then abort the process ("Cannot select"); a comparison and a select are always there.
+    # dr.minimum and dr.maximum compile to LLVM's fminimum and fmaximum, which some releases cannot lower for scalars:
+    # they abort the process ("Cannot select"). A comparison and a select always compile.
     def minimum(self, a: Array, b: Array) -> Array:
         """The smaller of two."""
         return self.where(a < b, a, b)
@@ -147,7 +150,10 @@ class DrjitOps:
         return self._dr.int32_array_t(type(x))(x)
 
     def take(self, table: Table | Array, index: Array) -> Array:
-        """Entries of a table's values, which go to the device once and stay as long as the table, or of an array."""
+        """Entries of a table's values, or of an array, by flat index.
+
+        A table is uploaded once and stays on the device as long as the `Table` exists.
+        """
         kind = self._dr.float32_array_t(type(index))
         if not isinstance(table, Table):
             return self._dr.gather(kind, table, self.uint32(index))
@@ -157,16 +163,16 @@ class DrjitOps:
         return self._dr.gather(kind, uploaded[kind], self.uint32(index))
 
     def full(self, like: Array, value: Any) -> Array:
-        """As many times this number as ``like`` is long."""
+        """One value for each entry of ``like``."""
         kinds = {bool: self._dr.mask_t, int: self._dr.int32_array_t, float: self._dr.float32_array_t}
         return self._dr.full(kinds[type(value)](type(like)), value, self._dr.width(like))
 
     def width(self, values: Array) -> int:
-        """How many numbers these are."""
+        """Number of entries."""
         return int(self._dr.width(values))
 
     def index(self, like: Array) -> Array:
-        """Number of each lane."""
+        """(n,) 0 .. n - 1: number of each lane."""
         return self._dr.arange(self._dr.int32_array_t(type(like)), self._dr.width(like))
 
     def column(self, lanes: Array, number: int, columns: int) -> Array:
@@ -178,43 +184,43 @@ class DrjitOps:
         return self._dr.gather(type(lanes), lanes, index)
 
     def room(self, like: Array, size: int) -> Array:
-        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+        """Local memory: ``size`` numbers for each lane, part of a loop's state. Write before reading."""
         return self._dr.alloc_local(self._dr.float32_array_t(type(like)), size)
 
     def put(self, room: Array, index: Array, value: Array) -> Array:
-        """The room with each lane's number ``index`` changed."""
+        """The room with entry ``index`` of each lane set to ``value``."""
         room[self.uint32(index)] = value
         return room
 
     def get(self, room: Array, index: Array) -> Array:
-        """Each lane's number ``index``."""
+        """Entry ``index`` of each lane."""
         return room[self.uint32(index)]
 
     def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
-        """Step every lane of the state (a tuple of arrays) for as long as it is going, inside the kernel.
+        """Step every lane of the state for as long as it is active, as a loop inside the kernel.
 
-        No derivatives go through it: loops look for places.
+        No derivatives pass through it: our loops search for places.
         """
         with self._dr.suspend_grad():
             done: State = self._dr.while_loop(state, going, step, mode="symbolic")
         return done
 
     def rarely(self, condition: Array, then: Callable[[], State], otherwise: State) -> State:
-        """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
+        """``then()`` where the condition holds, else ``otherwise``. A packet of lanes without need skips it."""
         found: State = self._dr.if_stmt((), condition, then, lambda: otherwise, mode="symbolic")
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Values on an even grid, each axis from 0 to 1: looked up by numpy and Dr.Jit arrays alike."""
+    """Values on an even grid, each axis from 0 to 1; looked up with numpy or Dr.Jit coordinates."""
 
     values: np.ndarray[Any, Any]
 
     def at(self, *coordinates: Array) -> Array:
-        """Linear between the grid's points along every axis; what lies outside counts as the edge."""
+        """Multilinear interpolation; coordinates outside 0 .. 1 are clipped to the edge."""
         ops = xp(*coordinates)
-        corners: list[tuple[Array, Array]] = [(0, 1.0)]  # flat index and weight
+        corners: list[tuple[Array, Array]] = [(0, 1.0)]  # flat index and weight of each corner of the cell
         for x, size in zip(coordinates, self.values.shape, strict=True):
             scaled = ops.minimum(ops.maximum(x, 0.0), 1.0) * (size - 1.0)
             lower = ops.minimum(ops.floor(scaled), size - 2.0)
@@ -227,7 +233,7 @@ class Table:
         return sum(weight * ops.take(self, index) for index, weight in corners)
 
     def at_row(self, row: Array) -> tuple[Array, ...]:
-        """All entries of a row of a table with two axes."""
+        """All entries of one row of a table with two axes."""
         ops, columns = xp(row), self.values.shape[1]
         return tuple(ops.take(self, row * columns + column) for column in range(columns))
 
@@ -237,7 +243,7 @@ _drjit: DrjitOps | None = None
 
 
 def uploaded_tables() -> list[Array]:
-    """Values of all tables that are on the device."""
+    """Device arrays of all tables that have been uploaded."""
     return [] if _drjit is None else [one for kinds in _drjit._uploaded.values() for one in kinds.values()]
 
 
@@ -247,14 +253,14 @@ def is_drjit(x: object) -> bool:
 
 
 def inverse(order: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """(n,) uint32 where each of 0 .. n - 1 stands in ``order``, a permutation of them; numpy."""
+    """(n,) uint32 inverse of a permutation: the place of each of 0 .. n - 1 in ``order``; numpy."""
     place = np.zeros(len(order), dtype=np.uint32)
     place[order] = np.arange(len(order), dtype=np.uint32)
     return place
 
 
 def xp(*arguments: object) -> Any:
-    """The function set for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
+    """The functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
     global _drjit
     if any(is_drjit(x) for x in arguments):
         if _drjit is None:
@@ -266,12 +272,12 @@ def xp(*arguments: object) -> Any:
 def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> np.ndarray[Any, Any]:
     """``values`` as a read-only array of this dtype and shape (None: any length).
 
-    Copies only when the dtype has to change. Raises ValueError naming what came and what was expected.
+    Copies only if the dtype changes. Raises ValueError with the shape it got and the shape it needs.
     """
     array = np.asarray(values, dtype=dtype).view()
     if len(array.shape) != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):
-        raise ValueError(f"array of shape {array.shape} came, {shape} was expected")
+        raise ValueError(f"array must have shape {shape}, got {array.shape}")
     array.flags.writeable = False
     return array

@@ -1,7 +1,7 @@
 """Poses and directions. Frames are right-handed: x forward, y left, z up; metres and radians.
 
-A pose is the position of a frame's origin in its parent and the rotation that carries the frame's
-vectors into the parent: ``R = Rz(yaw) Ry(-pitch) Rx(roll)``, so that a positive pitch looks up.
+A pose is the position of a frame's origin in its parent and the rotation that turns the frame's vectors into the
+parent's: ``R = Rz(yaw) Ry(-pitch) Rx(roll)``, so that a positive pitch looks up.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Pose:
         pitch_deg: float = 0.0,
         roll_deg: float = 0.0,
     ) -> Pose:
-        """From what people write in files."""
+        """From position and angles as scene and sensor files have them."""
         angles = (math.radians(a) for a in (yaw_deg, pitch_deg, roll_deg))
         yaw, pitch, roll = angles
         return cls(
@@ -62,7 +62,7 @@ class Pose:
         )
 
     def __matmul__(self, child: Pose) -> Pose:
-        """The pose in this frame's parent of a frame whose pose is given in this frame."""
+        """Pose in this frame's parent of a ``child`` given in this frame."""
         return Pose(
             position_m=self.position_m + self.rotation @ child.position_m,
             rotation=self.rotation @ child.rotation,
@@ -73,23 +73,23 @@ class Pose:
         return Pose(position_m=-self.rotation.T @ self.position_m, rotation=self.rotation.T)
 
     def apply(self, points_m: Matrix) -> Matrix:
-        """(n, 3) points of this frame, in the parent."""
+        """(n, 3) points of this frame, in the parent's coordinates."""
         return np.asarray(points_m @ self.rotation.T + self.position_m)
 
     def inverse_apply(self, points_m: Matrix) -> Matrix:
-        """(n, 3) points of the parent, in this frame."""
+        """(n, 3) points of the parent, in this frame's coordinates."""
         return np.asarray((points_m - self.position_m) @ self.rotation)
 
 
 def direction_from_angles(*, azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array, Array]:
-    """Unit vector (x, y, z); azimuth counter-clockwise from x seen from above, elevation up from the horizon."""
+    """Unit vector (x, y, z). Azimuth: counter-clockwise from x seen from above; elevation: up from the horizon."""
     ops = xp(azimuth_rad, elevation_rad)
     horizontal = ops.cos(elevation_rad)
     return horizontal * ops.cos(azimuth_rad), horizontal * ops.sin(azimuth_rad), ops.sin(elevation_rad)
 
 
 def rotation_numbers(w: Array, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
-    """Nine numbers, row by row, of a unit quaternion."""
+    """Rotation matrix of a unit quaternion as nine numbers, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
         2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),

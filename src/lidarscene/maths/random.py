@@ -1,9 +1,9 @@
-"""Random numbers that belong to the pulse: (seed, stage, pulse, draw) in, the same numbers everywhere out.
+"""Random numbers that belong to the pulse: the same (seed, stage, pulse, draw) gives the same numbers everywhere.
 
-Threefry-2x32 with 20 rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as
-1, 2, 3", SC11) is a counter-based generator that needs only 32-bit additions, rotations and
-exclusive-ors, so numpy, Dr.Jit on a CPU and Dr.Jit on a GPU give the same bits, whatever the chunk
-size, the thread count or the worker.
+A frame is traced in chunks, on several threads, on CPU or GPU, perhaps by several workers; its noise must not depend
+on that. Threefry-2x32 with 20 rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3",
+SC11) is counter-based and needs only 32-bit additions, rotations and exclusive-ors, so numpy and Dr.Jit give the same
+bits.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ULP = 2.0**-32
 
 
 def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Two 32-bit words for each (key, counter); all four are 32-bit unsigned arrays that broadcast."""
+    """Two 32-bit words for each (key, counter). All four arguments are 32-bit unsigned arrays and broadcast."""
     k0, k1 = key
     schedule = (k0, k1, k0 ^ k1 ^ _PARITY)
     x0, x1 = counter[0] + k0, counter[1] + k1
@@ -39,7 +39,7 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
         rotation = _ROTATIONS[r % 8]
         x0 = x0 + x1
         x1 = ((x1 << rotation) | (x1 >> (32 - rotation))) ^ x0
-        if r % 4 == 3:
+        if r % 4 == 3:  # every fourth round mixes in the key again
             s = r // 4 + 1
             x0 = x0 + schedule[s % 3]
             x1 = x1 + schedule[(s + 1) % 3] + s
@@ -49,10 +49,10 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
 def words(*, seed: Array, stage: int, pulse: Array, draw: Array = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
-    seed   the frame's seed, 32 bits (an opaque Dr.Jit integer, or a Python int)
-    stage  one of the STAGE_ constants
+    seed   of the frame, 32 bits (an opaque Dr.Jit integer, or a Python int)
+    stage  who draws, one of the stages above
     pulse  (n,) 32-bit unsigned pulse numbers in the frame
-    draw   which of the pulse's draws in this stage, a number or (n,) unsigned
+    draw   number of the draw in this stage, a number or (n,) unsigned
     """
     ops = xp(pulse)
     pulse = ops.uint32(pulse)
@@ -75,10 +75,10 @@ def normal_pair(word: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def exponential(word: tuple[Array, Array]) -> Array:
-    """A standard exponential deviate whose *small* values are exact to float32 precision.
+    """A standard exponential deviate whose small values are exact to float32 precision.
 
-    First arrivals of rare events live in the small values: -log(u) with u just below one has only 24
-    bits there. So v = 1 - u is drawn with 64 bits and -log(1 - v) is taken by its series where v is small.
+    First arrivals of rare events are small values. -log(u) with u just below one has only 24 bits there, so v = 1 - u
+    is drawn with 64 bits, and -log(1 - v) comes from its series where v is small.
     """
     ops = xp(word[0])
     v = (ops.float32(word[0]) + open_uniform(word[1])) * _ULP

@@ -1,4 +1,7 @@
-"""Rotations as other programs write them: a rotation matrix in, quaternions and angles out."""
+"""Rotations as other programs write them: from a rotation matrix to quaternions and angles.
+
+File formats (ROS, OSI, KITTI) have conventions of their own; the conversions are here, and their signs with them.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,15 @@ Matrix = np.ndarray[Any, Any]
 
 
 def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z), w not negative, of a (3, 3) rotation.
+    """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
 
-    By the largest of the four, from which the others follow without cancellation (Shepperd, J. Guidance and
-    Control 1, 223, 1978).
+    From its largest component, so that the others follow without cancellation (Shepperd, J. Guidance and Control 1,
+    223, 1978).
     """
     r = np.asarray(rotation, dtype=np.float64)
     trace = float(np.trace(r))
-    # Four times the product of each component with every other, the square of each on the diagonal.
+    # Four times the outer product of the quaternion with itself. Any row is a multiple of the quaternion; the one with
+    # the largest diagonal is the most precise.
     products = np.array(
         [
             [1 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
@@ -33,7 +37,7 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
 
 
 def yaw_pitch_roll_rad(rotation: Matrix) -> tuple[float, float, float]:
-    """Angles of Rz(yaw) Ry(pitch) Rx(roll), a positive pitch looking down, as ROS, OSI and ISO 8855 have it."""
+    """Angles of Rz(yaw) Ry(pitch) Rx(roll), positive pitch looks down, as in ROS, OSI and ISO 8855."""
     r = np.asarray(rotation, dtype=np.float64)
     pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))
     return math.atan2(r[1, 0], r[0, 0]), pitch, math.atan2(r[2, 1], r[2, 2])

@@ -1,4 +1,10 @@
-"""Special functions for numpy and Dr.Jit alike, with relative (not absolute) accuracy in the tails."""
+"""Special functions for numpy and Dr.Jit, with relative (not absolute) precision in the tails.
+
+False-alarm probabilities of 1e-9 and below decide how many false points a frame has. Library functions lose them in
+single precision, or do not exist on the device.
+
+Symbols: Q(x) upper tail of the standard normal distribution.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +27,8 @@ _T_MIDDLE, _T_HALF = 0.5 * (1.0 + _T_MIN), 0.5 * (1.0 - _T_MIN)
 def normal_tail(x: Array) -> Array:
     """Q(x): probability that a standard normal deviate exceeds ``x``.
 
-    Relative error below 2e-10 in float64 and about 5e-7 (1 + x^2 / 2) in float32, for x up to 17;
-    beyond that it goes on falling to zero.
+    Relative error below 2e-10 in float64 and about 5e-7 (1 + x^2 / 2) in float32, for x up to 17. Beyond that it
+    keeps falling to zero.
     """
     ops = xp(x)
     z = ops.minimum(ops.abs(x) * math.sqrt(0.5), _Z_MAX)
@@ -36,21 +42,21 @@ def normal_tail(x: Array) -> Array:
 
 
 def log1p(x: Array) -> Array:
-    """log(1 + x), exact for small ``x`` in float32 too."""
+    """log(1 + x), precise for small ``x`` in float32 too."""
     ops = xp(x)
     series = x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - 0.25 * x)))
     return ops.where(ops.abs(x) < 2.0**-7, series, ops.log(1.0 + x))
 
 
 def expm1(x: Array) -> Array:
-    """exp(x) - 1, exact for small ``x`` in float32 too."""
+    """exp(x) - 1, precise for small ``x`` in float32 too."""
     ops = xp(x)
     series = x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
     return ops.where(ops.abs(x) < 2.0**-6, series, ops.exp(x) - 1.0)
 
 
 def log_gamma(x: Array) -> Array:
-    """log Gamma(x) for x >= 1: Stirling's series at x + 6, carried back by the recurrence (1e-10 relative)."""
+    """log Gamma(x) for x >= 1, 1e-10 relative: Stirling's series at x + 6, and the recurrence back to x."""
     ops = xp(x)
     y = x + 6.0
     inverse = 1.0 / y
@@ -66,14 +72,15 @@ def log_gamma(x: Array) -> Array:
 def binomial_tail(*, least: Array, trials: Array, probability: Array) -> Array:
     """Probability that a binomial count is at least ``least``: the regularised incomplete beta I_p(k, n - k + 1).
 
-    By its continued fraction (Abramowitz and Stegun 26.5.8, evaluated by Lentz's method), on the side of the
-    mean where it converges within 60 terms for up to some 3000 trials. Relative error 1e-8 in float64; in
-    float32 some 1e-4 for 400 trials, from the logarithms of the factorials.
+    By its continued fraction (Abramowitz and Stegun 26.5.8, Lentz's method), on the side of the mean where it
+    converges within 60 terms for up to about 3000 trials. Relative error 1e-8 in float64; in float32 about 1e-4 for
+    400 trials, from the logarithms of the factorials.
     """
     ops = xp(least, trials, probability)
     k = ops.maximum(ops.minimum(least, trials), 1.0)
     p = ops.minimum(ops.maximum(probability, 1e-30), 1.0 - 1e-7)
     a, b = k, trials - k + 1.0
+    # The fraction converges fast on one side of the mean only; on the other, I_p(a, b) = 1 - I_(1-p)(b, a).
     upper = p < (a + 1.0) / (a + b + 2.0)
     side_a, side_b, x = ops.where(upper, a, b), ops.where(upper, b, a), ops.where(upper, p, 1.0 - p)
     log_front = (
@@ -108,7 +115,7 @@ def _incomplete_beta_fraction(a: Array, b: Array, x: Array) -> Array:
 
 
 def scaled_normal_tail(x: Array) -> Array:
-    """Q(x) exp(x^2 / 2) for x >= 0, which does not underflow: a relative error below 1e-9 in float64."""
+    """Q(x) exp(x^2 / 2) for x >= 0, which does not underflow; relative error below 1e-9 in float64."""
     ops = xp(x)
     near = ops.minimum(ops.abs(x), _Z_MAX * math.sqrt(2.0))
     far = 1.0 / ops.maximum(ops.abs(x), 1.0)
@@ -119,12 +126,13 @@ def scaled_normal_tail(x: Array) -> Array:
 
 
 def normal_tail_inverse(probability: Array) -> Array:
-    """The x with Q(x) = ``probability``, 1e-60 < probability < 1: Newton's method on log Q."""
+    """The x with Q(x) = ``probability``, 1e-60 < probability < 1, by Newton's method on log Q."""
     ops = xp(probability)
     p = ops.minimum(ops.maximum(probability, 1e-60), 1.0 - 1e-16)
     small = ops.minimum(p, 1.0 - p)
     t = ops.sqrt(-2.0 * ops.log(small))
-    # Abramowitz and Stegun 26.2.23 (4.5e-4), then log Q(x) = log p, whose slope is -phi / Q.
+    # Start: Abramowitz and Stegun 26.2.23, good to 4.5e-4. Then Newton's method on log Q(x) = log p, with the slope
+    # -phi / Q; log Q is nearly a parabola, so four steps suffice.
     x = t - (2.515517 + t * (0.802853 + t * 0.010328)) / (
         1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))
     )

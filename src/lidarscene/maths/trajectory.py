@@ -1,6 +1,9 @@
-"""Trajectories: where a rigid frame stands at any time, and how fast. Plain numpy in double precision.
+"""Trajectories: pose and velocity of a rigid frame at any time. Plain numpy in double precision.
 
-A frame's states are its pose and its velocities in its parent, which for vehicles and bodies is the world.
+Vehicles and bodies move on arcs or through given poses; sensors are fixed to vehicles. Everything that asks where
+something is asks a `Motion`. The parent of a vehicle or body is the world.
+
+Symbols: T pose in SE(3), x twist (velocity and angular velocity), u time within a segment from 0 to 1, h its length.
 """
 
 from __future__ import annotations
@@ -17,15 +20,15 @@ from .pose import Pose
 Matrix = np.ndarray[Any, Any]
 
 SMALL_ANGLE_RAD = 1e-4
-"""Below it the series of sin(x)/x and its like, cut after x^2, are good to 1e-17."""
+"""Below it the series of sin(x)/x and similar functions, cut after x^2, are good to 1e-17."""
 
 LARGEST_STEP_RAD = math.radians(170.0)
-"""Between two poses of a spline: at 180 degrees nobody can tell which way round."""
+"""Largest turn between two poses of a spline: at 180 degrees the direction of the turn is not defined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class States:
-    """A frame at n instants.
+    """States of a frame at n instants.
 
     position_m      (n, 3) of its origin
     rotation        (n, 3, 3) frame to parent
@@ -39,7 +42,7 @@ class States:
     turning_rad_s: Matrix
 
     def __matmul__(self, child: Pose) -> States:
-        """The states of a frame that is fixed in this one."""
+        """The states of a child frame that is fixed in this one."""
         arm = self.rotation @ child.position_m
         return States(
             position_m=self.position_m + arm,
@@ -49,27 +52,28 @@ class States:
         )
 
     def pose(self, index: int = 0) -> Pose:
-        """The pose at one of the instants."""
+        """The pose at one instant."""
         return Pose(position_m=self.position_m[index], rotation=self.rotation[index])
 
 
 class Motion(Protocol):
-    """Something that says where a frame is."""
+    """A frame's states over time."""
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last instant for which it does."""
+        """First and last time at which the motion is defined."""
 
     def at(self, time_s: Matrix) -> States:
-        """States at (n,) times [s] within the span; beyond it, as at its end."""
+        """States at (n,) times [s] in the span; beyond it, those at its end."""
 
 
 def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
-    """Where a motion is at a time, or at the end of its span that is nearest to it."""
+    """Pose of a motion at a time, or at the nearest end of its span."""
     return motion.at(np.clip([time_s], *motion.span_s)).pose()
 
 
 ALWAYS = (-math.inf, math.inf)
+"""Span of a motion without end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,7 +83,7 @@ class Course:
     start            pose at time 0
     speed_m_s        along the frame's own x axis, which turns with it
     yaw_rate_rad_s   about its own z axis, positive to the left
-    velocity_m_s     (x, y, z) added to it, in the parent's axes
+    velocity_m_s     (x, y, z), a constant velocity on top, in the parent's axes
     """
 
     start: Pose = field(default_factory=Pose)
@@ -89,7 +93,7 @@ class Course:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """For ever."""
+        """Unbounded: defined at every time."""
         return ALWAYS
 
     def at(self, time_s: Matrix) -> States:
@@ -97,7 +101,7 @@ class Course:
         time_s = np.asarray(time_s, dtype=np.float64)
         yaw = self.yaw_rate_rad_s * time_s
         zero, one = np.zeros_like(yaw), np.ones_like(yaw)
-        # sin(x)/x and (1 - cos(x))/x = sin(x/2) sinc(x/2), good to the last bit at 0.
+        # sin(x)/x and (1 - cos(x))/x = sin(x/2) sinc(x/2): no division by the yaw rate, exact at 0.
         ahead = time_s * np.sinc(yaw / np.pi)
         aside = time_s * np.sin(yaw / 2.0) * np.sinc(yaw / (2.0 * np.pi))
         heading = np.stack([np.cos(yaw), np.sin(yaw), zero], axis=-1)
@@ -117,24 +121,24 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Riding:
-    """Fixed in a frame that moves: a sensor on a vehicle."""
+    """A frame that is fixed in a moving one: a sensor on a vehicle."""
 
     carrier: Motion
     pose: Pose
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """As long as the carrier's."""
+        """The carrier's span."""
         return self.carrier.span_s
 
     def at(self, time_s: Matrix) -> States:
-        """The carrier's states, moved to this pose in it."""
+        """The carrier's states, at this pose in it."""
         return self.carrier.at(time_s) @ self.pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spline:
-    """A smooth way through given poses: cubic on SE(3), with continuous velocities.
+    """A smooth motion through given poses: cubic on SE(3), with continuous velocities.
 
     time_s     (k,) rising, k >= 2
     poses      (k,) at these times
@@ -145,9 +149,9 @@ class Spline:
         y = log(exp(-x_i h/3) T_i^-1 T_(i+1) exp(-x_(i+1) h/3)),
 
     with the cumulative Bernstein polynomials b1 = 1 - (1 - u)^3, b2 = 3 u^2 - 2 u^3, b3 = u^3 (Kim, Kim and Shin,
-    SIGGRAPH 1995, who write it for quaternions). The twist at a pose is the mean of those that lead to and from it,
-    each weighted by the other's time, as for a cubic through points (Catmull and Rom). A constant twist, so an arc
-    at constant speed, is met exactly.
+    SIGGRAPH 1995, for quaternions). The twist at a pose is the mean of the twists before and after it, each weighted
+    by the other's duration, as for a cubic through points (Catmull and Rom). A constant twist, so an arc at constant
+    speed, is exact.
     """
 
     time_s: Matrix
@@ -155,14 +159,14 @@ class Spline:
     _segments: _Segments = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the times, and find the twists. Raises ValueError."""
+        """Check the times and compute the twists. Raises ValueError."""
         object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
         if (
             len(self.time_s) != len(self.poses)
             or len(self.poses) < 2
             or not (np.diff(self.time_s) > 0.0).all()
         ):
-            raise ValueError("two poses or more, at rising times, were expected")
+            raise ValueError("a spline must have two poses or more, at rising times")
         object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses))
 
     @property
@@ -171,7 +175,7 @@ class Spline:
         return float(self.time_s[0]), float(self.time_s[-1])
 
     def at(self, time_s: Matrix) -> States:
-        """States; before the first pose and after the last as there."""
+        """States; before the first pose and after the last, those at that pose."""
         time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
         segment = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.poses) - 2)
         return self._segments.at(segment, time_s - self.time_s[segment])
@@ -179,7 +183,7 @@ class Spline:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Segments:
-    """The pieces of a spline: lengths (k,), start rotations and places, and the three twists (k, 3, 6) of each."""
+    """The k segments of a spline: durations (k,), start rotations and positions, and three twists each, (k, 3, 6)."""
 
     length_s: Matrix
     rotation: Matrix
@@ -196,11 +200,12 @@ class _Segments:
         widest = float(np.linalg.norm(logs[:, 3:], axis=1).max())
         if widest > LARGEST_STEP_RAD:
             raise ValueError(
-                f"a turn of {math.degrees(widest):.0f} degrees came between two poses, "
-                f"at most {math.degrees(LARGEST_STEP_RAD):.0f} were expected"
+                f"the turn between two poses must be <= {math.degrees(LARGEST_STEP_RAD):.0f} degrees, "
+                f"got {math.degrees(widest):.0f}"
             )
         rates = logs / length[:, None]
-        # The rate towards a pose, carried along itself, is the same in that pose's own frame.
+        # A constant twist is the same in the frame at its start and at its end, so that the twists before and after a
+        # pose can be averaged in that pose's frame.
         before, after = np.concatenate([rates[:1], rates]), np.concatenate([rates, rates[-1:]])
         h_before, h_after = np.concatenate([length[:1], length]), np.concatenate([length, length[-1:]])
         share = (h_after / (h_before + h_after))[:, None]
@@ -224,6 +229,7 @@ class _Segments:
         twist = np.zeros((len(u), 6))
         for number, (weight, rate) in enumerate(zip(weights, rates, strict=True)):
             own = self.twists[segment, number]
+            # Multiply the next factor on; its twist adds to those of the factors before, as seen behind it.
             step = _exp(weight * own)
             pose = _product(pose, step)
             twist = _seen_from(step, twist) + rate / length[:, None] * own
@@ -236,7 +242,7 @@ class _Segments:
         )
 
 
-# SE(3) as pairs (rotation (n, 3, 3), place (n, 3)); twists are (n, 6): velocity, then angular velocity.
+# Elements of SE(3) are pairs (rotation (n, 3, 3), position (n, 3)); twists are (n, 6): velocity, then angular velocity.
 _Rigid = tuple[Matrix, Matrix]
 
 
@@ -249,13 +255,13 @@ def _product(a: _Rigid, b: _Rigid) -> _Rigid:
 
 
 def _between(rotation: Matrix, place: Matrix, later_rotation: Matrix, later_place: Matrix) -> _Rigid:
-    """The later pose as seen from the earlier."""
+    """The later pose in the frame of the earlier one, T_i^-1 T_(i+1)."""
     back = rotation.transpose(0, 2, 1)
     return back @ later_rotation, _apply(back, later_place - place)
 
 
 def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
-    """A twist of the frame before the step, in that after it: Ad(step^-1) twist."""
+    """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
     back = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]
     return np.concatenate(
@@ -282,7 +288,7 @@ def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _exp(twist: Matrix) -> _Rigid:
-    """Rodrigues' formula, and the integral of the rotation for the place."""
+    """Exponential map: Rodrigues' formula for the rotation, its integral for the position."""
     turn = _skew(twist[:, 3:])
     first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
     square = turn @ turn
@@ -292,7 +298,7 @@ def _exp(twist: Matrix) -> _Rigid:
 
 
 def _log(rotation: Matrix, place: Matrix) -> Matrix:
-    """The twist whose exponential this is, for turns below 180 degrees."""
+    """Logarithm: the twist whose exponential this is, for turns below 180 degrees."""
     cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
     odd = rotation - rotation.transpose(0, 2, 1)
     axis_sin = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=-1)

@@ -1,4 +1,9 @@
-"""Vector optics on tuples (x, y, z) of numbers or arrays: mirrors, faces of glass, angles."""
+"""Vector optics on tuples (x, y, z) of numbers or arrays: mirrors, refraction, angles.
+
+A tuple of three arrays works on numpy and Dr.Jit alike and needs no vector type.
+
+Symbols: d direction, n normal, theta_i and theta_t angles before and behind a face.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +34,18 @@ def unit(a: Vector) -> Vector:
 
 
 def reflected(direction: Vector, normal: Vector) -> Vector:
-    """d - 2 (d . n) n: a ray off a mirror, whichever way its unit normal points."""
+    """d - 2 (d . n) n: a ray reflected by a mirror. The sign of the unit normal does not matter."""
     return mixed(1.0, direction, -2.0 * dot(direction, normal), normal)
 
 
 def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Vector, Array]:
     """A ray through a face, by Snell's law in vector form, and cos(theta_t) / cos(theta_i).
 
-    normal       unit, pointing the way that the light goes (d . n > 0)
+    normal       unit, along the light (d . n > 0)
     index_ratio  index before the face over index behind it
 
-    That ratio of cosines is by how much a beam gets wider, since both beams cover the same part of the face.
-    Where light is totally reflected both have no meaning and the ratio is 0.
+    The ratio of cosines is the factor by which a beam widens, since both beams cover the same part of the face. Under
+    total reflection the direction is undefined and the ratio 0.
     """
     cos_in = dot(direction, normal)
     inside = 1.0 - index_ratio * index_ratio * (1.0 - cos_in * cos_in)
@@ -51,14 +56,14 @@ def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Ve
 
 
 def angles_of(direction: Vector) -> tuple[Array, Array]:
-    """Azimuth and elevation [rad] of a direction; the inverse of `maths.pose.direction_from_angles`."""
+    """Azimuth and elevation [rad] of a direction: the inverse of `maths.pose.direction_from_angles`."""
     x, y, z = direction
     ops = xp(x, y, z)
     return ops.atan2(y, x), ops.atan2(z, ops.sqrt(x * x + y * y))
 
 
 def across(direction: Vector) -> tuple[Vector, Vector]:
-    """Two unit vectors square to a unit direction and to one another (Duff and others, JCGT 6(1), 2017)."""
+    """Two unit vectors perpendicular to a unit direction and to each other (Duff et al., JCGT 6(1), 2017)."""
     x, y, z = direction
     ops = xp(z)
     sign = ops.where(z >= 0.0, 1.0, -1.0)

@@ -1,8 +1,10 @@
-"""Eye safety: the class 1 accessible emission limit (AEL) of IEC 60825-1:2014 and the factors it is made of.
+"""Eye safety: the class 1 accessible emission limit (AEL) of IEC 60825-1:2014 and its factors.
 
-Written from public accounts of the standard, not from its text (docs/eye_safety.md names them): an aid to design,
-not a certification. Tables are those of IEC 60825-1:2014 (third edition), whose letters are kept: C4, C5, ...
-Wavelengths 400 to 2600 nm, emission durations 0.1 ps to 30 000 s; ranges include their lower end.
+Written from public accounts of the standard, not from its text (docs/eye_safety.md names them): an aid to design, not
+a certification. Tables are those of IEC 60825-1:2014 (third edition). Wavelengths 400 to 2600 nm, emission durations
+0.1 ps to 30 000 s; ranges include their lower end.
+
+Symbols: as in the standard, C3 ... C7 correction factors, T_i grouping time, T2, alpha angle of the apparent source.
 """
 
 from __future__ import annotations
@@ -16,31 +18,33 @@ LONGEST_WAVELENGTH_M = 2600e-9
 SHORTEST_S, LONGEST_S = 1e-13, 3e4
 
 SMALLEST_SOURCE_RAD = 1.5e-3
-"""alpha_min: a source that looks smaller than this is a point."""
+"""alpha_min: a source of a smaller angle counts as a point."""
 
-_HELD_C7_M = 1250e-9
+_HELD_C7_M = 1250e-9  # C7 is held at its value here up to 1400 nm
 
 
 def reaches_retina(wavelength_m: float) -> bool:
-    """Whether light of this wavelength is focused on the retina (400 to 1400 nm). ValueError out of 400-2600 nm."""
+    """Whether the eye focuses this wavelength on the retina (400 to 1400 nm). ValueError outside 400-2600 nm."""
     if not RETINA_M[0] <= wavelength_m < LONGEST_WAVELENGTH_M:
-        raise ValueError(f"a wavelength of 400 to 2600 nm was expected, {wavelength_m * 1e9:g} nm came")
+        raise ValueError(f"wavelength must be 400 to 2600 nm, got {wavelength_m * 1e9:g} nm")
     return wavelength_m < RETINA_M[1]
 
 
 def c3(*, wavelength_m: float) -> float:
-    """C3 (table 9): how much less blue light harms by its chemistry, 450 to 600 nm; 1 below."""
+    """C3 (table 9): lower photochemical harm of longer blue wavelengths, 450 to 600 nm; 1 below."""
     return float(10.0 ** (0.02 * max(wavelength_m * 1e9 - 450.0, 0.0)))
 
 
 def c4(*, wavelength_m: float) -> float:
-    """C4 (table 9): lower absorption in the retina, 10^(0.002 (lambda - 700)) up to 5 from 1050 nm."""
+    """C4 (table 9): lower absorption in the retina, 10^(0.002 (lambda - 700)), and 5 from 1050 nm."""
     nm = wavelength_m * 1e9
     return 5.0 if nm >= 1050.0 else float(10.0 ** (0.002 * max(nm - 700.0, 0.0)))
 
 
 def c7(*, wavelength_m: float) -> float:
-    """C7 (table 9): absorption before the retina. 1; 10^(0.018 (lambda - 1150)); from 1200 nm 8 + 10^(0.04 ...)."""
+    """C7 (table 9): absorption before the retina. 1; from 1150 nm 10^(0.018 (lambda - 1150)); from 1200 nm
+    8 + 10^(0.04 (lambda - 1250)).
+    """
     nm = wavelength_m * 1e9
     if nm < 1150.0:
         return 1.0
@@ -53,13 +57,13 @@ def largest_source_rad(*, duration_s: float) -> float:
 
 
 def c6(*, source_rad: float, duration_s: float) -> float:
-    """C6 (table 9): larger images on the retina, alpha / alpha_min between alpha_min and alpha_max."""
+    """C6 (table 9): larger images on the retina, alpha / alpha_min for alpha from alpha_min to alpha_max."""
     seen = min(source_rad, largest_source_rad(duration_s=duration_s))
     return max(seen / SMALLEST_SOURCE_RAD, 1.0)
 
 
 def t2_s(*, source_rad: float) -> float:
-    """T2 (table 9): beyond it eye movements keep the thermal limit a power; 10 s for a point, 100 s from 100 mrad."""
+    """T2 (table 9): beyond it the thermal limit is a power, as the eye moves; 10 s (point) to 100 s (100 mrad)."""
     milli = min(max(source_rad * 1e3, 1.5), 100.0)
     return float(10.0 * 10.0 ** ((milli - 1.5) / 98.5))
 
@@ -72,11 +76,12 @@ def grouping_time_s(*, wavelength_m: float) -> float:
 
 
 def c5(*, pulse_s: float, pulses: float, source_rad: float, grouping_s: float, time_base_s: float) -> float:
-    """C5 (4.3 f 3): what many pulses take off the limit of each, thermal damage at 400 to 1400 nm only.
+    """C5 (4.3 f 3): reduction of each pulse's limit for many pulses; thermal damage at 400 to 1400 nm only.
 
-    pulses    effective number in T2 or the time base, whichever is shorter, pulses within T_i counted as one
-    Pulses no longer than T_i: 1 up to 600 of them, then 5 N^-0.25, not below 0.4. Longer ones: 1 for sources up to
-    5 mrad and above 100 mrad, else N^-0.25, not below 0.4, or 0.2 for sources above alpha_max.
+    pulses    effective number in T2 or the time base, whichever is shorter; pulses within T_i count as one
+
+    Pulses up to T_i: 1 for up to 600 of them, else 5 N^-0.25, at least 0.4. Longer pulses: 1 for sources up to 5 mrad
+    and above 100 mrad, else N^-0.25, at least 0.4, or 0.2 for sources above alpha_max.
     """
     if pulse_s > 0.25 or time_base_s <= 0.25 or pulses <= 1.0:
         return 1.0
@@ -89,10 +94,10 @@ def c5(*, pulse_s: float, pulses: float, source_rad: float, grouping_s: float, t
 
 
 def aperture_diameter_m(*, wavelength_m: float, duration_s: float, telescope: bool = False) -> float:
-    """Aperture stop that the emission is measured through (table 10, conditions 3 and 1).
+    """Aperture stop for the measurement (table 10, conditions 3 and 1).
 
-    To the retina: the pupil of 7 mm, or 50 mm with a telescope. Above 1400 nm: 1 mm up to 0.35 s, 1.5 t^(3/8) mm,
-    3.5 mm from 10 s, seven times that with a telescope.
+    Up to 1400 nm: the pupil of 7 mm, or 50 mm with a telescope. Above: 1 mm up to 0.35 s, then 1.5 t^(3/8) mm, 3.5 mm
+    from 10 s; seven times as much with a telescope.
     """
     if reaches_retina(wavelength_m):
         return 50e-3 if telescope else 7e-3
@@ -112,11 +117,11 @@ def class_1_energy_j(
 ) -> float:
     """AEL of class 1 for one emission of this duration, as an energy (tables 3 and 4), thermal limits.
 
-    Divide by the duration for a power. From 1250 to 1400 nm C7 is held at 9: the retina would stand more, but the
-    cornea then needs limits of its own.
+    Divide by the duration for a power. From 1250 to 1400 nm C7 is held at 9: the retina would allow more, but the
+    cornea then needs limits of its own. Raises ValueError for a duration or wavelength out of range.
     """
     if not SHORTEST_S <= duration_s <= LONGEST_S:
-        raise ValueError(f"an emission duration of 0.1 ps to 30000 s was expected, {duration_s:g} s came")
+        raise ValueError(f"emission duration must be 0.1 ps to 30000 s, got {duration_s:g} s")
     if reaches_retina(wavelength_m):
         return _retina_energy_j(wavelength_m, duration_s, source_rad)
     return _cornea_energy_j(wavelength_m, duration_s)
@@ -151,9 +156,9 @@ def _cornea_energy_j(wavelength_m: float, t: float) -> float:
 
 
 def class_1_blue_energy_j(*, wavelength_m: float, duration_s: float) -> float:
-    """AEL of class 1 against the chemistry of blue light (table 3), 400 to 600 nm, from 10 s; inf elsewhere.
+    """Photochemical AEL of class 1 (table 3), 400 to 600 nm, from 10 s; inf elsewhere.
 
-    3.9e-3 C3 J up to 100 s, then 3.9e-5 C3 W; light is taken to come from within 11 mrad.
+    3.9e-3 C3 J up to 100 s, then 3.9e-5 C3 W, for light from within 11 mrad.
     """
     if not RETINA_M[0] <= wavelength_m < 600e-9 or duration_s < 10.0:
         return math.inf
@@ -161,7 +166,7 @@ def class_1_blue_energy_j(*, wavelength_m: float, duration_s: float) -> float:
 
 
 def fraction_through_aperture(*, beam_diameter_m: float, aperture_m: float) -> float:
-    """Share of a centred Gaussian beam, 1/e^2 diameter, that a round aperture of this diameter lets through."""
+    """Share of a centred Gaussian beam (1/e^2 diameter) that passes a round aperture."""
     if beam_diameter_m <= 0.0:
         return 1.0
     return -math.expm1(-2.0 * (aperture_m / beam_diameter_m) ** 2)

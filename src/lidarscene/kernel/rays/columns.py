@@ -35,6 +35,9 @@ ABSENT: dict[str, Any] = {
 }
 """Columns that only some worlds or sensors have, with their value in all others."""
 
+OF_WAYS = ("interactions", "ghost")
+"""Columns that only pulses have which go on through panes, mirrors or gaps."""
+
 
 def lanes_where(flag: Any) -> Any:
     """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
@@ -44,19 +47,13 @@ def lanes_where(flag: Any) -> Any:
     return None if dr.width(lanes) == 0 else lanes
 
 
-def more_than_one(lanes: Any) -> tuple[Any, Any]:
-    """Return at least two lanes: the given ones, or a single one twice with a flag for the copy to leave out.
-
-    Returns (k or 2,) lanes, and None or (2,) flags.
-    """
+def more_than_one(lanes: Any) -> Any:
+    """Return at least two lanes: the given ones, or a single one twice."""
     import drjit as dr
 
-    mi = mitsuba()
-    if dr.width(lanes) > 1:
-        return lanes, None
-    # Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all stages again for it.
-    # The second copy is the one that counts, so that what it writes is written last.
-    return dr.gather(mi.UInt32, lanes, dr.zeros(mi.UInt32, 2)), dr.arange(mi.UInt32, 2) == 0
+    # Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for
+    # it. The copy is made by NumPy, because on the device it would be a kernel, too.
+    return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
 def gathered(values: Any, lanes: Any) -> Any:
@@ -77,10 +74,15 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
     return found
 
 
-def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | None:
-    """Return (k,) lane and (k,) stop number of every reported return, by pulse and then by stop; None if k is 0.
+def kept_lanes(
+    detection: Detection, lane_of: Any = None, *, twice: bool = False
+) -> tuple[Any, Any, int] | None:
+    """Return lane and stop number of every reported return, by pulse and then by stop, and their number k; or None.
+
+    Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`).
 
     lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
+    twice    the two lanes are one pulse: its returns are there twice
     """
     import drjit as dr
 
@@ -92,11 +94,13 @@ def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | N
     if lane_of is not None:
         reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
     index = dr.compress(_interleaved(reported))
-    if dr.width(index) == 0:
+    count = dr.width(index) // (2 if twice else 1)
+    if count == 0:
         return None
+    index = more_than_one(index)
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
     # `place` counts pulses in firing order; the lane at which the stages left a pulse's numbers is looked up.
-    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop
+    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,7 +178,7 @@ def columns(
     pulse        (n,) pulse numbers of the chunk's lanes
     paths, rays  Hits of each way, lane = pulse lane * rays + ray
     air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
-    lanes        from `kept_lanes`
+    lanes        lanes and stop numbers, from `kept_lanes`
     turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
     """
     import drjit as dr
@@ -251,29 +255,35 @@ def one_by_one(columns: dict[str, Any]) -> dict[str, Any]:
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
-def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
     """Merge several `columns` by pulse number, in the layout of `one_by_one`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
-    together here. All returns of a pulse are in one part, in order.
+    together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
+    that a frame with one part needs no other kernels than one with two.
+
+    parts  columns, and the number of their points; one point may be there twice (`more_than_one`)
     """
     import drjit as dr
 
     mi = mitsuba()
-    pulses = [columns["time_s"] for columns in parts]
+    pulses = [columns["time_s"] for columns, _ in parts]
     # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     dr.eval(*pulses)
-    places = [transfer.unsigned_numbers(place) for place in _merged([one.numpy() for one in pulses])]
-    count = sum(dr.width(place) for place in places)
+    merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
+    total = sum(count for _, count in parts)
     # A part without glass or motion lacks columns that another part has: it gets their value of `ABSENT`.
-    samples = {name: values for columns in reversed(parts) for name, values in columns.items()}
+    kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
+    kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}
     joined = {
-        name: dr.empty(mi.Float, 3 * count) if name == "xyz_m" else dr.empty(type(values), count)
-        for name, values in samples.items()
+        name: dr.empty(mi.Float, 3 * total) if name == "xyz_m" else dr.empty(kind, total)
+        for name, kind in kinds.items()
     }
     # Dr.Jit evaluates an array before it is written a second time. So all columns of one part are scattered before
     # those of the next: one kernel for each part, not one for each column.
-    for columns, place in zip(parts, places, strict=True):
+    for (columns, _), numbers in zip(parts, merged, strict=True):
+        # A single point that is there twice is written twice to the same place.
+        place = transfer.unsigned_numbers(np.resize(numbers, dr.width(columns["time_s"])))
         for name, room in joined.items():
             if name == "xyz_m":
                 for axis, values in enumerate(columns[name]):
@@ -291,9 +301,11 @@ def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
 
 
 def surfaces(
-    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection
-) -> dict[str, Any] | None:
-    """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed; or None.
+    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection, twice: bool
+) -> tuple[dict[str, Any], int] | None:
+    """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
+
+    Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes`.
 
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
@@ -301,8 +313,10 @@ def surfaces(
     import drjit as dr
 
     lane = dr.compress(detection.outcome != int(Outcome.NO_SURFACE))
-    if dr.width(lane) == 0:
+    count = dr.width(lane) // (2 if twice else 1)
+    if count == 0:
         return None
+    lane = more_than_one(lane)
 
     def of_lane(values: Any) -> Any:
         return dr.gather(type(values), values, lane)
@@ -310,7 +324,7 @@ def surfaces(
     source = None if detection.source is None else of_lane(detection.source)
     ends = _Ends.of(paths, rays, lane, source)
     body = _where_known(world.face_body, ends.face)
-    return {
+    columns = {
         "pulse": of_lane(pulse),
         "outcome": of_lane(detection.outcome),
         "snr": of_lane(detection.snr),
@@ -321,6 +335,7 @@ def surfaces(
         "body": body,
         "class_id": _where_known(world.body_class, body),
     }
+    return columns, count
 
 
 def _where_known(table: Any, index: Any) -> Any:

@@ -1,6 +1,10 @@
 """Linear-mode avalanche photodiode with a transimpedance amplifier: signal and noise, (12)-(20).
 
-All currents are at the amplifier's input, after multiplication.
+The signal is proportional to the light. The noise is the sum of five independent sources; the avalanche multiplies
+the shot noise more than the signal, so there is a gain of best signal-to-noise ratio (20). All currents are at the
+amplifier's input, after multiplication.
+
+Symbols: K responsivity [A/W], M gain, F excess noise factor, x its index, k ionisation ratio, B bandwidth [Hz].
 """
 
 from __future__ import annotations
@@ -15,10 +19,9 @@ def responsivity_a_w(*, quantum_efficiency: Array, photon_energy_j: Array) -> Ar
 
 
 def gain_from_bias(*, bias_v: Array, breakdown_v: Array, exponent: Array) -> Array:
-    """Multiplication factor from the bias (Miller).
+    """Multiplication factor from the bias, (1 - V_bias / V_bd)^-n as the text under (12) prints it.
 
-    The text under (12) prints (1 - V_bias / V_bd)^-n; Miller's formula is 1 / (1 - (V / V_bd)^n), see
-    `gain_from_bias_miller`. This is the form as printed.
+    Miller's published formula is 1 / (1 - (V / V_bd)^n): see `gain_from_bias_miller`.
     """
     ops = xp(bias_v, breakdown_v, exponent)
     return ops.exp(-exponent * ops.log(1.0 - bias_v / breakdown_v))
@@ -31,25 +34,28 @@ def gain_from_bias_miller(*, bias_v: Array, breakdown_v: Array, exponent: Array)
 
 
 def excess_noise_power_law(*, gain: Array, index: Array) -> Array:
-    """F = M^x, the approximation the paper computes with."""
+    """F = M^x, the approximation that the paper uses."""
     ops = xp(gain, index)
     return ops.exp(index * ops.log(gain))
 
 
 def excess_noise_mcintyre(*, gain: Array, ionisation_ratio: Array) -> Array:
-    """F = k M + (1 - k)(2 - 1 / M), McIntyre (1966), for the ratio k of the ionisation rates."""
+    """F = k M + (1 - k)(2 - 1 / M), with k the ratio of the ionisation rates, hole over electron.
+
+    R. J. McIntyre, IEEE Trans. Electron Devices 13, 164 (1966).
+    """
     return ionisation_ratio * gain + (1.0 - ionisation_ratio) * (2.0 - 1.0 / gain)
 
 
 def signal_a(*, responsivity_a_w: Array, gain: Array, power_w: Array) -> Array:
-    """Peak signal current, (12)."""
+    """Peak signal current i_s = K M P_r, (12)."""
     return responsivity_a_w * gain * power_w
 
 
 def light_shot_variance_a2(
     *, responsivity_a_w: Array, gain: Array, excess_noise: Array, bandwidth_hz: Array, power_w: Array
 ) -> Array:
-    """Shot noise of light on the diode: (14) for the echo, (15) for the background."""
+    """Variance of the shot noise of light, 2 e K P M^2 F B: (14) for the echo, (15) for the background."""
     return 2.0 * ELEMENTARY_CHARGE_C * responsivity_a_w * power_w * gain * gain * excess_noise * bandwidth_hz
 
 
@@ -61,18 +67,18 @@ def dark_shot_variance_a2(
     excess_noise: Array,
     bandwidth_hz: Array,
 ) -> Array:
-    """Shot noise of the surface (not multiplied) and bulk (multiplied) dark currents, (16)."""
+    """Variance of the shot noise of the dark currents, (16): surface (not multiplied) and bulk (multiplied)."""
     multiplied = surface_dark_current_a + bulk_dark_current_a * gain * gain * excess_noise
     return 2.0 * ELEMENTARY_CHARGE_C * multiplied * bandwidth_hz
 
 
 def thermal_variance_a2(*, temperature_k: Array, load_resistance_ohm: Array, bandwidth_hz: Array) -> Array:
-    """Johnson noise of the load, (17)."""
+    """Variance of the Johnson noise of the load, 4 k_B T B / R, (17)."""
     return 4.0 * BOLTZMANN_J_K * temperature_k * bandwidth_hz / load_resistance_ohm
 
 
 def shot_variance_per_ampere_a(*, gain: Array, excess_noise: Array, bandwidth_hz: Array) -> Array:
-    """kappa with sigma_s^2 = kappa i_s: (14) against (12). The echo's own noise at a signal level i_s."""
+    """kappa = 2 e M F B: the echo's shot noise at a signal current i_s is sigma_s^2 = kappa i_s, (14) over (12)."""
     return 2.0 * ELEMENTARY_CHARGE_C * gain * excess_noise * bandwidth_hz
 
 
@@ -84,7 +90,7 @@ def total_noise_a(
     thermal_variance_a2: Array,
     circuit_noise_a: Array,
 ) -> Array:
-    """sigma_APD, (13): all five sources, which are independent. With no signal variance it is (18)."""
+    """sigma_APD, (13): root of the sum of five independent variances. Without signal variance it is (18)."""
     variance = (
         signal_variance_a2 + background_variance_a2 + dark_variance_a2 + thermal_variance_a2
     ) + circuit_noise_a * circuit_noise_a
@@ -104,7 +110,7 @@ def noise_without_echo_a(
     load_resistance_ohm: Array,
     circuit_noise_a: Array = 0.0,
 ) -> Array:
-    """sigma_APD(i(P_rs)), (18): (13) with (15)-(17) and without (14). White noise within the bandwidth."""
+    """sigma_APD(i(P_rs)), (18): (13) with (15)-(17) and without (14). Noise is white within the bandwidth."""
     avalanche = {"gain": gain, "excess_noise": excess_noise, "bandwidth_hz": bandwidth_hz}
     return total_noise_a(
         signal_variance_a2=0.0,
@@ -124,7 +130,7 @@ def noise_without_echo_a(
 
 
 def snr(*, responsivity_a_w: Array, gain: Array, echo_power_w: Array, noise_a: Array) -> Array:
-    """SNR_APD, (19): (12) over (18), which is ``noise_a``."""
+    """SNR_APD, (19): signal (12) over noise without echo (18)."""
     return signal_a(responsivity_a_w=responsivity_a_w, gain=gain, power_w=echo_power_w) / noise_a
 
 
@@ -139,8 +145,8 @@ def snr_of_gain(
 ) -> Array:
     """SNR_APD as a function of the gain, (20), with F = M^x.
 
-    The paper's a K P_rs, b and c are the variances of the background's and of the bulk dark current's shot
-    noise at gain one, and of all that is not multiplied: surface dark current, load, circuit.
+    The paper's a K P_rs, b and c are variances: of the background's shot noise at gain one, of the bulk dark
+    current's shot noise at gain one, and of everything that is not multiplied (surface dark current, load, circuit).
     """
     ops = xp(gain, excess_noise_index, optical_variance_a2)
     grown = ops.exp((2.0 + excess_noise_index) * ops.log(gain))
@@ -151,9 +157,10 @@ def snr_of_gain(
 def gain_of_equal_noise(
     *, multiplied_variance_a2: Array, unmultiplied_variance_a2: Array, excess_noise_index: Array
 ) -> Array:
-    """Gain at which the multiplied noise equals the rest: the best gain as the text after (20) states it.
+    """Gain at which multiplied and unmultiplied noise are equal, M^(2+x) = c / (a + b).
 
-    It is not the best one unless x = 2: `best_gain`. 13.5 at Table 1 where 30.9 is best.
+    The text after (20) calls this the best gain. It is the best only for x = 2; see `best_gain`. At Table 1 it is
+    13.5, where the best gain is 30.9.
     """
     ratio = unmultiplied_variance_a2 / multiplied_variance_a2
     ops = xp(ratio)
@@ -165,9 +172,11 @@ def best_gain(
 ) -> Array:
     """Gain of the best SNR, from d SNR / dM = 0: M^(2+x) = 2 c / (x (a + b)).
 
-    multiplied_variance_a2 is (a + b): background and bulk-dark shot noise at gain one; unmultiplied is c.
-    The text after (20) says that optical and electrical noise are equal there; the derivative says that the
-    multiplied noise is 2/x times the unmultiplied one (6.7 times at x = 0.3).
+    multiplied_variance_a2    a + b: shot noise of background and bulk dark current at gain one
+    unmultiplied_variance_a2  c: noise that is not multiplied
+
+    The text after (20) says that multiplied and unmultiplied noise are equal there. The derivative says that the
+    multiplied noise is 2/x times the other (6.7 times at x = 0.3).
     """
     ratio = 2.0 * unmultiplied_variance_a2 / (excess_noise_index * multiplied_variance_a2)
     ops = xp(ratio)
@@ -177,9 +186,9 @@ def best_gain(
 def best_gain_mcintyre(
     *, multiplied_variance_a2: Array, unmultiplied_variance_a2: Array, ionisation_ratio: Array
 ) -> Array:
-    """Gain of the best SNR with McIntyre's F: the root of k M^3 + (1 - k) M = 2 c / (a + b), by a hyperbolic sine.
+    """Gain of the best SNR with McIntyre's F: the root of k M^3 + (1 - k) M = 2 c / (a + b).
 
-    Variances as in `best_gain`. 0 < k < 1; the gain may come out below one, which means one.
+    Variances as in `best_gain`; 0 < k < 1. A result below one means a gain of one.
     """
     k = ionisation_ratio
     linear = (1.0 - k) / k
@@ -187,6 +196,7 @@ def best_gain_mcintyre(
     ops = xp(constant, linear)
     scale = ops.sqrt(linear / 3.0)
     x = 0.5 * constant / (scale * scale * scale)
-    # asinh(x) = log(x + sqrt(1 + x^2)), x > 0; sinh(y) of a third of it.
+    # The cubic M^3 + p M = q has one real root, 2 s sinh(asinh(x) / 3) with s = sqrt(p / 3), x = q / (2 s^3).
+    # asinh(x) = log(x + sqrt(1 + x^2)); the difference of exponentials is 2 sinh.
     third = ops.log(x + ops.sqrt(1.0 + x * x)) / 3.0
     return scale * (ops.exp(third) - ops.exp(-third))

@@ -1,35 +1,43 @@
-"""Counts of background light in a window: their means and their noise."""
+"""Counts of background light in a time window: their mean and their noise.
+
+Some sensors report how many photons a pixel counted besides its echo. Means reach from far below one to many
+thousands, so a count is drawn by one of two methods: term by term where the mean is small, from a normal deviate
+where it is large.
+
+Symbols: eta detection efficiency, N cells, b busy share, tau dead time.
+"""
 
 from __future__ import annotations
 
 from ...maths.arrays import Array, xp
 
-_FEW = 10.0  # below this mean counts are drawn one by one
+_FEW = 10.0  # below this mean the distribution is inverted term by term
 _TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
 
 
 def detected_photons_hz(*, power_w: Array, efficiency: Array, photon_energy_j: Array) -> Array:
-    """Photons that are detected in a second, eta P / (h nu)."""
+    """Detected photons per second, eta P / (h nu)."""
     return efficiency * power_w / photon_energy_j
 
 
 def fired_cells_hz(*, busy_share: Array, cells: Array, dead_time_s: Array) -> Array:
-    """Firings of all cells in a second: each that is busy has fired once in the last dead time, N b / tau."""
+    """Firings of all cells per second, N b / tau: each busy cell has fired once in the last dead time."""
     return cells * busy_share / dead_time_s
 
 
 def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Array) -> Array:
-    """A whole number from a Poisson distribution: a few one by one, many by a Cornish-Fisher expansion.
+    """A whole number from a Poisson distribution: by inversion if the mean is below 10, else by Cornish and Fisher.
 
     uniform    in (0, 1], for small means
-    deviate    standard normal, for large ones; only one of the two is used, so that they need not be independent
-    narrowing  of the standard deviation below sqrt(mean): 1 - b for cells that are dead for a share b of the time (a
-               renewal process with dead time; W. Feller, Introduction to Probability Theory, vol. 2, XI.4: variance
-               mean (1 - b)^2); large means only
+    deviate    standard normal, for large means; only one of the two is used, so they need not be independent
+    narrowing  factor of the standard deviation sqrt(mean), for large means only: 1 - b for cells that are dead for a
+               share b of the time. Their firings are a renewal process with dead time, whose variance is mean (1 - b)^2
+               (W. Feller, Introduction to Probability Theory, vol. 2, XI.4)
     """
     ops = xp(mean, uniform, deviate)
     few = ops.minimum(mean, _FEW)
     term = ops.exp(-few)
+    # What is left of the uniform number after P(0); lanes of large means start with nothing left and never loop.
     left = ops.where(mean < _FEW, uniform - term, 0.0)
 
     def going(left: Array, term: Array, count: Array) -> Array:
@@ -40,8 +48,9 @@ def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Arr
         term = term * few / count
         return left - term, term, count
 
-    # Lanes of large means end before they begin, and a loop ends with the last of its packet.
+    # Inversion: subtract P(1), P(2), ... until the uniform number is used up; the number of terms is the count.
     count = ops.loop((left, term + 0.0 * left, 0.0 * left), going, one_more)[2]
+    # Cornish and Fisher to the skewness 1 / sqrt(mean): mean + sigma z + (z^2 - 1) / 6, rounded to a whole number.
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0
     drawn = many + narrowing * ops.sqrt(many) * deviate + narrowing * skew

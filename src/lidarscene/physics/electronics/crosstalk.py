@@ -1,7 +1,10 @@
 """Pulses of other lidars: how strong those are that trip the comparator.
 
-They come at random to our clock, as a Poisson process, with peaks whose logarithm is normally distributed: a beam
-that crosses ours by chance is met at some place in its spot, off some surface, through a product of such factors.
+They arrive at random times of our clock, as a Poisson process. The logarithm of their peak power is normally
+distributed: a beam that crosses ours by chance is a product of independent factors (place in its spot, surface,
+range), and the logarithm of a product tends to a normal distribution.
+
+Symbols: Q upper tail of the standard normal distribution, s standard deviation of ln(power).
 """
 
 from __future__ import annotations
@@ -11,18 +14,22 @@ import math
 from ...maths.arrays import Array, xp
 from ...maths.special import normal_tail, normal_tail_inverse
 
-_NEPERS = math.log(10.0) / 10.0  # in a decibel of power
+_NEPERS = math.log(10.0) / 10.0  # ln(power ratio) of one decibel
 
 
 def tripping_probability(*, needed_power_w: Array, median_power_w: Array, spread_db: Array) -> Array:
-    """Share of the pulses with a peak of ``needed_power_w`` or more, Q(ln(needed / median) / s)."""
+    """Share of the pulses whose peak is ``needed_power_w`` or more, Q(ln(needed / median) / s)."""
     ops = xp(needed_power_w, median_power_w, spread_db)
     ratio = ops.maximum(needed_power_w, 1e-30) / ops.maximum(median_power_w, 1e-30)
     return normal_tail(ops.log(ratio) / (_NEPERS * spread_db))
 
 
 def tripping_power_w(*, uniform: Array, probability: Array, median_power_w: Array, spread_db: Array) -> Array:
-    """Peak of a pulse that trips, from a number in (0, 1] and `tripping_probability`: the inverse of its tail."""
+    """Peak power of a pulse that trips: the inverse of its tail.
+
+    uniform      in (0, 1]: uniform times probability is uniform within the tail that trips
+    probability  `tripping_probability`
+    """
     ops = xp(uniform, probability, median_power_w)
     tail = ops.minimum(ops.maximum(uniform * probability, 1e-30), 1.0 - 1e-6)
     return median_power_w * ops.exp(_NEPERS * spread_db * normal_tail_inverse(tail))

@@ -1,4 +1,10 @@
-"""Intensity as makers report it: range-corrected power, and reflectivity on a scale of 0 to 255."""
+"""Intensity as makers report it: range-corrected power, and reflectivity on a scale of 0 to 255.
+
+Makers solve the lidar equation (5) for the reflectivity, as if every surface were Lambertian and across the beam and
+the air clear. The functions here are those steps.
+
+Symbols: R range, rho reflectivity, P_r echo power, R_A coefficient of retro-reflection.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +13,11 @@ import math
 from ...maths.arrays import Array, xp
 
 LARGEST = 255.0
-"""Of one byte, in which makers send it."""
+"""Largest value of the one byte in which makers send it."""
 
 
 def range_corrected_power_w(*, power_w: Array, range_m: Array, reference_m: Array) -> Array:
-    """P_r (R / R_0)^2: what the echo would have been at R_0, by (5) without its air."""
+    """P_r (R / R_0)^2: the echo power of the same surface at R_0, by (5) without air."""
     ratio = range_m / reference_m
     return power_w * ratio * ratio
 
@@ -22,12 +28,13 @@ def white_echo_w_m2(*, peak_power_w: Array, aperture_m2: Array, efficiency: Arra
 
 
 def reflectivity_estimate(*, power_w: Array, range_m: Array, white_w_m2: Array, overlap: Array) -> Array:
-    """Reflectivity of the Lambertian surface across the beam that would give this echo: (5) solved for rho.
+    """rho of the Lambertian surface across the beam that would give this echo: (5) solved for rho.
 
     white_w_m2  `white_echo_w_m2`
-    overlap     share of the spot in the field of view at this range, 1 where all of it is
+    overlap     share of the spot in the field of view at this range, 0 to 1
 
-    A surface at an angle reads rho cos(theta), air takes its square off, a retro-reflector reads pi R_A: far above one.
+    A surface at an angle reads rho cos(theta). Air lowers the value by its transmittance squared. A retro-reflector
+    reads pi R_A, far above one.
     """
     return power_w * range_m * range_m / (white_w_m2 * overlap)
 
@@ -35,9 +42,9 @@ def reflectivity_estimate(*, power_w: Array, range_m: Array, white_w_m2: Array, 
 def on_scale(*, reflectivity: Array, white_value: Array, retro: str, retro_reflectivity: Array) -> Array:
     """A reflectivity on the maker's scale: whole numbers from 0 to 255.
 
-    white_value         for a reflectivity of one; below it in proportion
-    retro               above it: "linear" goes on alike; "logarithmic" in proportion to ln(rho)
-    retro_reflectivity  that has 255 on a logarithmic scale
+    white_value         value of reflectivity one; below one the scale is linear
+    retro               scale above one: "linear" continues; "logarithmic" grows with ln(rho)
+    retro_reflectivity  reflectivity that gets 255 on a logarithmic scale
     """
     ops = xp(reflectivity, white_value, retro_reflectivity)
     value = white_value * reflectivity

@@ -1,13 +1,15 @@
 """Electrons out of an avalanche photodiode: McIntyre's distribution, Webb's approximation, and their tails.
 
-An electron that enters the avalanche leaves as a random number of electrons with mean M and second moment
-M^2 F, F by McIntyre (1966). The sum over Poisson primaries is skewed: its upper tail lies above that of the
-Gaussian (9) with the same variance. Sources: R. J. McIntyre, IEEE Trans. Electron Devices 19, 703 (1972);
-J. Conradi, ibid. 713; P. P. Webb, R. J. McIntyre and J. Conradi, RCA Review 35, 234 (1974).
+An electron that enters the avalanche leaves as a random number of electrons with mean M and second moment M^2 F.
+The sum over Poisson primaries is skewed, so its upper tail lies above that of the Gaussian (9) with the same
+variance, and false alarms are more frequent than (9) says. Sources: R. J. McIntyre, IEEE Trans. Electron Devices 19,
+703 (1972); J. Conradi, ibid. 713; P. P. Webb, R. J. McIntyre and J. Conradi, RCA Review 35, 234 (1974).
 
-Everything here takes electrons: primaries in, output counts in one resolution time 1 / (2 B), in which the
-shot noise 2 e i B of (14) is exactly the Poisson variance of the count. Electrons start the avalanche; the
-ratio k of the ionisation rates (hole over electron) is constant over the junction, 0 <= k < 1.
+Everything here counts electrons: primaries in, output in one resolution time 1 / (2 B), for which the shot noise
+2 e i B of (14) is exactly the Poisson variance of the count. Electrons start the avalanche; k is the ratio of the
+ionisation rates (hole over electron), constant over the junction, 0 <= k < 1.
+
+Symbols: M gain, F excess noise factor, k ionisation ratio, N mean number of primaries, G generating function.
 """
 
 from __future__ import annotations
@@ -23,15 +25,15 @@ from ..constants import ELEMENTARY_CHARGE_C
 
 Matrix = np.ndarray[Any, Any]
 
-_STEPS = 14
-_TERMS = 14
+_STEPS = 14  # of Newton's method for the saddle point
+_TERMS = 14  # of the cumulants' series near the mean
 
 
 def ionisation_ratio(*, gain: Array, excess_noise: Array) -> Array:
-    """The k whose McIntyre F at this gain is ``excess_noise``, within [0, 0.999].
+    """The k whose McIntyre F at this gain is ``excess_noise``, limited to [0, 0.999].
 
-    So a diode that is described by F = M^x gets a k: 0.02225 for x = 0.3 at M = 80. A gain of one leaves no
-    avalanche and no k: 0.
+    It gives a k to a diode that is described by F = M^x: 0.02225 for x = 0.3 at M = 80. At a gain of one there is no
+    avalanche, and k is 0.
     """
     ops = xp(gain, excess_noise)
     floor = 2.0 - 1.0 / gain
@@ -41,15 +43,16 @@ def ionisation_ratio(*, gain: Array, excess_noise: Array) -> Array:
 
 
 def resolution_time_s(*, bandwidth_hz: Array) -> Array:
-    """1 / (2 B): counting over it makes Poisson's variance the shot noise 2 e i B."""
+    """1 / (2 B): over this time the Poisson variance of the count is the shot noise 2 e i B."""
     return 0.5 / bandwidth_hz
 
 
 def log_probability(*, primary: Array, total: Array, gain: Array, ionisation_ratio: Array) -> Array:
-    """Log of the probability that ``primary`` electrons leave as ``total``, McIntyre (1972); -inf below.
+    """Log of the probability that ``primary`` electrons leave as ``total``; -inf for total < primary. numpy.
 
+    For n in and m out (McIntyre, 1972):
     n Gamma(m / (1 - k) + 1) / (m (m - n)! Gamma(k m / (1 - k) + n + 1))
-    ((1 + k (M - 1)) / M)^(n + k m / (1 - k)) ((1 - k)(M - 1) / M)^(m - n), for n in and m out. numpy.
+    ((1 + k (M - 1)) / M)^(n + k m / (1 - k)) ((1 - k)(M - 1) / M)^(m - n).
     """
     n, m = np.broadcast_arrays(np.asarray(primary, dtype=float), np.asarray(total, dtype=float))
     k = ionisation_ratio
@@ -67,7 +70,7 @@ def log_probability(*, primary: Array, total: Array, gain: Array, ionisation_rat
 
 
 def webb_density(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
-    """Density per electron of Poisson primaries' output ``excess`` above its mean (Webb et al., 1974).
+    """Density per electron of the output of Poisson primaries, ``excess`` above its mean (Webb et al., 1974).
 
     With sigma^2 = N M^2 F, x = excess / sigma and lambda = sqrt(N F) / (F - 1):
     exp(-x^2 / (2 (1 + x / lambda))) / (sqrt(2 pi) sigma (1 + x / lambda)^(3/2)), zero below x = -lambda.
@@ -85,8 +88,8 @@ def webb_density(*, excess: Array, primaries: Array, gain: Array, excess_noise: 
 def webb_tail(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
     """Probability of an output more than ``excess`` above its mean, by Webb's approximation; no amplifier.
 
-    In closed form, since 1 + x / lambda is an inverse Gaussian variable (K. R. Baker, IEEE Trans. Commun. 44,
-    15, 1996). Needs F > 1; the mean may be undershot.
+    In closed form, because 1 + x / lambda is an inverse Gaussian variable (K. R. Baker, IEEE Trans. Commun. 44, 15,
+    1996). Needs F > 1; ``excess`` may be negative.
     """
     ops = xp(excess, primaries, gain, excess_noise)
     shape = ops.sqrt(primaries * excess_noise) / (excess_noise - 1.0)
@@ -103,15 +106,15 @@ def tail_probability(
     """Probability that Poisson primaries through McIntyre's avalanche, plus amplifier noise, exceed the mean.
 
     excess     output electrons above the mean, > 0
-    primaries  mean number of primary electrons
-    amplifier  standard deviation of the Gaussian noise of the amplifier, in output electrons
+    primaries  mean number N of primary electrons
+    amplifier  standard deviation of the amplifier's Gaussian noise, in output electrons
 
-    The generating function G of one electron's output obeys z = G (1 - b + b G)^(-1 / (1 - k)) with
-    b = (1 - k)(M - 1) / M (expanding it by Lagrange's theorem gives `log_probability`). So the cumulants are
-    known exactly with d = G - 1 as parameter, and the saddle point gives the tail: Q(r + ln(v / r) / r), in
-    Barndorff-Nielsen's form (Biometrika 73, 307, 1986), which stays between 0 and 1. Against the exact sum
-    (`tail_probability_exact`) it is 0.7 % low with 24 primaries, 10 % with 2.4 and a half with 0.5. With
-    fewer, single electrons that the amplifier does not hide are missed. numpy and Dr.Jit.
+    The generating function G of one electron's output obeys z = G (1 - b + b G)^(-1 / (1 - k)) with b = (1 - k)(M -
+    1) / M; expanded by Lagrange's theorem it gives `log_probability`. So the cumulants are known exactly with d = G -
+    1 as parameter, and a saddle point gives the tail Q(r + ln(v / r) / r), in Barndorff-Nielsen's form (Biometrika
+    73, 307, 1986), which stays between 0 and 1. Compared with the exact sum (`tail_probability_exact`) it is 0.7 %
+    low with 24 primaries, 10 % with 2.4 and a half with 0.5. With fewer it misses single electrons that stand out of
+    the amplifier's noise. numpy and Dr.Jit.
     """
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
@@ -121,8 +124,9 @@ def tail_probability(
     def log_z(d: Array) -> Array:
         return log1p(d) - log1p(b * d) / (1.0 - k)
 
-    # p(d) = (K'(d) - excess) (1 / M - k q d) changes its sign once; without amplifier it is a quadratic, whose
-    # root is an upper bound. Newton's method, and bisection where a step would leave the bracket.
+    # Step 1, the saddle point: the d at which the tilted mean equals the mean plus excess, K'(d) = excess.
+    # p(d) = (K'(d) - excess) (1 / M - k q d) changes its sign once. Without amplifier it is a quadratic, whose root
+    # is an upper bound of d. Newton's method, with bisection where a step would leave the bracket.
     linear = primaries * (1.0 + b + gain * k * q) + excess * k * q
     square = primaries * b
     high = 2.0 * (excess / gain) / (linear + ops.sqrt(linear * linear + 4.0 * square * excess / gain) + tiny)
@@ -139,7 +143,8 @@ def tail_probability(
         rise = linear + 2.0 * square * d + variance * (slope * room - k * q * s)
         newton = d - value / ops.where(ops.abs(rise) > tiny, rise, tiny)
         d = ops.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-    # The cumulants above the mean: M s - d, from its series where the logarithms would cancel.
+    # Step 2, the cumulant generating function there, less its linear part: M s - d. Near d = 0 the two logarithms
+    # cancel in single precision, so there its power series is summed (Horner's scheme).
     series, power = 0.0 * d, 1.0 + 0.0 * b
     coefficients = []
     for n in range(1, _TERMS + 1):
@@ -148,6 +153,7 @@ def tail_probability(
     for coefficient in coefficients[:0:-1]:
         series = d * (coefficient - series)
     beyond = gain * ops.where(d < 0.125, -d * series, log_z(d) - d / gain)
+    # Step 3, Barndorff-Nielsen's tail: r from the exponent at the saddle point, v from its curvature.
     s = (d + beyond) / gain
     room = ops.maximum(1.0 / gain - k * q * d, 1e-7 / gain)
     grown = (1.0 + d) * (1.0 + b * d) / room  # G'(s)
@@ -173,9 +179,9 @@ def false_alarm_probability(
 ) -> Array:
     """P_f of one comparison with McIntyre's tail in place of the Gaussian (9): `tail_probability` in amperes.
 
-    primary_current_a         photocurrent of the background and bulk dark current, before the avalanche
-    unmultiplied_variance_a2  noise that the avalanche does not multiply, as in (18): taken as Gaussian
-    excess_noise              F at this gain; k follows from it (`ionisation_ratio`), so the variance is (18)'s
+    primary_current_a         current of the background and of the bulk dark current, before the avalanche
+    unmultiplied_variance_a2  variance of the noise that is not multiplied, as in (18); taken as Gaussian
+    excess_noise              F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
     """
     electrons_per_ampere = resolution_time_s(bandwidth_hz=bandwidth_hz) / ELEMENTARY_CHARGE_C
     return tail_probability(
@@ -190,11 +196,11 @@ def false_alarm_probability(
 def tail_probability_exact(
     *, excess: float, primaries: float, gain: float, ionisation_ratio: float, amplifier: float
 ) -> float:
-    """`tail_probability` by summing McIntyre's own probabilities: slow and without approximation. numpy.
+    """`tail_probability` by summing McIntyre's probabilities: slow, and without approximation. numpy.
 
-    The distribution of one electron's output is tabulated, compounded over Poisson primaries and convolved
-    with the amplifier's noise by Fourier transform. It is first tilted by exp(s m), with s near the saddle
-    point, so that the tail comes out with its relative precision however small it is.
+    The distribution of one electron's output is tabulated, compounded over Poisson primaries and convolved with the
+    amplifier's noise by Fourier transform. It is first tilted by exp(s m), with s near the saddle point, so that the
+    tail keeps its relative precision however small it is.
     """
     deviation = math.hypot(amplifier, gain * math.sqrt(primaries * _second_moment(gain, ionisation_ratio)))
     mean = primaries * gain
@@ -231,7 +237,7 @@ def _second_moment(gain: float, k: float) -> float:
 
 
 def _steepest(gain: float, k: float) -> float:
-    """The s beyond which the mean of exp(s m) over one electron's output does not exist."""
+    """The s beyond which the mean of exp(s m) over one electron's output diverges."""
     if gain <= 1.0:
         return math.inf
     b = (1.0 - k) * (gain - 1.0) / gain

@@ -1,6 +1,10 @@
-"""The received waveform: pulses of one width, shifted and added, and what follows from their sum.
+"""The received waveform as a sum of shifted Gaussian pulses of one width: values, derivatives, peaks, crossings.
 
-Times are in units of the pulse's standard deviation sigma_p = FWHM / sqrt(8 ln 2), powers in any unit.
+A pulse with several sub-echoes returns such a sum. It is never sampled on a grid; peaks and crossings are found as
+roots of its value and slope, so their precision does not depend on a bin width.
+
+Symbols: times t in units of the pulse's standard deviation sigma_p = FWHM / sqrt(8 ln 2), powers P in any unit;
+t_k, P_k centre and height of pulse k.
 """
 
 from __future__ import annotations
@@ -13,18 +17,18 @@ from ...maths.arrays import Array, State, xp
 SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
 
 Shape = tuple[Array, Array, Array]
-"""A function and its first two derivatives at some place."""
+"""Value, first and second derivative of the waveform at some place."""
 
 _TOLERANCE = 1e-5
-"""Of a root, in sigma_p: 0.03 ps of a pulse of 6 ns; the step before it was some hundred times that."""
+"""Last step of a root search, in sigma_p: 0.03 ps for a pulse of 6 ns. Newton's steps shrink by some hundred each."""
 
 _MOST_STEPS = 40
 
 _REACH = 13.0
-"""From the middle of even places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
+"""Farthest pulse that `evenly` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
 
 _RAISED = 60.0
-"""Exponent by which parts are raised while they are multiplied: from e^-86 to e^71 nothing leaves single precision."""
+"""Added to the exponents in `evenly`: products from e^-86 to e^71 then stay within single precision."""
 
 
 def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Array]) -> Shape:
@@ -42,14 +46,15 @@ def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Arra
 def evenly(
     *, start: Array, spacing: Array, middle: Array, centres: Sequence[Array], heights: Sequence[Array]
 ) -> tuple[list[Array], list[Array]]:
-    """The same sum at places u that follow each other evenly: each pulse's part of it at the first one, and by what
-    that is multiplied from place to place.
+    """`sum_of_pulses` at evenly spaced places u: each pulse's part at the first, and its factor from one to the next.
 
-    middle  of the places, which are not farther from it than 2 t_FWHM
+    start, spacing  first place and distance between places
+    middle          centre of the places, at most 2 t_FWHM from each
 
-    P(u) = exp(-(u - m)^2 / 2) sum_k P_k exp(-(t_k - m)^2 / 2) exp((t_k - m)(u - m)): one exponential for all pulses,
-    and the last factor grows by exp((t_k - m) du). Pulses farther than 8 sigma_p from all places, whose light is
-    1e-14 of their peak there, are left out. Rounding adds up: a hundred places are good to 1e-5.
+    P(u) = exp(-(u - m)^2 / 2) sum_k P_k exp(-(t_k - m)^2 / 2) exp((t_k - m)(u - m)). The first exponential is common
+    to all pulses, and the last one grows by the constant factor exp((t_k - m) du). So a place costs one
+    multiplication for each pulse instead of one exponential. Pulses farther than 8 sigma_p from all places, whose
+    light there is 1e-14 of their peak, are left out. Rounding accumulates: a hundred places are good to 1e-5.
     """
     ops = xp(start, middle, *centres[:1])
     parts, growths = [], []
@@ -64,17 +69,17 @@ def evenly(
 
 
 def even_sum(*, at: Array, middle: Array, parts: Sequence[Array]) -> Array:
-    """P at one of the places of `evenly`, from the pulses' parts there."""
+    """P at one of the places of `evenly`, from the pulses' parts at that place."""
     off = at - middle
     value: Array = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
     return value
 
 
 def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, light_m_s: float) -> Array:
-    """Width of the echo of a plane that leans by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
+    """Width of the echo of a plane that is tilted by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
 
-    Across the beam the power has the standard deviation w / 2, the ranges w tangent / 2, the times w tangent / c;
-    variances add: sigma^2 = sigma_p^2 + (w tangent / c)^2. The echo is a Gaussian again.
+    Across the beam the power has the standard deviation w / 2, so ranges have w tangent / 2 and times w tangent / c.
+    Variances add: sigma^2 = sigma_p^2 + (w tangent / c)^2. The echo is again a Gaussian.
     """
     spread = SIGMAS_PER_FWHM * radius_m * tangent / light_m_s
     return xp(pulse_fwhm_s, spread).sqrt(pulse_fwhm_s * pulse_fwhm_s + spread * spread)
@@ -83,11 +88,11 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, li
 def highest_between(
     evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
 ) -> tuple[Array, Shape]:
-    """Where the waveform is highest between two places, uphill at the first and downhill at the second.
+    """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
+
+    wanted  (n,) bool, lanes to search; results of other lanes are undefined
 
     Returns the place and the shape there.
-
-    wanted  (n,) bool, which lanes are looked at; the others' answers mean nothing
     """
 
     def uphill(shape: Shape) -> tuple[Array, Array]:
@@ -100,7 +105,7 @@ def highest_between(
 def lowest_between(
     evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
 ) -> tuple[Array, Shape]:
-    """The same where it is lowest, downhill at the first place and uphill at the second."""
+    """Valley of the waveform between two places, as `highest_between`: slope negative, then positive."""
 
     def downhill(shape: Shape) -> tuple[Array, Array]:
         _, slope, bend = _relative(shape)
@@ -119,12 +124,12 @@ def crossing(
     wanted: Array,
     near: Array | None = None,
 ) -> Array:
-    """Where the waveform crosses a level between a peak and a place on either side that lies lower.
+    """Place at which the waveform crosses a level, between a peak and a lower place on either side of it.
 
-    top   shape at the peak
-    near  place between both that is known to be above the level; the peak if None
-
-    The first guess is a Gaussian with the peak's height and curvature, exact for a lone pulse.
+    far     place below the level
+    peak    place of the peak, and top the shape there
+    near    a place between both that is known to be above the level; the peak if None
+    wanted  (n,) bool, lanes to search; results of other lanes are undefined
     """
     ops = xp(level, far, peak)
     highest, _, bend = top
@@ -132,9 +137,11 @@ def crossing(
     side = ops.where(far < peak, 1.0, -1.0)
 
     def above(shape: Shape) -> tuple[Array, Array]:
+        # The logarithm of a Gaussian edge is a parabola, on which Newton's method converges from far away.
         value, slope, _ = _relative(shape)
         return side * (ops.log(value) - log_level), side * slope
 
+    # First guess: a Gaussian with the peak's height and curvature, which is exact for a lone pulse.
     variance = highest / ops.maximum(-bend, ops.maximum(1e-3 * highest, 1e-37))
     above_level = ops.maximum(ops.log(ops.maximum(highest, 1e-37)) - log_level, 0.0)
     guess = peak - side * ops.sqrt(2.0 * variance * above_level)
@@ -143,7 +150,7 @@ def crossing(
 
 
 def _relative(shape: Shape) -> Shape:
-    """The value, kept off zero, and slope and bend as shares of it."""
+    """The value, kept above zero, and slope and second derivative divided by it."""
     value, slope, bend = shape
     kept = xp(value).maximum(value, 1e-37)
     return kept, slope / kept, bend / kept
@@ -157,9 +164,9 @@ def _root(
     guess: Array,
     wanted: Array,
 ) -> tuple[Array, Shape]:
-    """Root of a residual that rises through zero from ``low`` to ``high``, by Newton's method kept between them.
+    """Root of a residual that rises through zero from ``low`` to ``high``: Newton's method, kept inside the bracket.
 
-    residual  its value and slope from the waveform's shape
+    residual  (value, slope) from the waveform's shape
     """
     ops = xp(low, high, guess)
     guess = ops.where((guess > low) & (guess < high), guess, 0.5 * (low + high))
@@ -172,6 +179,7 @@ def _root(
         value, slope = residual(there)
         low, high = ops.where(value < 0.0, at, low), ops.where(value < 0.0, high, at)
         newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
+        # A step that leaves the bracket, or a slope without use, is replaced by bisection.
         inside = (slope > 1e-30) & (newton >= low) & (newton <= high)
         following = ops.where(inside, newton, 0.5 * (low + high))
         return low, high, following, ops.abs(following - at), steps + 1, *there

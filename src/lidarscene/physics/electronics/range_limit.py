@@ -1,7 +1,10 @@
 """Maximum range in closed form, (29) and (30), as printed and as derived from the paper's own equations.
 
-Both keep only the background's shot noise, so they are upper bounds; the exact limit solves (19) or (27)
-(`lidarscene.studies.ranging.plane`). At Table 1 the derived forms give 352.751 m and 308.667 m.
+The closed forms show how the range depends on each number. They keep only the background's shot noise, so they are
+upper bounds; the exact limit solves (19) or (27) numerically (`lidarscene.studies.ranging.plane`). At Table 1 the
+derived forms give 352.751 m and 308.667 m.
+
+Symbols: theta incidence, theta_s angle of the sun, tau_a transmittance, eta_r and eta_rs optical efficiencies.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ def _optics_term(
     *, cos_incidence: Array, cos_sun: Array, transmittance: Array, efficiency_laser: Array,
     efficiency_sun: Array, photon_energy_j: Array, factor: float,
 ) -> Array:  # fmt: skip
-    """First bracket of (29) and (30), before its square root, with the 1 / cos theta_s removed."""
+    """First bracket of (29) and (30), before its square root, without the 1 / cos(theta_s)."""
     root = xp(cos_sun, efficiency_sun).sqrt(photon_energy_j * efficiency_sun * cos_sun)
     return factor * cos_incidence * transmittance**1.5 * efficiency_laser / (math.pi * root)
 
@@ -41,8 +44,8 @@ def maximum_range_apd_m(
 ) -> Array:
     """Range at which the APD's SNR falls to the threshold under background shot noise alone, (29).
 
-    excess_noise is F = M^x. Derived: 1 / sqrt(2) (shot noise 2 e i B has one factor 2 under the root) and
-    no 1 / cos theta_s; as printed: 1 / 2 and 1 / cos theta_s, together 19 % long at 60 degrees.
+    excess_noise is F = M^x. Derived: factor 1 / sqrt(2), since shot noise 2 e i B has one factor 2 under the root,
+    and no 1 / cos(theta_s). As printed: 1 / 2 and 1 / cos(theta_s), together 19 % too long at 60 degrees.
     """
     optics = _optics_term(
         cos_incidence=cos_incidence, cos_sun=cos_sun, transmittance=transmittance,
@@ -77,7 +80,7 @@ def maximum_range_sipm_m(
     cos_sun: Array = 1.0,
     as_printed: bool = False,
 ) -> Array:
-    """Range at which the SiPM's SNR (28) falls to the threshold, (30). As printed it holds 1 / cos theta_s."""
+    """Range at which the SiPM's SNR (28) falls to the threshold, (30). As printed it has a 1 / cos(theta_s)."""
     optics = _optics_term(
         cos_incidence=cos_incidence, cos_sun=cos_sun, transmittance=transmittance,
         efficiency_laser=efficiency_laser, efficiency_sun=efficiency_sun,

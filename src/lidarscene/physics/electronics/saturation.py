@@ -1,14 +1,17 @@
 """An amplifier that clips: what it makes of a strong pulse's height, width and timing.
 
-The input stage passes s g(t), the Gaussian pulse, up to a level S. What it cannot pass it holds as charge: from the
-moment the pulse has fallen back to S the output is what is left of the peak s, draining with the recovery time tau,
-and still clipped,
+Echoes of retro-reflectors exceed an amplifier's range by orders of magnitude. Their height is then lost, but their
+width still grows with it, which some sensors use. The input stage passes s g(t), the Gaussian pulse, up to a level S.
+What it cannot pass it holds as charge: when the pulse has fallen back to S, the output is what is left of the peak s.
+It drains with the recovery time tau and is still clipped:
 
     v(t) = min(S, s g(t))                 up to t_S,     s g(t_S) = S on the falling side
     v(t) = min(S, s exp(-(t - t_S)/tau))  after, or s g(t) where that is more
 
-so that the output leaves S tau ln(s / S) late and the pulse is longer by so much: recovery times and pulse widths of
-receivers do grow with the logarithm of the overdrive. The rising edge is not touched below S.
+So the output leaves S late by tau ln(s / S), and the pulse is longer by as much: recovery times and pulse widths of
+receivers do grow with the logarithm of the overdrive. The rising edge below S is not changed.
+
+Symbols: s peak of the signal, S saturation level, U level of the comparator, tau recovery time.
 """
 
 from __future__ import annotations
@@ -19,20 +22,20 @@ from ...maths.arrays import Array, xp
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 
-_HALVINGS = 24
+_HALVINGS = 24  # of the bisection in `overdrive_of_width`: 1e-7 of the first bracket
 LARGEST_OVERDRIVE = 80.0
-"""In which exp still fits single precision."""
+"""Largest ln(s / U): its exponential still fits single precision."""
 
 
 def clipped(*, signal: Array, saturation: Array) -> Array:
-    """A peak as it comes out of the amplifier: no more than S."""
+    """The peak behind the amplifier, min(s, S)."""
     return xp(signal, saturation).minimum(signal, saturation)
 
 
 def clipped_waveform(
     *, time_s: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
 ) -> Array:
-    """v(t) of a pulse of this peak, centred on zero; the pulse itself where the peak is below S."""
+    """v(t) of a pulse of peak ``signal``, centred on zero; the pulse itself if its peak is below S."""
     ops = xp(time_s, signal, saturation)
     pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
     released = -leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s)
@@ -45,10 +48,10 @@ def clipped_waveform(
 def width_at_level_s(
     *, level: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
 ) -> Array:
-    """Time that v(t) spends above a level at or below S: between the comparator's two crossings. 0 above the peak.
+    """Time that v(t) spends above a level at or below S, between the comparator's two crossings; 0 if s < U.
 
-    Not saturated it is 2 t(U) with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)); else t(U) + max(t(U), t(S) +
-    tau ln(s / U)).
+    Below saturation it is 2 t(U), with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)). Above it is
+    t(U) + max(t(U), t(S) + tau ln(s / U)).
     """
     ops = xp(level, signal, saturation)
     rise = -leading_edge_time_s(level=level / signal, fwhm_s=fwhm_s)
@@ -62,9 +65,11 @@ def width_at_level_s(
 def held_until(
     *, fall_s: Array, released_s: Array, level: Array, signal: Array, saturation: Array, recovery_s: Array
 ) -> Array:
-    """When v(t) falls through a level up to S, if the light does so at ``fall_s`` and through S at ``released_s``.
+    """Time at which v(t) falls through a level at or below S.
 
-    Any unit of time will do. A peak below S falls with the light.
+    fall_s      time at which the light falls through the level
+    released_s  time at which the light falls through S
+    Any unit of time. A peak below S falls with the light.
     """
     ops = xp(fall_s, released_s, level, signal)
     drained = released_s + recovery_s * ops.log(ops.maximum(signal / level, 1.0))
@@ -76,8 +81,8 @@ def overdrive_of_width(
 ) -> Array:
     """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
 
-    That grows with the peak without end, so there is one answer; by bisection, to 1e-7 of the largest it could be:
-    draining takes tau ln(s / U) at least.
+    The width grows with the peak, so there is one solution. Bisection finds it to 1e-7 of the upper bound, which
+    holds because draining takes at least tau ln(s / U).
     """
     even = overdrive_of_symmetric_width(width_s=width_s, fwhm_s=fwhm_s)
     ops = xp(even, level, saturation)
@@ -96,17 +101,16 @@ def overdrive_of_width(
 
 
 def overdrive_of_symmetric_width(*, width_s: Array, fwhm_s: Array) -> Array:
-    """The same of a pulse that falls as it rises: ln 2 (w / FWHM)^2."""
+    """ln(s / U) of a pulse of this width that falls as it rises: ln 2 (w / FWHM)^2."""
     ratio = width_s / fwhm_s
     return math.log(2.0) * ratio * ratio
 
 
 def walk_bias_m(*, threshold: Array, signal: Array, saturation: Array, fwhm_s: Array) -> Array:
-    """Range error that is left where the walk is corrected by the clipped peak: negative, too near; 0 below S.
+    """Range error if the walk is corrected with the clipped peak: negative (too near); 0 below S. Without noise.
 
-    The edge crosses U at -t(U / s) of the pulse, and is thought to have at -t(U / S). Without noise. Of a detector
-    whose answer is not linear all three are the light's powers: at U, of the echo, and the largest that its
-    amplitude tells.
+    The edge crosses U at -t(U / s) from the pulse's peak, but the correction assumes -t(U / S). For a detector whose
+    response is not linear, all three arguments are powers of light: at U, of the echo, and at S.
     """
     true_s = leading_edge_time_s(level=threshold / signal, fwhm_s=fwhm_s)
     seen = clipped(signal=signal, saturation=saturation)

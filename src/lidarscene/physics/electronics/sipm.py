@@ -1,12 +1,15 @@
 """Silicon photomultiplier: N cells that each fire once and are then dead for tau. (21)-(28), (S4)-(S6).
 
-Counts are fired cells within one dead time. Two models of the background stand side by side:
+The response saturates because a dead cell cannot fire, and background light keeps some cells dead. Counts are fired
+cells within one dead time. There are two models of the background:
 
 ``published``     (23)-(27) as printed: every dead time starts with all cells alive.
-``steady_state``  derived: a cell that is dead for tau after each firing, under a rate r, is busy
-                  x / (1 + x) of the time, x = r tau; busy cells are binomial. PHYSICS.md, section 3.
+``steady_state``  derived: a cell that is dead for tau after each firing, under a rate r, is busy x / (1 + x) of the
+                  time, x = r tau; the number of busy cells is binomial (docs/theory.md, section 6).
 
-At Table 1 the two give 125.7 and 109.6 busy cells; the scene simulation uses the derived one.
+At Table 1 they give 125.7 and 109.6 busy cells; the scene simulation uses the derived model.
+
+Symbols: N cells, pde detection efficiency, n photons, x firings per cell and dead time, b busy share.
 """
 
 from __future__ import annotations
@@ -20,38 +23,38 @@ from ...maths.special import expm1, log1p, log_gamma
 def photon_detection_efficiency(
     *, quantum_efficiency: Array, trigger_probability: Array, fill_factor: Array
 ) -> Array:
-    """PDE as the product (21)."""
+    """PDE = quantum efficiency x trigger probability x fill factor, (21)."""
     return quantum_efficiency * trigger_probability * fill_factor
 
 
 def background_photons(*, power_w: Array, dead_time_s: Array, photon_energy_j: Array) -> Array:
-    """Background photons in one dead time, N_b-photon under (23)."""
+    """Background photons in one dead time, N_b-photon, P tau / (h nu), under (23)."""
     return power_w * dead_time_s / photon_energy_j
 
 
 def signal_photons(*, peak_power_w: Array, pulse_fwhm_s: Array, photon_energy_j: Array) -> Array:
     """Signal photons that count towards the peak, N_s-photon under (24): half of P_r FWHM / (h nu).
 
-    Half of the energy has arrived when the pulse is at its peak, with P_r FWHM taken as the energy (a
-    Gaussian has 6 % more).
+    When the pulse is at its peak, half of its energy has arrived. The energy is taken as P_r FWHM (a Gaussian has 6 %
+    more).
     """
     return 0.5 * peak_power_w * pulse_fwhm_s / photon_energy_j
 
 
 def fired_share_published(*, photons: Array, pde: Array, cells: Array) -> Array:
-    """Share of cells that fire, 1 - exp(n (exp(-pde / N) - 1)): (22) over N, and (S4)."""
+    """Share of cells that fire, 1 - exp(n (exp(-pde / N) - 1)): (22) divided by N, and (S4)."""
     return -expm1(photons * expm1(-pde / cells))
 
 
 def fired_cells_published(*, photons: Array, pde: Array, cells: Array) -> Array:
-    """Mean number of fired cells: (22) for a flash, (23) for the background's photons, and (S5)."""
+    """Mean number of fired cells: (22) for a flash, (23) for background photons, and (S5)."""
     return cells * fired_share_published(photons=photons, pde=pde, cells=cells)
 
 
 def signal_cells_published(
     *, background_cells: Array, dark_counts: Array, photons: Array, pde: Array, cells: Array
 ) -> Array:
-    """N_s, (24): the share (22) of the cells that background and dark counts have left."""
+    """N_s, (24): share (22) of the cells that background and dark counts left alive."""
     free = cells - background_cells - dark_counts
     return free * fired_share_published(photons=photons, pde=pde, cells=cells)
 
@@ -65,10 +68,10 @@ def snr_published(
     dark_count_rate_hz: Array,
     dead_time_s: Array,
 ) -> Array:
-    """SNR_SiPM as printed, (27): (24) over the root of (25) and the square of (26).
+    """SNR_SiPM as printed, (27): (24) over the root of (25) plus the square of (26).
 
-    Holds while the background fires few of the cells in a dead time and the pulse is much shorter than it;
-    in weak light the noise falls below one cell, and an SNR then says nothing about a comparator.
+    Valid while the background fires few of the cells in a dead time and the pulse is much shorter than it. In weak
+    light the noise falls below one cell, and an SNR then says nothing about a comparator.
     """
     dark = dark_counts(cells=cells, dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s)
     busy = fired_cells_published(photons=background_photons, pde=pde, cells=cells)
@@ -88,7 +91,7 @@ def snr_steady_state(
     dark_count_rate_hz: Array,
     dead_time_s: Array,
 ) -> Array:
-    """SNR_SiPM as derived: what (27) becomes with busy cells in steady state and light thinned over the cells."""
+    """SNR_SiPM as derived: (27) with busy cells in steady state and Poisson light on each cell."""
     busy = busy_share_steady_state(
         photons=background_photons, pde=pde, cells=cells,
         dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s,
@@ -105,47 +108,47 @@ def photon_count_probability(*, photons: Array, mean_photons: Array) -> Array:
 
 
 def quiet_probability_published(*, photons: Array, pde: Array, cells: Array) -> Array:
-    """Probability that k photons leave one cell quiet, (S2): as if each cell got k / N of them."""
+    """Probability that k photons leave one cell quiet, (S2), as if each cell got k / N photons."""
     return xp(photons, pde).exp(-photons * pde / cells)
 
 
 def fired_joint_probability_published(
     *, photons: Array, mean_photons: Array, pde: Array, cells: Array
 ) -> Array:
-    """Probability that k photons come and the cell fires, (S3); its sum over k is (S4)."""
-    coming = photon_count_probability(photons=photons, mean_photons=mean_photons)
-    return coming * (1.0 - quiet_probability_published(photons=photons, pde=pde, cells=cells))
+    """Probability that k photons arrive and the cell fires, (S3). Its sum over k is (S4)."""
+    arriving = photon_count_probability(photons=photons, mean_photons=mean_photons)
+    return arriving * (1.0 - quiet_probability_published(photons=photons, pde=pde, cells=cells))
 
 
 def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
     """Share of cells that fire when Poisson light falls on them independently: 1 - exp(-n pde / N).
 
-    Thinning a Poisson stream leaves a Poisson stream, so this is exact; (S2) splits k photons evenly
-    instead, which is 0.03 % lower at Table 1 (pde / 2N).
+    Exact, because thinning a Poisson stream gives a Poisson stream. (S2) splits k photons evenly instead, which is
+    0.03 % lower at Table 1 (pde / 2N).
     """
     return -expm1(-photons * pde / cells)
 
 
 def photons_for_share(*, share: Array, pde: Array, cells: Array) -> Array:
-    """`fired_share` solved for the photons; shares at or above one count as one part in 1e6 below it."""
+    """`fired_share` solved for the photons. Shares above 1 - 1e-6 are taken as 1 - 1e-6."""
     return -log1p(-xp(share).minimum(share, 1.0 - 1e-6)) * cells / pde
 
 
 MOST_TELLING_SHARE = 1.0 - math.exp(-1.5936)
-"""Share of the free cells, 0.797, at which their count tells the light most precisely.
+"""Share of the free cells, 0.797, at which their count gives the light most precisely.
 
 With x avalanches per cell, if cells could fire twice, the deviation of ln(x) by the count's binomial noise is
-sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. From there on each photon tells less than the one before.
+sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. Beyond it each photon tells less.
 """
 
 
 def photons_for_share_published(*, share: Array, pde: Array, cells: Array) -> Array:
-    """`fired_share_published` solved for the photons."""
+    """`fired_share_published` solved for the photons, with the same limit."""
     return log1p(-xp(share).minimum(share, 1.0 - 1e-6)) / expm1(-pde / cells)
 
 
 def dark_counts(*, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array) -> Array:
-    """Dark counts of all cells in one dead time, N_d under (23); the rate is for each cell."""
+    """Dark counts of all cells in one dead time, N_d under (23). The rate is that of one cell."""
     return cells * dark_count_rate_hz * dead_time_s
 
 
@@ -162,18 +165,18 @@ def fired_variance_published(*, fired: Array, cells: Array) -> Array:
 def busy_share_steady_state(
     *, photons: Array, pde: Array, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array
 ) -> Array:
-    """Share of time that a cell is dead, x / (1 + x), with light and dark counts in x = r tau."""
+    """Share of time that a cell is dead, b = x / (1 + x), with x = (light and dark count rate) tau."""
     x = photons * pde / cells + dark_count_rate_hz * dead_time_s
     return x / (1.0 + x)
 
 
 def busy_variance_steady_state(*, busy_share: Array, cells: Array) -> Array:
-    """Variance of the busy cells, binomial: N x / (1 + x)^2."""
+    """Variance of the number of busy cells, binomial: N b (1 - b) = N x / (1 + x)^2."""
     return cells * busy_share * (1.0 - busy_share)
 
 
 def snr_approximate(*, signal_photons: Array, background_photons: Array, pde: Array) -> Array:
-    """(28): the SNR where both the signal and the background are far from saturating the cells, no dark counts.
+    """(28): the SNR if signal and background are far from saturating the cells, without dark counts.
 
     In powers, by (14) of the theory page: P_r B_pulse / 2 sqrt(PDE / (h nu P_rs tau)).
     """

@@ -1,16 +1,18 @@
 """SiPM in the time domain: how many cells are busy while a pulse passes, and a table of the peak.
 
-A cell that is dead for tau after each firing is busy at t if it fired in (t - tau, t], so its busy share obeys
+(24) counts half of the pulse, whatever the dead time. The time domain counts what a cell really sees. A cell that is
+dead for tau after each firing is busy at t if it fired in (t - tau, t], so its busy share obeys
 
     b(t) = int_{t-tau}^{t} r(u) (1 - b(u)) du,       r = background + dark counts + pulse,        (B)
 
-exactly. Cells are independent and alike, so the count at any one time is exactly binomial, N cells of share
-b(t): variance N b (1 - b), skewness (1 - 2b) / sqrt(N b (1 - b)). Nothing is left to sample but what joins
-different times (first crossings, timing) and what ties cells together; `studies.sipm_events.events` does that, and
-checks this. Numbers of the page: docs/sipm.md.
+exactly. Cells are independent and alike, so the count at any one time is binomial, N cells of share b(t): variance
+N b (1 - b), skewness (1 - 2b) / sqrt(N b (1 - b)). Only what joins different times (first crossings, timing) and what
+couples cells has to be simulated; `studies.sipm_events.events` does that, and checks this. Numbers: docs/sipm.md.
 
-In units of tau the peak depends on three numbers only: the busy share before the pulse, the pulse's width
-over tau, and its light per cell. Hence one table for every sensor, computed once per process when first asked.
+In units of tau the peak depends on three numbers only: busy share before the pulse, pulse width over tau, light per
+cell. So one table serves every sensor; it is computed once per process, when first needed.
+
+Symbols: tau dead time, b busy share, x background firings per cell and dead time.
 """
 
 from __future__ import annotations
@@ -27,24 +29,26 @@ from ...maths.special import log1p, normal_tail
 Matrix = np.ndarray[Any, Any]
 
 _LN2 = math.log(2.0)
-_ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and width, 1.0645
+_ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and FWHM, 1.0645
 LATEST_PEAK = 0.6
-"""Dead times after the light's peak by which the count has peaked: it does at half of one if the light is weak,
-earlier if it is strong, and with a short pulse when all of it has come."""
+"""Time after the light's peak by which the count has peaked, in dead times. In weak light it peaks at 0.5, in strong
+light earlier; with a short pulse when all of the pulse has arrived."""
 
 _EDGE = 2.0  # a pulse is cut off this many FWHM from its peak: 1.5e-5 of it
 
-_WIDTHS, _SHARES, _FLASHES = 49, 15, 65
-_LARGEST_BACKGROUND = 30.0
-_LARGEST_FLASH = 1e3
-_LARGEST_YIELD = 14.0  # -log(1 - share) that the inverse reaches; single precision ends at 1 - 1e-6
+_WIDTHS, _SHARES, _FLASHES = 49, 15, 65  # points of the table along its axes
+_LARGEST_BACKGROUND = 30.0  # x
+_LARGEST_FLASH = 1e3  # firings of a cell that never dies
+_LARGEST_YIELD = 14.0  # -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6
 
 
 def captured_photons(*, photons: Array, pulse_fwhm_s: Array, dead_time_s: Array) -> Array:
-    """Photons of a Gaussian pulse in the dead time centred on its peak, of ``photons`` counted as in (24).
+    """Photons of a Gaussian pulse in the dead time centred on its peak.
 
-    (24) takes half of P_r FWHM. A box of tau around the peak holds 2 1.0645 erf(sqrt(ln 2) tau / FWHM) as
-    much: 1.62 times at tau = FWHM, 2.13 times (the whole pulse) at tau >> FWHM, the same at tau = 0.53 FWHM.
+    photons  as (24) counts them, half of P_r FWHM
+
+    A box of tau around the peak holds 2 1.0645 erf(sqrt(ln 2) tau / FWHM) times that: 1.62 times at tau = FWHM, 2.13
+    times (the whole pulse) at tau >> FWHM, as much at tau = 0.53 FWHM.
     """
     inner = 1.0 - 2.0 * normal_tail(math.sqrt(2.0 * _LN2) * dead_time_s / pulse_fwhm_s)
     return 2.0 * _ENERGY * inner * photons
@@ -53,13 +57,13 @@ def captured_photons(*, photons: Array, pulse_fwhm_s: Array, dead_time_s: Array)
 def peak_photons(
     *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
 ) -> Array:
-    """Photons of a flash that would fire as many free cells as the pulse has busy at its peak, above before.
+    """Photons of a flash that would fire as many free cells as the pulse adds to the busy cells at its peak.
 
     photons             of the pulse in the dead time around its peak, `captured_photons`
     busy_share          before the pulse, x / (1 + x)
     pulse_to_dead_time  FWHM / tau
 
-    Fewer than came: cells that fired early in the pulse are dead or alive again by its peak, and the background
+    Fewer than arrived: cells that fired early in the pulse are dead or alive again at its peak, and the background
     finds fewer free cells meanwhile. Interpolated to 0.5 % (docs/sipm.md).
     """
     forward, _ = tables()
@@ -71,7 +75,7 @@ def peak_photons(
 def captured_for_peak(
     *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
 ) -> Array:
-    """`peak_photons` solved for the photons of the pulse, by a table of its own."""
+    """`peak_photons` solved for the photons of the pulse, by a second table."""
     _, inverse = tables()
     per_cell = photons * pde / cells
     ratio = inverse.at(*_place(pulse_to_dead_time, busy_share), per_cell / _LARGEST_YIELD)
@@ -79,7 +83,10 @@ def captured_for_peak(
 
 
 def _place(pulse_to_dead_time: Array, busy_share: Array) -> tuple[Array, Array]:
-    """Coordinates in the tables: both the short and the long pulse are at a finite place, 1 and 0."""
+    """Coordinates in the tables, from 0 to 1.
+
+    1 / (1 + width) puts both limits at finite places: a flash at 1, an endless pulse at 0.
+    """
     return 1.0 / (1.0 + pulse_to_dead_time), -log1p(-busy_share) / math.log1p(_LARGEST_BACKGROUND)
 
 
@@ -92,15 +99,14 @@ def binomial_skewness(*, share: Array, cells: Array) -> Array:
 def busy_share_over_time(
     *, background: Matrix, flash: Matrix, pulse_to_dead_time: float, steps: int | None = None
 ) -> tuple[Matrix, Matrix]:
-    """Solve (B): times in dead times from the pulse's peak, and the busy share at them.
+    """Solve (B): times from the pulse's peak in dead times, (t,), and the busy share at them, (t, ...).
 
     background  (...) firings per cell and dead time, x
-    flash       (...) what the whole pulse would fire in a cell that never dies
+    flash       (...) firings that the whole pulse would cause in a cell that never dies
     steps       per dead time; fine enough for the table if None
 
-    From 2 FWHM before the light's peak until the count has peaked.
-    Second order in the step, stable for any light: within a step the rate and the share of reviving cells are
-    taken as even.
+    From 2 FWHM before the light's peak until the count has peaked. Second order in the step and stable for any light,
+    because within a step the rate and the share of reviving cells are taken as constant and integrated exactly.
     """
     steps = steps or max(24, math.ceil(24.0 / pulse_to_dead_time))
     before = math.ceil(_EDGE * pulse_to_dead_time * steps)
@@ -112,7 +118,9 @@ def busy_share_over_time(
     fired = np.zeros((len(times) - 1, *x.shape))
     free = np.zeros((len(times), *x.shape))
     free[0] = alive
-    early = x * alive / steps  # what revives in a step before any cell of this solution does
+    early = x * alive / steps  # revives in a step of the first dead time, from the stationary state
+    # alive(t + dt) = alive exp(-e) + revived (1 - exp(-e)) / e, with e the firings per live cell in the step: those
+    # who were alive may fire, those who revive do so evenly over the step.
     for k in range(len(times) - 1):
         exponent = x / steps + y * (arrived[k + 1] - arrived[k])
         revived = fired[k - steps] if k >= steps else early
@@ -125,7 +133,7 @@ def busy_share_over_time(
 
 
 def _arrived(time: Matrix) -> Matrix:
-    """Share of a Gaussian pulse that has come by ``time``, in FWHM."""
+    """Share of a Gaussian pulse that has arrived by ``time``, in FWHM from its peak."""
     return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))
 
 
@@ -150,7 +158,7 @@ def tables() -> tuple[Table, Table]:
 
 
 def _peak(place: float, share: Matrix, captured: Matrix) -> Matrix:
-    """Photons per cell of the flash that matches the pulse's peak; both ends of ``place`` in closed form."""
+    """Photons per cell of the flash that matches the pulse's peak; both limits of ``place`` in closed form."""
     background = share / (1.0 - share)
     if place == 0.0:  # a pulse so long that the cells follow it: x / (1 + x) of all the light
         return np.log1p(captured * (1.0 - share))

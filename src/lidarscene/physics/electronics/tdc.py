@@ -1,9 +1,12 @@
 """Comparator and time-to-digital converter: false alarms, detection, and where an edge crosses.
 
-The echo's own shot noise grows along its edge, so one standard normal deviate z sets the noise
-n(s) = z sigma(s) at every signal level s, with sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 (13). The
-comparator trips where s + n(s) = U, which is a quadratic in s; the echo is found if and only if its peak
-reaches that level, so that P_d = Q((U - peak) / sigma(peak)) exactly. PHYSICS.md, section 5.
+The echo's own shot noise grows along its edge. One standard normal deviate z sets the noise n(s) = z sigma(s) at
+every signal level s, with sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 (13). The comparator trips where s + n(s)
+= U, which is a quadratic in s. The echo is found if and only if its peak reaches that level, so that P_d = Q((U -
+peak) / sigma(peak)) exactly (docs/theory.md, section 8).
+
+Symbols: U threshold, sigma_0 noise without echo, kappa_1 and kappa_2 its growth, z deviate, B bandwidth, TNR = U /
+sigma_0.
 """
 
 from __future__ import annotations
@@ -15,53 +18,50 @@ from ...maths.special import log1p, normal_tail, normal_tail_inverse
 
 
 def false_alarm_probability(*, threshold: Array, noise: Array) -> Array:
-    """P_f of one comparison, (9): Gaussian noise of this standard deviation above the threshold.
-
-    Without noise there is no false alarm.
-    """
+    """P_f of one comparison, (9): probability that Gaussian noise exceeds the threshold. 0 without noise."""
     ops = xp(threshold, noise)
     quiet = noise <= 0.0
     return ops.where(quiet, 0.0, normal_tail(threshold / ops.where(quiet, 1.0, noise)))
 
 
 def threshold_to_noise(*, p_false: Array) -> Array:
-    """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma."""
+    """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma_0."""
     return normal_tail_inverse(p_false)
 
 
 def rice_rate_hz(*, threshold: Array, noise: Array, bandwidth_hz: Array) -> Array:
     """Upward crossings per second of white Gaussian noise behind an ideal low-pass, B / sqrt(3) exp(-TNR^2 / 2).
 
-    S. O. Rice, Bell System Technical Journal 24, 46 (1945). In place of the independent comparisons of (9) and
-    (10): 7.5 times as many at TNR 5. A real filter, without a sharp edge, has more or fewer.
+    S. O. Rice, Bell System Technical Journal 24, 46 (1945). An alternative to the independent comparisons of (9) and
+    (10), with 7.5 times as many alarms at TNR 5. A real filter, without a sharp edge, has more or fewer.
     """
     ratio = threshold / noise
     return bandwidth_hz / math.sqrt(3.0) * xp(ratio).exp(-0.5 * ratio * ratio)
 
 
 def comparisons(*, window_s: Array, bandwidth_hz: Array) -> Array:
-    """Comparisons in a time window, M of (10)."""
+    """Number of comparisons in a time window, M of (10)."""
     return window_s * bandwidth_hz
 
 
 def correct_probability(*, p_false: Array, p_detect: Array, comparisons: Array) -> Array:
-    """Share of right returns among all returns for a target at the end of the window, (10)."""
+    """Share of correct returns among all returns, for a target at the end of the window, (10)."""
     ops = xp(p_false, p_detect, comparisons)
     silence = ops.exp((comparisons - 1.0) * log1p(-p_false))
     return silence * p_detect / (1.0 - silence * (1.0 - p_detect))
 
 
 def false_alarm_rate_hz(*, p_false: Array, bandwidth_hz: Array) -> Array:
-    """Rate of a Poisson process that leaves a window of M comparisons quiet with (1 - P_f)^M, as (10) has it."""
+    """Rate of the Poisson process that leaves a window of M comparisons quiet with (1 - P_f)^M, as in (10)."""
     return -log1p(-p_false) * bandwidth_hz
 
 
 def excursion_width_s(*, height: Array, threshold: Array, bandwidth_hz: Array) -> Array:
-    """Time over the threshold of a noise peak of this height, sqrt(6) / (pi B) sqrt(1 - U / h).
+    """Time that a noise peak of height h spends over the threshold, sqrt(6) / (pi B) sqrt(1 - U / h).
 
-    Around a high peak noise follows its own correlation (D. Slepian, 1963), 1 - (2 pi B t)^2 / 6 behind an ideal
-    low-pass: a parabola. With heights over U exponential (mean sigma^2 / U) its mean is that of Rice, the time
-    above U over the crossings, to the first order in sigma / U.
+    Near a high peak, noise follows its own correlation (D. Slepian, 1963), 1 - (2 pi B t)^2 / 6 behind an ideal
+    low-pass, a parabola. With exponential heights above U (mean sigma^2 / U) the mean width is that of Rice, time
+    above U over number of crossings, to first order in sigma / U.
     """
     ops = xp(height, threshold, bandwidth_hz)
     over = ops.maximum(1.0 - threshold / height, 0.0)
@@ -69,18 +69,18 @@ def excursion_width_s(*, height: Array, threshold: Array, bandwidth_hz: Array) -
 
 
 def signal_to_noise(*, signal: Array, noise: Array) -> Array:
-    """Trigger SNR, (11): peak with echo over the standard deviation without; its own shot noise is left out."""
+    """Trigger SNR, (11): peak with echo over deviation without. The echo's own shot noise is left out."""
     return signal / noise
 
 
 def noise_at_level(*, level: Array, noise: Array, kappa_1: Array, kappa_2: Array) -> Array:
-    """sigma(s) = sqrt(sigma_0^2 + kappa_1 s + kappa_2 s^2), noise with the echo's own share, (13)."""
+    """sigma(s) = sqrt(sigma_0^2 + kappa_1 s + kappa_2 s^2), noise with the echo's own part, (13)."""
     ops = xp(level, noise, kappa_1)
     return ops.sqrt(ops.maximum(noise * noise + level * (kappa_1 + kappa_2 * level), 0.0))
 
 
 def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Array) -> Array:
-    """P_d = Q((U - peak) / sigma(peak)); a step where there is no noise at all."""
+    """P_d = Q((U - peak) / sigma(peak)). Without noise it is 1 for a peak at or above U, else 0."""
     ops = xp(signal, threshold, noise_at_peak)
     quiet = noise_at_peak <= 0.0
     step = ops.where(signal >= threshold, 1.0, 0.0)
@@ -89,9 +89,9 @@ def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Arr
 
 
 def noise_correlation(*, lag_s: Array, bandwidth_hz: Array) -> Array:
-    """Correlation of the noise with itself ``lag_s`` later: exp(-2 pi B |lag|), a single pole of bandwidth B.
+    """Correlation of the noise with itself after ``lag_s``: exp(-2 pi B |lag|), a single pole of bandwidth B.
 
-    It tells how far the noise that shifts an edge is also in the peak that follows.
+    It says how much of the noise that shifts an edge is still present at the peak.
     """
     ops = xp(lag_s, bandwidth_hz)
     return ops.exp((-2.0 * math.pi) * bandwidth_hz * ops.abs(lag_s))
@@ -106,16 +106,17 @@ def crossing_level(
     kappa_1, kappa_2  coefficients of the echo's own noise (kappa_2 <= 0)
     deviate           z, standard normal
 
-    The root of (1 - z^2 k2) s^2 - (2 U + z^2 k1) s + U^2 - z^2 sigma_0^2 = 0 on the branch of z's sign,
-    written without cancellation. Levels below 1e-3 U (a noise peak that would have tripped the comparator
-    without any echo, z sigma_0 > U) are raised to that, so that the time stays finite.
+    The root of (1 - z^2 k2) s^2 - (2 U + z^2 k1) s + U^2 - z^2 sigma_0^2 = 0 on the branch of z's sign, written
+    without cancellation. Levels below 1e-3 U are raised to it, so that the time stays finite; there a noise peak
+    would have tripped the comparator without any echo (z sigma_0 > U).
     """
     ops = xp(threshold, noise, deviate)
     z2 = deviate * deviate
     a = 1.0 - z2 * kappa_2
     half_b = threshold + 0.5 * z2 * kappa_1
     c = threshold * threshold - z2 * noise * noise
-    # The discriminant half_b^2 - a c, with U^2 cancelled by hand: it is z^2 times a sum of positive terms.
+    # The discriminant half_b^2 - a c is z^2 times ``inner``, a sum of positive terms: U^2 is cancelled by hand, since
+    # in single precision the difference of two nearly equal squares would lose most digits.
     inner = (
         threshold * (kappa_1 + threshold * kappa_2)
         + noise * noise
@@ -123,12 +124,13 @@ def crossing_level(
     )
     root = ops.abs(deviate) * ops.sqrt(ops.maximum(inner, 0.0))
     upper = (half_b + root) / a
+    # z < 0 needs more signal than U, the larger root; z > 0 less, the smaller one, as c over the larger.
     level = ops.where(deviate < 0.0, upper, c / (half_b + root))
     return ops.maximum(level, 1e-3 * threshold)
 
 
 def quantised(*, time_s: Array, least_significant_bit_s: Array) -> Array:
-    """Time rounded to the converter's step; a step of zero leaves it."""
+    """Time rounded to the converter's step; a step of zero leaves it unchanged."""
     ops = xp(time_s, least_significant_bit_s)
     step = ops.where(least_significant_bit_s > 0.0, least_significant_bit_s, 1.0)
     return ops.where(least_significant_bit_s > 0.0, ops.rint(time_s / step) * step, time_s)

@@ -1,6 +1,9 @@
-"""The air between: one-way transmittance, fixed or by extinction, and extinction from visibility.
+"""The air in between: one-way transmittance, and extinction from visibility.
 
-The paper's transmittance is tau_a = exp(-alpha R); its Table 1 fixes it at 98 % one way.
+A scene gives the transmittance directly, as the paper's Table 1 does (98 % one way), or an extinction coefficient, or
+a visibility, from which Kruse's and Kim's models make an extinction at the laser's wavelength.
+
+Symbols: tau_a = exp(-alpha R) one-way transmittance, alpha extinction coefficient [1/m], V visibility, q exponent.
 """
 
 from __future__ import annotations
@@ -14,14 +17,14 @@ _REFERENCE_WAVELENGTH_UM = 0.55
 
 
 def transmittance(*, fixed: Array, extinction_per_m: Array, range_m: Array) -> Array:
-    """One-way transmittance: ``fixed`` times exp(-alpha R) (Beer and Lambert). Set alpha 0 or fixed 1."""
+    """One-way transmittance, ``fixed`` times exp(-alpha R) (Beer and Lambert). Use alpha = 0 or fixed = 1."""
     return fixed * xp(range_m, extinction_per_m).exp(-extinction_per_m * range_m)
 
 
 def kruse_exponent(visibility_km: float) -> float:
-    """Size-distribution exponent q of Kruse, McGlauchlin and McQuistan, Elements of Infrared Technology (1962).
+    """Exponent q of Kruse, McGlauchlin and McQuistan, Elements of Infrared Technology (1962).
 
-    1.6 above 50 km, 1.3 from 6 to 50 km, 0.585 V^(1/3) below (V in km). Meant for haze; doubtful in fog.
+    1.6 above 50 km, 1.3 from 6 to 50 km, 0.585 V^(1/3) below (V in km). Made for haze; doubtful in fog.
     """
     if visibility_km > 50.0:
         return 1.6
@@ -31,7 +34,7 @@ def kruse_exponent(visibility_km: float) -> float:
 
 
 def kim_exponent(visibility_km: float) -> float:
-    """The exponent of Kim, McArthur and Korevaar, Proc. SPIE 4214, 26 (2001), revised for fog below 6 km.
+    """Exponent q of Kim, McArthur and Korevaar, Proc. SPIE 4214, 26 (2001), revised for fog below 6 km.
 
     0.16 V + 0.34 from 1 to 6 km, V - 0.5 from 0.5 to 1 km, 0 below: dense fog is grey.
     """
@@ -51,9 +54,9 @@ def extinction_from_visibility_per_m(
 ) -> float:
     """Extinction coefficient alpha = (3.912 / V) (lambda / 550 nm)^-q, per metre.
 
-    model  "kruse" or "kim": which exponent q (the two are the same above 6 km).
-    8.9e-5 per metre at 905 nm and 23 km. The wavelength goes in micrometres into the published form;
-    forgetting that is worth a factor of eight.
+    model  exponent q: "kruse" or "kim" (equal above 6 km)
+
+    8.9e-5 per metre at 905 nm and 23 km.
     """
     exponent = {"kruse": kruse_exponent, "kim": kim_exponent}[model](visibility_m / 1000.0)
     ratio = wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM
@@ -61,5 +64,5 @@ def extinction_from_visibility_per_m(
 
 
 def extinction_from_transmittance_per_m(*, transmittance: float, range_m: float) -> float:
-    """alpha that gives this one-way transmittance over this range."""
+    """alpha with this one-way transmittance over this range."""
     return -math.log(transmittance) / range_m

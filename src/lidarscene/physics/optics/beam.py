@@ -1,7 +1,10 @@
-"""The laser beam across its axis: where the parts of its power are, and what its width and divergence say of it.
+"""The laser beam across its axis: where its power is, and its quality.
 
-Lengths across the beam are in units of its radius w: of the 1/e^2 radius of a Gaussian, of the edge of a top hat.
-Both have the variance w^2 / 4 on each axis, so that 2 w is the width D4sigma of ISO 11146.
+Rays that stand for a beam must carry equal shares of its power; the functions here say how far from the axis they
+belong. Lengths are in units of the beam's radius w: the 1/e^2 radius of a Gaussian, the edge of a top hat. Both have
+the variance w^2 / 4 on each axis, so that 2 w is the width D4sigma of ISO 11146.
+
+Symbols: w beam radius, r distance from the axis, theta full divergence, M^2 beam quality.
 """
 
 from __future__ import annotations
@@ -31,8 +34,8 @@ def top_hat_ring(*, inside: Array, outside: Array) -> Array:
 
 
 def beam_quality(*, exit_diameter_m: Array, divergence_rad: Array, wavelength_m: Array) -> Array:
-    """M^2 = pi w_0 (theta / 2) / lambda of a beam whose waist is its exit; below 1 there is no such beam.
+    """M^2 = pi w_0 (theta / 2) / lambda of a beam with its waist at the exit; a real beam has M^2 >= 1.
 
-    exit_diameter_m, divergence_rad  both at 1/e^2 and full, ISO 11146-1
+    exit_diameter_m, divergence_rad  full, at 1/e^2 (ISO 11146-1)
     """
     return 0.25 * math.pi * exit_diameter_m * divergence_rad / wavelength_m

@@ -1,4 +1,10 @@
-"""Panes and water films: what Fresnel's surfaces on both sides of a layer send back and let through."""
+"""Panes and water films: reflectance and transmittance of a layer with two Fresnel surfaces.
+
+A car's window, a wet road: light is reflected at both faces of the layer, to and fro, and partly absorbed in between.
+Interference is left out.
+
+Symbols: n refractive index, k absorption index, r reflectance of one face, a transmittance of one passage.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +16,10 @@ from ...maths.arrays import Array, xp
 
 
 def fresnel_reflectance(*, cos_incidence: Array, index: Array) -> Array:
-    """Share of unpolarised light that a smooth surface of a lossless body reflects: (R_s + R_p) / 2.
+    """Reflectance of a smooth lossless surface for unpolarised light: (R_s + R_p) / 2.
 
-    index  n of the body over that of the medium; above 1
+    index  n of the body over that of the medium, > 1
+
     Born and Wolf, Principles of Optics, 7th ed., 1.5.2.
     """
     ops = xp(cos_incidence)
@@ -23,9 +30,9 @@ def fresnel_reflectance(*, cos_incidence: Array, index: Array) -> Array:
 
 
 def diffuse_fresnel_reflectance(index: float) -> float:
-    """Share of light from all directions alike that a smooth surface reflects, from outside (index above 1).
+    """Reflectance of a smooth surface for light from all directions equally, from outside (index > 1).
 
-    2 int R(mu) mu dmu by Gauss and Legendre with 64 points; 0.0659 at n = 1.33, 0.0918 at 1.5.
+    2 int R(mu) mu dmu by Gauss-Legendre quadrature with 64 points; 0.0659 at n = 1.33, 0.0918 at 1.5.
     """
     nodes, weights = np.polynomial.legendre.leggauss(64)
     cosines = 0.5 * (nodes + 1.0)
@@ -34,14 +41,14 @@ def diffuse_fresnel_reflectance(index: float) -> float:
 
 
 def optical_depth(*, index_k: float, thickness_m: float, wavelength_m: float) -> float:
-    """Of a layer straight across: 4 pi k d / lambda."""
+    """Optical depth of a layer at normal incidence, 4 pi k d / lambda."""
     return 4.0 * math.pi * index_k * thickness_m / wavelength_m
 
 
 def internal_transmittance(*, depth: Array, cos_incidence: Array, index: Array) -> Array:
-    """Share of light that one passage of a pane leaves, exp(-depth / cos of the angle inside) (Beer, Lambert, Snell).
+    """a: transmittance of one passage of a pane, exp(-depth / cos(angle inside)) (Beer, Lambert, Snell).
 
-    depth  from `optical_depth`
+    depth  `optical_depth`
     """
     ops = xp(cos_incidence)
     inside = ops.sqrt(1.0 - (1.0 - cos_incidence * cos_incidence) / (index * index))
@@ -52,16 +59,17 @@ def pane_reflectance(*, surface: Array, internal: Array) -> Array:
     """R of a pane, all passages between its faces summed: r + (1 - r)^2 r a^2 / (1 - r^2 a^2).
 
     surface   r of one face
-    internal  a of one passage; at 1 the pane is 2 r / (1 + r)
-    No interference: the pulse's coherence is shorter than the pane is thick, or the faces are not parallel to a
-    wavelength. Rubin, Sol. Energy Mater. 12, 275 (1985).
+    internal  a of one passage; with a = 1 the pane has 2 r / (1 + r)
+
+    No interference: the pulse's coherence length is shorter than the pane is thick, or the faces are not parallel to
+    a wavelength. Rubin, Sol. Energy Mater. 12, 275 (1985).
     """
     twice = internal * internal
     return surface + (1.0 - surface) * (1.0 - surface) * surface * twice / (1.0 - surface * surface * twice)
 
 
 def pane_transmittance(*, surface: Array, internal: Array) -> Array:
-    """T of a pane, as `pane_reflectance`: (1 - r)^2 a / (1 - r^2 a^2)."""
+    """T of a pane, with `pane_reflectance`'s arguments: (1 - r)^2 a / (1 - r^2 a^2)."""
     return (1.0 - surface) * (1.0 - surface) * internal / (1.0 - surface * surface * internal * internal)
 
 
@@ -70,15 +78,16 @@ def wet_reflectivity(
 ) -> float:
     """Diffuse reflectivity at normal incidence of a rough surface of reflectivity ``dry`` under a film of water.
 
-    (1 - R(0)) a b (1 - p) a_d / (1 - b p a_d^2): light that the surface sends up is thrown back with the
-    probability p = 1 - (1 - R_d) / n^2 at the water's face, R_d of `diffuse_fresnel_reflectance`, and meets the
-    surface again.
+    (1 - R(0)) a b (1 - p) a_d / (1 - b p a_d^2), b the dry reflectivity: light that the surface scatters upwards is
+    reflected back at the water's face with probability p = 1 - (1 - R_d) / n^2, R_d from
+    `diffuse_fresnel_reflectance`, and meets the surface again.
 
     index             n of the water
     internal          a of one passage straight down
-    internal_diffuse  a_d of one passage in all directions alike, 2 E_3(alpha d)
-    Lekner and Dorf, Appl. Opt. 27, 1278 (1988), their first extension of Angstrom's model. Left out: that water in
-    the pores also lowers the contrast of the grains (their second, and Twomey's), which darkens further.
+    internal_diffuse  a_d of one passage in all directions equally, 2 E_3(alpha d)
+
+    Lekner and Dorf, Appl. Opt. 27, 1278 (1988), their first extension of Angstrom's model. Left out: water in the
+    pores also lowers the contrast of the grains (their second extension, and Twomey's), which darkens further.
     """
     into = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
     back = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2

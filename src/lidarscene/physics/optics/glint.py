@@ -1,7 +1,10 @@
-"""The glint of a flat pane or mirror straight across the beam: the beam itself, thrown back onto the receiver.
+"""The glint of a flat pane or mirror across the beam: the beam itself, reflected onto the receiver.
 
-A flat mirror at R shows the receiver at 2 R. The beam is a spot there, its centre 2 R delta off where the mirror's
-normal is delta off the beam's axis; the share of it that lies on the aperture comes back.
+Such an echo does not scatter, so the lidar equation (5) does not apply. A flat mirror at R shows the receiver at 2 R.
+The beam is a spot there; its centre is 2 R delta off the receiver if the mirror's normal is delta off the beam's
+axis. The share of the spot on the aperture comes back.
+
+Symbols: R range, w_1 and w_2 radii of the spot, A area of the aperture, S share of the beam on it.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ _RINGS, _SPOKES = (
     8,
 )  # of places on the aperture: good to 6e-3 for the narrowest spots, to 1e-6 for wide ones
 _NARROWEST = 0.7
-"""Spot over aperture: narrower spots count as this wide, which blurs the aperture's edge."""
+"""Least ratio of spot to aperture radius. Narrower spots count as this wide, which blurs the aperture's edge."""
 
 
 def share_on_aperture(
@@ -32,14 +35,14 @@ def share_on_aperture(
 
     profile        "gaussian" (radii at 1/e^2) or "top_hat" (radii of the edge, an ellipse)
     aside_m        from the spot's centre to the aperture's, along the two axes of the beam
-    spot_radius_m  along these
+    spot_radius_m  along the same axes
 
-    Of a Gaussian the mean density over the aperture times its area,
+    For a Gaussian, the mean density over the aperture times its area,
 
     .. math:: \frac{2A}{\pi w_1 w_2}\,\overline{e^{-2 (x_1^2 / w_1^2 + x_2^2 / w_2^2)}}
 
-    (ISO 11146), by cubature on the disc. Of a top hat what the two circles share; an ellipse counts as the circle of
-    its area, with the distance in its own units.
+    (ISO 11146), by cubature on the disc. For a top hat, the area that the two circles share; an ellipse counts as the
+    circle of its area, with distances in its own units.
     """
     ops = xp(*aside_m, *spot_radius_m, aperture_radius_m)
     least = _NARROWEST * aperture_radius_m
@@ -57,7 +60,7 @@ def share_on_aperture(
 
 
 def _places() -> list[tuple[float, float, float]]:
-    """Places on a disc of radius 1 and their weights, which sum to 1: Gauss-Legendre in r^2, even in angle."""
+    """Points of a cubature on the unit disc and their weights (sum 1): Gauss-Legendre in r^2, even in angle."""
     nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
     places: list[tuple[float, float, float]] = []
     for ring, (node, weight) in enumerate(zip(nodes, weights, strict=True)):
@@ -72,6 +75,6 @@ def _places() -> list[tuple[float, float, float]]:
 def apparent_backscatter_per_sr(*, share: Array, range_m: Array, aperture_m2: Array) -> Array:
     """f_r cos(theta) of the surface whose echo by (5) would be as bright as a glint: S R^2 / A.
 
-    (5) then gives P_t eta_r tau_a^2 S: of a glint all that lands on the aperture comes back, at any range.
+    With it (5) gives P_t eta_r tau_a^2 S: all light of a glint that falls on the aperture comes back, at any range.
     """
     return share * range_m * range_m / aperture_m2

@@ -1,4 +1,10 @@
-"""The laser pulse in time: Gaussian, unit peak, given by its full width at half maximum."""
+"""The laser pulse in time: Gaussian, unit peak, given by its full width at half maximum.
+
+Echo times are those of the leading edge at some level, and the walk correction needs the same edge, so both take it
+from here.
+
+Symbols: g(t) pulse shape, FWHM full width at half maximum.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +22,7 @@ def gaussian_pulse(*, time_s: Array, fwhm_s: Array) -> Array:
 
 
 def leading_edge_time_s(*, level: Array, fwhm_s: Array) -> Array:
-    """Time (negative) at which g rises through ``level``, 0 < level <= 1; levels above one count as one."""
+    """Time (negative) at which g rises through ``level``, 0 < level <= 1. Levels above one count as one."""
     ops = xp(level, fwhm_s)
     return -fwhm_s * ops.sqrt(ops.maximum(-ops.log(level), 0.0) / _FOUR_LN2)
 

@@ -1,8 +1,12 @@
 """Light out, light back: the lidar equation (1), (3)-(5) and the solar background (6)-(8).
 
-The paper's target is one Lambertian plane of reflectivity rho. In a scene the BSDF stands in for
-rho / pi: `echo_power_w` and `background_power_w` take f_r(w, w) cos(theta) and the radiance towards
-the sensor, and are (5) and (8) for a Lambertian surface.
+The paper's target is one Lambertian plane of reflectivity rho. In a scene the BSDF replaces rho / pi: `echo_power_w`
+and `background_power_w` take f_r(w, w) cos(theta) and the radiance towards the sensor, and are (5) and (8) for a
+Lambertian surface.
+
+Symbols: R range, P_t and P_r peak powers, A aperture, theta incidence, theta_s angle of the sun, tau_a transmittance
+one way, eta_r and eta_rs efficiencies of the optics for laser light and sunlight, f focal length, r_PD detector
+radius.
 """
 
 from __future__ import annotations
@@ -14,22 +18,22 @@ from ..constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 
 
 def range_from_time_of_flight_m(*, time_of_flight_s: Array) -> Array:
-    """Range from the round-trip time, (1); light is taken to travel as in vacuum (2.9e-4 too fast for air)."""
+    """Range from the round-trip time, R = c t / 2, (1), with c in vacuum (air is 2.9e-4 slower)."""
     return 0.5 * SPEED_OF_LIGHT_M_S * time_of_flight_s
 
 
 def time_of_flight_s(*, range_m: Array) -> Array:
-    """Round-trip time to a range, (1) solved for tau."""
+    """Round-trip time to a range, 2 R / c: (1) solved for the time."""
     return (2.0 / SPEED_OF_LIGHT_M_S) * range_m
 
 
 def time_of_flight_from_beat_s(*, beat_frequency_hz: Array, chirp_rate_hz_s: Array) -> Array:
-    """Time of flight of a frequency-modulated continuous-wave lidar from its beat, (2); for completeness."""
+    """Time of flight of a frequency-modulated continuous-wave lidar from its beat, (2). Not used here."""
     return beat_frequency_hz / chirp_rate_hz_s
 
 
 def photon_energy_j(*, wavelength_m: float) -> float:
-    """h nu; 2.19497e-19 J at 905 nm."""
+    """Photon energy h nu; 2.19497e-19 J at 905 nm."""
     return PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
 
 
@@ -41,12 +45,12 @@ def disc_area_m2(*, radius_m: Array) -> Array:
 def lambertian_intensity_w_sr(
     *, reflectivity: Array, transmittance: Array, peak_power_w: Array, cos_incidence: Array
 ) -> Array:
-    """Radiant intensity of the lit spot towards the sensor, (3). All of the spot must be on the target."""
+    """Radiant intensity of the spot towards the sensor, (3). The target must hold the whole spot."""
     return reflectivity * transmittance * peak_power_w * cos_incidence / math.pi
 
 
 def aperture_solid_angle_sr(*, aperture_m2: Array, range_m: Array) -> Array:
-    """Solid angle of the aperture seen from the spot, (4); needs the range well above the aperture's size."""
+    """Solid angle of the aperture seen from the spot, A / R^2, (4), for R far above the aperture's size."""
     return aperture_m2 / (range_m * range_m)
 
 
@@ -80,16 +84,16 @@ def echo_power_w(
     aperture_m2: Array,
     efficiency: Array,
 ) -> Array:
-    """Peak echo power on the detector from any surface: (5) with rho cos(theta) / pi -> f_r(w, w) cos(theta).
+    """Peak echo power on the detector from any surface: (5) with f_r(w, w) cos(theta) for rho cos(theta) / pi.
 
-    transmittance is one way, and enters squared. The monostatic far field is assumed, as in (5).
+    transmittance is one way and enters squared. Transmitter and receiver at one place and the far field, as in (5).
     """
     spread = aperture_solid_angle_sr(aperture_m2=aperture_m2, range_m=range_m)
     return transmittance * transmittance * efficiency * peak_power_w * backscatter_per_sr * spread
 
 
 def field_of_view_solid_angle_sr(*, detector_radius_m: Array, focal_length_m: Array) -> Array:
-    """Solid angle of the receiver's field of view, pi (r_PD / f)^2, as (6) has it (small angles)."""
+    """Solid angle of the receiver's field of view, pi (r_PD / f)^2, as in (6) (small angles)."""
     ratio = detector_radius_m / focal_length_m
     return math.pi * ratio * ratio
 
@@ -104,7 +108,7 @@ def background_power_w(
 ) -> Array:
     """Power on the detector from an extended source of this radiance: (8) with L for E_sun rho cos(theta_s) / pi.
 
-    transmittance is one way. The source fills the receiver's field of view, so range does not enter.
+    transmittance is one way. The source fills the field of view, so range does not enter.
     """
     return radiance_w_m2_sr * aperture_m2 * field_of_view_sr * transmittance * efficiency
 
@@ -114,7 +118,7 @@ def field_of_view_area_m2(
 ) -> Array:
     """Area of the target that the receiver sees, A_b = pi (R r_PD / f)^2 / cos(theta), under (6).
 
-    Small angles; the target must be plane and wider than that.
+    Small angles; the target is plane and larger than that.
     """
     solid_angle = field_of_view_solid_angle_sr(
         detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
@@ -125,15 +129,15 @@ def field_of_view_area_m2(
 def sun_flux_w(*, sun_irradiance_w_m2: Array, seen_area_m2: Array, cos_sun: Array) -> Array:
     """Sunlight on the part of the target that the receiver sees, Phi_s of (6).
 
-    sun_irradiance_w_m2 is in band and at normal incidence: the integral under (6), `physics.optics.solar_spectrum`.
+    sun_irradiance_w_m2  in band, at normal incidence: the integral under (6), `physics.optics.solar_spectrum`
     """
     return sun_irradiance_w_m2 * seen_area_m2 * cos_sun
 
 
 def sun_intensity_w_sr(*, sun_flux_w: Array, reflectivity: Array, cos_incidence: Array) -> Array:
-    """Radiant intensity of the sunlight off a Lambertian target towards the sensor, I_theta_s of (7).
+    """Radiant intensity of sunlight from a Lambertian target towards the sensor, I_theta_s of (7).
 
-    The cosine of the incidence cancels against that in `field_of_view_area_m2`.
+    The cosine of the incidence cancels against the one in `field_of_view_area_m2`.
     """
     return reflectivity * sun_flux_w / math.pi * cos_incidence
 
@@ -149,10 +153,10 @@ def lambertian_sun_power_w(
     transmittance: Array,
     efficiency: Array,
 ) -> Array:
-    """Sunlight from a Lambertian target on the detector, (8), which is (6) and (7) through the aperture (4).
+    """Sunlight from a Lambertian target on the detector, (8): (6) and (7) through the aperture (4).
 
-    The middle of (8) prints eta_r; its right side has eta_rs, which is meant. Range does not enter, as long
-    as the transmittance is that of the target's range.
+    The middle of (8) prints eta_r; its right side has eta_rs, which is correct. Range does not enter if the
+    transmittance is that of the target's range.
     """
     return background_power_w(
         radiance_w_m2_sr=sun_irradiance_w_m2 * reflectivity * cos_sun / math.pi,

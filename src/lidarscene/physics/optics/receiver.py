@@ -1,14 +1,17 @@
-"""What of the laser's spot falls on the detector: field of view, parallax, defocus. Geometric optics, small angles.
+"""The share of the laser's spot that falls on the detector: field of view, parallax, defocus. Small angles.
 
-All of it in angles seen from the receiver's lens, in radians. A lens of radius r_A and focal length f that is focused
-at R_f sends the ray that reaches its point u from direction theta to the angle (place on the detector over f)
+Close to a sensor the spot leaves the field of view or is out of focus, so near echoes are weaker than (5) says. All
+quantities are angles seen from the receiver's lens, in radians. A lens of radius r_A, focused at R_f, sends the ray
+that reaches its point u from direction theta to the angle (place on the detector over f)
 
     theta - u (1/R - 1/R_f)
 
-so a point at R is imaged to a disc of radius r_A |1/R - 1/R_f| about its direction, evenly filled, and the detector is
-the disc of radius r_PD / f. The spot is round, centred where the transmitter's axis is: at o (1/R - 1/R_0) with the
-axes o apart and crossing at R_0. The share of the light that the detector gets is the spot, smeared by the first
-disc, over the second. With f for the distance of the detector, R_f is well beyond f.
+So a point at R is imaged to an evenly filled disc of radius r_A |1/R - 1/R_f| about its direction, and the detector
+is the disc of radius r_PD / f. The spot is round. Its centre is on the transmitter's axis, at o (1/R - 1/R_0) for
+axes a distance o apart that cross at R_0. The detector's share of the light is the spot, smeared by the first disc,
+over the second. With f for the distance of the detector, R_f must be far beyond f.
+
+Symbols: R range, R_f focus, R_0 crossing of the axes, o offset, phi field of view, b blur, w spot radius.
 """
 
 from __future__ import annotations
@@ -18,11 +21,11 @@ import math
 from ...maths.arrays import Array, xp
 from ...maths.special import expm1
 
-_BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as below
+_BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as `_NARROWEST`
 _NARROWEST = (
-    20.0  # a circle, and how far off it is, over the spot's radius: narrower spots count as this wide
+    20.0  # largest sqrt(radius x distance) of a circle over the spot's radius; narrower spots are widened
 )
-_RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, mostly far better
+_RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, usually far better
 
 
 def field_of_view_half_angle_rad(*, detector_radius_m: Array, focal_length_m: Array) -> Array:
@@ -31,26 +34,26 @@ def field_of_view_half_angle_rad(*, detector_radius_m: Array, focal_length_m: Ar
 
 
 def spot_radius_rad(*, exit_radius_m: Array, half_divergence_rad: Array, range_m: Array) -> Array:
-    """Angular radius of the spot, sqrt((w_0 / R)^2 + theta^2): a beam with its waist w_0 where it leaves."""
+    """Angular radius of the spot, sqrt((w_0 / R)^2 + theta^2), for a beam with its waist w_0 at the exit."""
     near = exit_radius_m / range_m
     square = near * near + half_divergence_rad * half_divergence_rad
     return xp(square).sqrt(square)
 
 
 def parallax_rad(*, offset_m: Array, crossing_m: Array, range_m: Array) -> Array:
-    """Angle between the spot's centre and the receiver's axis, o |1/R - 1/R_0|; R_0 = inf: axes side by side."""
+    """Angle between the spot's centre and the receiver's axis, o |1/R - 1/R_0|. R_0 = inf: parallel axes."""
     return xp(range_m).abs(offset_m * (1.0 / range_m - 1.0 / crossing_m))
 
 
 def blur_radius_rad(*, aperture_radius_m: Array, focus_m: Array, range_m: Array) -> Array:
-    """Radius of the disc to which the lens images a point at R, r_A |1/R - 1/R_f|, over the focal length."""
+    """Angular radius of the disc to which the lens images a point at R, r_A |1/R - 1/R_f|."""
     return xp(range_m).abs(aperture_radius_m * (1.0 / range_m - 1.0 / focus_m))
 
 
 def circles_overlap(*, first_radius: Array, second_radius: Array, distance: Array) -> Array:
-    """Area that two circles have in common, in the square of the unit of the three lengths.
+    """Area that two circles share, in the square of the lengths' unit.
 
-    The sum of two circular segments whose half angles are the law of cosines (any handbook: "lens").
+    The sum of two circular segments, whose half angles follow from the law of cosines.
     """
     ops = xp(first_radius, second_radius, distance)
     least = ops.minimum(first_radius, second_radius)
@@ -71,14 +74,14 @@ def circles_overlap(*, first_radius: Array, second_radius: Array, distance: Arra
 def gaussian_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Array) -> Array:
     r"""Share of a Gaussian spot (radius at 1/e^2) within a circle whose centre is a distance off.
 
-    1 - Q_1(2 d / w, 2 r / w) with Marcum's Q (the distribution of Rice): 1 - exp(-2 r^2 / w^2) on the axis. Here as
-    an integral along the circle's boundary, by Green's theorem, whose integrand is smooth and periodic, so that
-    evenly spaced points converge exponentially:
+    1 - Q_1(2 d / w, 2 r / w) with Marcum's Q (the distribution of Rice); 1 - exp(-2 r^2 / w^2) on the axis. Computed
+    as an integral along the circle's boundary (Green's theorem). Its integrand is smooth and periodic, so evenly
+    spaced points converge exponentially:
 
     .. math:: \frac{1}{\pi}\int_0^\pi \frac{1 - e^{-2\rho^2/w^2}}{\rho^2}\,r\,(r + d \cos t)\,dt,
               \qquad \rho^2 = r^2 + d^2 + 2 r d \cos t
 
-    Spots narrower than sqrt(r d) / 20 (or r / 1000) count as that wide: the circle's edge is then blurred by so much.
+    Spots narrower than sqrt(r d) / 20 (or r / 1000) count as that wide, which blurs the circle's edge by as much.
     """
     ops = xp(spot_radius, circle_radius, distance)
     r, d = circle_radius, distance
@@ -93,7 +96,7 @@ def gaussian_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Ar
 
 
 def top_hat_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Array) -> Array:
-    """Share of an evenly lit disc within a circle whose centre is a distance off: the lens over the disc."""
+    """Share of an evenly lit disc within a circle whose centre is a distance off: shared area over the disc's."""
     ops = xp(spot_radius, circle_radius, distance)
     spot = ops.maximum(spot_radius, 1e-6 * circle_radius)
     area = circles_overlap(first_radius=spot, second_radius=circle_radius, distance=distance)
@@ -101,7 +104,7 @@ def top_hat_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Arr
 
 
 def point_share(*, off_axis_rad: Array, field_rad: Array, blur_rad: Array) -> Array:
-    """Share of the light of one point that falls on the detector: how much of its disc the field of view covers.
+    """Share of the light of one point that falls on the detector: the part of its blur disc in the field of view.
 
     off_axis_rad  between the point's direction and the receiver's axis
     """
@@ -111,15 +114,16 @@ def point_share(*, off_axis_rad: Array, field_rad: Array, blur_rad: Array) -> Ar
 def spot_share(
     *, profile: str, spot_rad: Array, off_axis_rad: Array, field_rad: Array, blur_rad: Array
 ) -> Array:
-    r"""Share of the spot's light that falls on the detector, out of focus too.
+    r"""Share of the spot's light that falls on the detector, in or out of focus.
 
     profile       "gaussian" (radius at 1/e^2) or "top_hat"
     off_axis_rad  of the spot's centre, `parallax_rad`
     blur_rad      `blur_radius_rad`; 0 in focus
 
-    `point_share` over the spot. It falls from its value on the axis to zero between |b - phi| and b + phi (blur b,
-    field phi), and its slope is the chord that the two circles share, c(r). By parts that is an average of what lies
-    within circles of these radii, which both profiles have in closed form:
+    It is the mean of `point_share` over the spot. As a function of the distance r from the axis, `point_share` falls
+    to zero between |b - phi| and b + phi (blur b, field phi), and its slope is the chord c(r) that the two circles
+    share. Integration by parts makes the mean an average over the light within circles of these radii, which both
+    profiles have in closed form:
 
     .. math:: \frac{1}{\pi b^2}\int_{|b-\varphi|}^{b+\varphi} c(r)\,P(r)\,dr
     """
@@ -128,8 +132,9 @@ def spot_share(
     blur = ops.maximum(blur_rad, 1e-6 * field_rad)
     least, near = ops.minimum(blur, field_rad), ops.abs(blur - field_rad)
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
-    # In r^2 = near^2 + half (1 - cos t) the chord is smooth and periodic; what the sum misses near its start, where
-    # 1 / r^2 may be steep, is known, since c(r) has the integral pi least^2.
+    # Substituting r^2 = near^2 + half (1 - cos t) makes the chord smooth and periodic in t, so a plain sum converges.
+    # Near its start 1 / r^2 may be steep. What the sum misses there is known, because c(r) integrates to pi least^2,
+    # and it is added at the start.
     half = 2.0 * blur * field_rad
     total: Array = 0.0
     missing: Array = math.pi * least * least
@@ -146,11 +151,11 @@ def spot_share(
 def blind_range_m(
     *, offset_m: Array, exit_radius_m: Array, aperture_radius_m: Array, field_rad: Array, edge_rad: Array
 ) -> Array:
-    """Range below which nothing of the spot reaches the detector: two axes side by side, focus at infinity.
+    """Range below which none of the spot reaches the detector, for parallel axes and focus at infinity.
 
-    There o / R = phi + theta + (r_A + w_0) / R: the spot's inner edge, blurred, leaves the field of view. 0 where the
-    axes are closer than the radii of exit and lens together. Beams of straight edges, ``edge_rad`` from the axis, that
-    start ``exit_radius_m`` wide.
+    There o / R = phi + theta + (r_A + w_0) / R: the spot's inner edge, blurred, leaves the field of view. 0 if the
+    axes are closer than the sum of the radii of exit and lens. For beams with straight edges that start
+    ``exit_radius_m`` wide and open by ``edge_rad``.
     """
     ops = xp(offset_m, aperture_radius_m, field_rad, edge_rad)
     return ops.maximum(offset_m - aperture_radius_m - exit_radius_m, 0.0) / (field_rad + edge_rad)

@@ -1,8 +1,11 @@
-"""Sunlight by wavelength: a spectrum and a filter in, the irradiance that gets through for a given illuminance out.
+"""Sunlight by wavelength: from a spectrum and a filter to the irradiance that passes at a given illuminance.
 
-Illuminance is photopic: E_v = 683 lm/W times the integral of V(lambda) E(lambda), with V the CIE curve of 1924.
-So many klux mean this: the spectrum's shape is kept, and its height is scaled until its own E_v is that value.
-Spectra and filters are straight lines between their points and zero outside; their products are integrated exactly.
+Scenes give sunlight in klux, detectors see it through a narrow filter in the infrared. Illuminance is photopic: E_v =
+683 lm/W times the integral of V(lambda) E(lambda), with V the CIE curve of 1924. The spectrum keeps its shape and is
+scaled until its E_v is the given one. Spectra and filters are straight lines between their points and zero outside;
+their products are integrated exactly.
+
+Symbols: E spectral irradiance [W/m3], V luminous efficiency, E_v illuminance [lux].
 """
 
 from __future__ import annotations
@@ -20,10 +23,10 @@ from ..constants import REFERENCE_ILLUMINANCE_KLUX
 Vector = np.ndarray[Any, Any]
 
 LUMINOUS_EFFICACY_LM_W = 683.0
-"""K_m: lumens in a watt at 555 nm, where V = 1 (the SI has 683 lm/W at 540 THz, 0.0004 % less)."""
+"""K_m: lumens per watt at 555 nm, where V = 1 (the SI defines 683 lm/W at 540 THz, 0.0004 % less)."""
 
-_TAIL = 1e-6  # a smooth filter is followed down to this transmittance
-_POINTS = 801
+_TAIL = 1e-6  # transmittance at which a smooth filter is cut off
+_POINTS = 801  # of a smooth filter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +45,7 @@ class Curve:
         object.__setattr__(self, "wavelength_m", frozen(self.wavelength_m, np.float64, (None,)))
         object.__setattr__(self, "value", frozen(self.value, np.float64, (len(self.wavelength_m),)))
         if len(self.wavelength_m) < 2 or not (np.diff(self.wavelength_m) > 0.0).all():
-            raise ValueError("two wavelengths or more were expected, each longer than the one before")
+            raise ValueError("wavelengths must be two or more, each longer than the one before")
 
     def at(self, wavelength_m: Vector | float) -> Vector:
         """The value at these wavelengths."""
@@ -50,10 +53,10 @@ class Curve:
 
 
 def photopic_efficiency(*, wavelength_m: Vector | float) -> Vector:
-    """V(lambda) of CIE 1924, which is y-bar of CIE 1931, by the two-lobe fit of Wyman, Sloan and Shirley (2013).
+    """V(lambda) of CIE 1924 (y-bar of CIE 1931), by the two-lobe fit of Wyman, Sloan and Shirley (2013).
 
-    Off the table by 0.0071 at most (at 620 nm), by which the illuminance of daylight differs by less than 0.1 %
-    (the tests have the table). J. Comput. Graph. Tech. 2(2).
+    J. Comput. Graph. Tech. 2(2). It differs from the table by at most 0.0071 (at 620 nm), and the illuminance of
+    daylight by less than 0.1 % (the tests have the table).
     """
     nm = 1e9 * np.asarray(wavelength_m, dtype=np.float64)
 
@@ -64,10 +67,10 @@ def photopic_efficiency(*, wavelength_m: Vector | float) -> Vector:
 
 
 def integral(curve: Curve, weight: Callable[[Vector], Vector], *, nodes_m: Vector | None = None) -> float:
-    """Integral of curve times weight over wavelength, between the ends of both.
+    """Integral of curve times weight over wavelength, where both are defined.
 
-    Simpson's rule between neighbours among the points of the curve and ``nodes_m``, those of the weight: exact
-    for a weight of straight lines.
+    Simpson's rule between neighbouring points of the curve and of ``nodes_m``, the points of the weight: exact for a
+    weight of straight lines.
     """
     points = curve.wavelength_m
     if nodes_m is not None:
@@ -92,7 +95,7 @@ def illuminance_lux(spectrum: Curve) -> float:
 
 
 def box_filter(*, centre_m: float, width_m: float) -> Curve:
-    """Transmittance one within half a width of the centre."""
+    """Transmittance one within half a width of the centre, zero outside."""
     edges = np.array([centre_m - 0.5 * width_m, centre_m + 0.5 * width_m])
     return Curve(wavelength_m=edges, value=np.ones(2))
 
@@ -108,25 +111,25 @@ def super_gaussian_filter(*, centre_m: float, width_m: float, order: float = 2.0
 
 
 def equivalent_width_m(transmittance: Curve) -> float:
-    """Width of the box that lets through as much of a flat spectrum: the integral of the transmittance."""
+    """Width of the box filter that passes as much of a flat spectrum: the integral of the transmittance."""
     return integral(transmittance, np.ones_like)
 
 
 def in_band_irradiance_w_m2(spectrum: Curve, transmittance: Curve) -> float:
-    """Irradiance behind the filter, of the spectrum as it is."""
+    """Irradiance behind the filter, without scaling the spectrum."""
     return integral(spectrum, transmittance.at, nodes_m=transmittance.wavelength_m)
 
 
 def irradiance_at_100_klux_w_m2(spectrum: Curve, transmittance: Curve) -> float:
-    """Irradiance behind the filter once the spectrum is scaled to 100 klux: what a sensor file states."""
+    """Irradiance behind the filter with the spectrum scaled to 100 klux: the value in a sensor file."""
     scale = 1e3 * REFERENCE_ILLUMINANCE_KLUX / illuminance_lux(spectrum)
     return scale * in_band_irradiance_w_m2(spectrum, transmittance)
 
 
 def implied_box_width_m(spectrum: Curve, *, centre_m: float, irradiance_w_m2: float) -> float:
-    """Width of the box filter that would let this irradiance through at 100 klux, by bisection.
+    """Width of the box filter that passes this irradiance at 100 klux, by bisection.
 
-    Raises ValueError where even the whole spectrum is less.
+    Raises ValueError if the whole spectrum has less.
     """
 
     def passed(width_m: float) -> float:
@@ -136,8 +139,8 @@ def implied_box_width_m(spectrum: Curve, *, centre_m: float, irradiance_w_m2: fl
     narrow, wide = 0.0, 2.0 * max(longest - centre_m, centre_m - shortest)
     if not passed(wide) >= irradiance_w_m2 > 0.0:
         raise ValueError(
-            f"{irradiance_w_m2} W/m2 came, more than 0 and at most {passed(wide):.1f} W/m2 were expected: "
-            "all of this spectrum at 100 klux"
+            f"irradiance must be more than 0 and at most {passed(wide):.1f} W/m2, all of this spectrum at 100 klux, "
+            f"got {irradiance_w_m2} W/m2"
         )
     for _ in range(60):
         middle = 0.5 * (narrow + wide)

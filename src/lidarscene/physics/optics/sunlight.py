@@ -1,7 +1,9 @@
-"""Ambient light in the receiver's band: sun irradiance from illuminance, sky, and what a surface returns.
+"""Ambient light in the receiver's band: sun, sky, and the radiance of what they light.
 
-A sensor file states its in-band solar irradiance at normal incidence for 100 klux, filter included
-(29.4 W/m2 in Table 1); it is linear in the illuminance.
+A sensor file states its in-band solar irradiance at normal incidence for 100 klux, behind its filter (29.4 W/m2 in
+Table 1). It is linear in the illuminance.
+
+Symbols: E_sun and E_sky irradiances, L radiance, V 1 in the sun and 0 in shadow, theta_s angle of the sun.
 """
 
 from __future__ import annotations
@@ -13,12 +15,12 @@ from ..constants import REFERENCE_ILLUMINANCE_KLUX
 from .receiver import circles_overlap
 
 SUN_RADIUS_RAD = math.radians(959.63 / 3600.0)
-"""Angular radius of the sun's disc at one astronomical unit, 0.26656 degrees (Auwers 1891, as almanacs still have it).
+"""Angular radius of the sun's disc at one astronomical unit, 0.26656 degrees (Auwers 1891, still used by almanacs).
 Over the year it varies by 1.7 %, as the distance does."""
 
 
 def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Array, illuminance_klux: Array) -> Array:
-    """E_sun of (6) at another illuminance: linear, since the spectrum is taken not to change."""
+    """E_sun of (6) at another illuminance: linear, because the spectrum keeps its shape."""
     return irradiance_at_100_klux_w_m2 * illuminance_klux / REFERENCE_ILLUMINANCE_KLUX
 
 
@@ -32,8 +34,10 @@ def surface_radiance_w_m2_sr(
 ) -> Array:
     """Radiance of a surface towards the sensor, L = E_sun V f_r(w_sun, w) cos(theta_s) + rho E_sky / pi.
 
-    sun_scatter_per_sr holds V f_r cos(theta_s), zero in shadow. The sky is uniform and reflected by the
-    diffuse part of the surface only; what of it the surroundings hide is left out.
+    sun_scatter_per_sr  V f_r cos(theta_s), zero in shadow
+
+    The sky is uniform and reflected by the diffuse part of the surface only. Parts of the sky hidden by the
+    surroundings count too.
     """
     return sun_irradiance_w_m2 * sun_scatter_per_sr + reflectivity * sky_irradiance_w_m2 / math.pi
 
@@ -44,7 +48,7 @@ def sky_radiance_w_m2_sr(*, sky_irradiance_w_m2: Array) -> Array:
 
 
 def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Array) -> Array:
-    """Radiance of the sun's disc, taken to be even (its limb is darker): E_sun over its solid angle."""
+    """Radiance of the sun's disc, E_sun over its solid angle; taken as uniform (its limb is darker)."""
     return sun_irradiance_w_m2 / (math.pi * SUN_RADIUS_RAD * SUN_RADIUS_RAD)
 
 
@@ -56,10 +60,11 @@ def sun_disc_power_w(
     aperture_m2: Array,
     efficiency: Array,
 ) -> Array:
-    """Power of the sun itself on the detector: the disc's radiance over what it covers of the field of view.
+    """Power of direct sunlight on the detector: radiance of the disc times the solid angle shared with the field of
+    view.
 
-    sun_irradiance_w_m2  at the sensor, so that no air is left to weaken it
-    sun_angle_rad        from the receiver's axis to the middle of the disc
+    sun_irradiance_w_m2  at the sensor: the air is accounted for
+    sun_angle_rad        from the receiver's axis to the centre of the disc
     field_rad            half angle of the round field of view; small angles
     """
     seen_sr = circles_overlap(

@@ -1,6 +1,10 @@
-"""Fog: sizes of its droplets, and by Mie's theory what they take out of a beam and send straight back.
+"""Fog: sizes of its droplets, and by Mie's theory its extinction and backscatter.
 
-numpy in double precision; computed once for a scene. Extinction from visibility alone is in `physics.optics.air`.
+The ratio of backscatter to extinction decides how bright the fog looks at a given visibility. It depends on droplet
+sizes and wavelength, so it is computed from them: numpy in double precision, once for a scene. Extinction from
+visibility alone is in `physics.optics.air`.
+
+Symbols: n(r) droplets per volume and radius, r_c mode radius, alpha extinction, beta backscatter, Q efficiencies.
 """
 
 from __future__ import annotations
@@ -17,15 +21,16 @@ VISIBLE_M = 550e-9
 """Wavelength at which visibility is defined."""
 
 _CONTRAST = 3.912  # -ln(0.02), as in `physics.optics.air`
-_RADII = 4000  # steps of 0.03 um or less: the ripple of Q_back is averaged to 0.5 %
+_RADII = 4000  # steps of 0.03 um or less average the ripple of Q_back to 0.5 %
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Droplets:
-    """A modified gamma distribution, n(r) = a r^alpha exp(-b r^gamma), b = (alpha / gamma) / r_c^gamma.
+    """Droplet sizes by a modified gamma distribution, n(r) = a r^alpha exp(-b r^gamma), b = (alpha / gamma) /
+    r_c^gamma.
 
-    number_per_m3  of all droplets, which gives a
-    mode_m         r_c, the radius of the most droplets
+    number_per_m3  of all droplets; it fixes a
+    mode_m         r_c, the most frequent radius
 
     D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).
     """
@@ -47,7 +52,7 @@ class Droplets:
 
     @property
     def largest_m(self) -> float:
-        """A radius beyond which less than 1e-9 of the cross-section lies."""
+        """Radius beyond which less than 1e-9 of the cross-section lies."""
         b = self.alpha / self.gamma
         return self.mode_m * math.pow((2.0 * (self.alpha + 3.0) / self.gamma + 25.0) / b, 1.0 / self.gamma)
 
@@ -62,7 +67,7 @@ TYPES = {
     "moderate_spray": Droplets(number_per_m3=100e6, alpha=6.0, gamma=1.0, mode_m=2e-6),
     "chu_hogg": Droplets(number_per_m3=20e6, alpha=2.0, gamma=0.5, mode_m=1e-6),
 }
-"""Kinds of fog by name, each with the density that was published for it."""
+"""Kinds of fog by name, each with its published density."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -80,16 +85,16 @@ def scattering(droplets: Droplets, wavelength_m: float) -> tuple[float, float]:
 
 
 def visibility_m(droplets: Droplets) -> float:
-    """Meteorological visibility among these droplets, 3.912 over their extinction at 550 nm (Koschmieder)."""
+    """Meteorological visibility in these droplets, 3.912 over their extinction at 550 nm (Koschmieder)."""
     return _CONTRAST / scattering(droplets, VISIBLE_M)[0]
 
 
 def extinction_al_naboulsi_per_m(*, visibility_m: float, wavelength_m: float, kind: str) -> float:
     """Extinction of "advection" or "radiation" fog from visibility, 690 to 1550 nm and 50 m to 1 km.
 
-    M. Al Naboulsi, H. Sizun and F. de Fornel, Opt. Eng. 43, 319 (2004): fits to FASCOD, lambda in micrometres,
-    V in km: (0.11478 lambda + 3.8367) / V and (0.18126 lambda^2 + 0.13709 lambda + 3.7502) / V per km. For
-    comparison with Mie's theory.
+    M. Al Naboulsi, H. Sizun and F. de Fornel, Opt. Eng. 43, 319 (2004): fits to FASCOD, (0.11478 lambda + 3.8367) / V
+    and (0.18126 lambda^2 + 0.13709 lambda + 3.7502) / V per km, lambda in micrometres, V in km. Used to check Mie's
+    theory.
     """
     um = wavelength_m * 1e6
     fits = {"advection": 0.11478 * um + 3.8367, "radiation": 0.18126 * um * um + 0.13709 * um + 3.7502}

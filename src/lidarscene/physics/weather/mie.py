@@ -1,6 +1,10 @@
 """Light on water spheres by Mie's theory: extinction and backscatter of one droplet, and the index of water.
 
-numpy in double precision only: needed once for a scene, never for a pulse.
+Fog droplets are a few wavelengths wide, where neither Rayleigh's law nor ray optics holds. numpy in double precision
+only: needed once for a scene, never for a pulse.
+
+Symbols: x size parameter, n + i k refractive index, a_n and b_n Mie coefficients, psi, chi, xi Riccati-Bessel
+functions.
 """
 
 from __future__ import annotations
@@ -12,9 +16,9 @@ import numpy as np
 
 Matrix = np.ndarray[Any, Any]
 
-# Wavelength in micrometres, n, k of liquid water at 25 C: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973),
-# and where their steps are too wide for the bands near 1.2 and 1.45 um D. J. Segelstein's thesis, University
-# of Missouri-Kansas City (1981), both as in the refractiveindex.info database.
+# Wavelength in micrometres, n, k of liquid water at 25 C: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973).
+# Their steps are too wide for the bands near 1.2 and 1.45 um; there D. J. Segelstein's thesis, University of
+# Missouri-Kansas City (1981). Both as in the refractiveindex.info database.
 _WATER = np.array(
     [
         (0.300, 1.349, 1.60e-8), (0.400, 1.339, 1.86e-9), (0.500, 1.335, 1.00e-9), (0.550, 1.333, 1.96e-9),
@@ -31,7 +35,7 @@ _WATER = np.array(
 
 
 def water_index(*, wavelength_m: float) -> complex:
-    """Refractive index n + i k of liquid water, 300 nm to 2.5 um; linear in n and in log k between the rows."""
+    """Refractive index n + i k of liquid water, 300 nm to 2.5 um; linear in n and in log k between table rows."""
     micrometres = wavelength_m * 1e6
     n = np.interp(micrometres, _WATER[:, 0], _WATER[:, 1])
     k = math.exp(np.interp(micrometres, _WATER[:, 0], np.log(_WATER[:, 2])))
@@ -39,28 +43,29 @@ def water_index(*, wavelength_m: float) -> complex:
 
 
 def efficiencies(*, size_parameter: Matrix, index: complex) -> tuple[Matrix, Matrix]:
-    """Extinction and backscatter efficiency of spheres: cross-section over the disc's pi r^2.
+    """Extinction and backscatter efficiency of spheres: cross-section over pi r^2.
 
-    size_parameter  (n,) 2 pi r / lambda, above 0 and up to some 20000
+    size_parameter  (n,) 2 pi r / lambda, above 0, up to about 20000
     index           n + i k of the sphere over that of the air
 
-    Q_ext = 2/x^2 sum (2n + 1) Re(a_n + b_n), Q_back = |sum (2n + 1) (-1)^n (a_n - b_n)|^2 / x^2, with the
-    radar's convention: power into a steradian straight back is Q_back r^2 / 4 times the irradiance.
-    C. F. Bohren and D. R. Huffman, Absorption and Scattering of Light by Small Particles (1983), chapter 4:
-    the logarithmic derivative of psi(m x) by downward recurrence, psi(x) and chi(x) upward; terms up to
-    x + 4 x^(1/3) + 2 (W. J. Wiscombe, Appl. Opt. 19, 1505 (1980)).
+    Q_ext = 2/x^2 sum (2n + 1) Re(a_n + b_n) and Q_back = |sum (2n + 1) (-1)^n (a_n - b_n)|^2 / x^2, with the radar
+    convention: power straight back per steradian is Q_back r^2 / 4 times the irradiance.
+
+    C. F. Bohren and D. R. Huffman, Absorption and Scattering of Light by Small Particles (1983), chapter 4: the
+    logarithmic derivative of psi(m x) by downward recurrence, psi(x) and chi(x) upward. Terms up to x + 4 x^(1/3) + 2
+    (W. J. Wiscombe, Appl. Opt. 19, 1505 (1980)).
     """
     x = np.asarray(size_parameter, dtype=float)
     order = np.argsort(x)
     extinction, backscatter = np.zeros_like(x), np.zeros_like(x)
-    # Spheres of much the same size together: the derivatives take terms times spheres numbers.
+    # Spheres of similar size together: the derivatives need memory for (terms of the largest) x (spheres).
     for some in np.array_split(order, math.ceil(len(x) / 256)):
         extinction[some], backscatter[some] = _of_alike(x[some], index)
     return extinction, backscatter
 
 
 def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
-    """`efficiencies` of spheres in rising order of size, each summed to its own last term."""
+    """`efficiencies` of spheres sorted by size, each summed to its own last term."""
     last = x + 4.05 * np.cbrt(x) + 2.0
     terms = int(last.max())
     derivative = _logarithmic_derivatives(index * x, terms)
@@ -69,7 +74,8 @@ def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
     forward, back = np.zeros_like(x), np.zeros_like(x, dtype=complex)
     first = 0
     for n in range(1, terms + 1):
-        # Beyond its own last term a sphere's psi is rounding noise and its chi overflows.
+        # Beyond its last term a sphere's psi is rounding noise and its chi overflows: drop the sphere. Sizes rise, so
+        # the finished ones are at the front.
         done = int(np.searchsorted(last, n)) - first
         before, latest, first = before[done:], latest[done:], first + done
         size = x[first:]
@@ -84,7 +90,10 @@ def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
 
 
 def _logarithmic_derivatives(y: Matrix, terms: int) -> Matrix:
-    """D_n(y) of n = 0 ... terms, by downward recurrence from well beyond |y|, where any start will do."""
+    """D_n(y) for n = 0 ... terms, (terms + 1, len(y)), by downward recurrence.
+
+    Upward it is unstable; downward any start value far beyond |y| is forgotten.
+    """
     largest = float(np.abs(y).max())
     start = max(terms, int(largest + 4.05 * math.cbrt(largest))) + 16
     derivative = np.zeros((terms + 1, len(y)), dtype=complex)

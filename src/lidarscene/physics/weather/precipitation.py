@@ -1,7 +1,10 @@
-"""Rain and snow: sizes, extinction, and what one drop or flake sends straight back.
+"""Rain and snow: particle sizes, extinction, and the backscatter of one drop or flake.
 
 Sizes are exponential, n(D) = N_0 exp(-Lambda D). Drops and flakes are a thousand wavelengths wide, so their
-extinction is twice their shadow (Q_ext = 2), at any wavelength of a lidar.
+extinction is twice their shadow (Q_ext = 2) at any lidar wavelength.
+
+Symbols: D diameter, N_0 intercept, Lambda slope, R rate [mm/h], alpha extinction, beta backscatter, Q_back
+efficiency.
 """
 
 from __future__ import annotations
@@ -14,14 +17,14 @@ import numpy as np
 from ...maths.arrays import Array, xp
 from . import mie
 
-_DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # per metre, of one decibel per kilometre
+_DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
 
 FLAKE_DENSITY = {"dry": 0.1, "wet": 0.2}
-"""Density of flakes over that of water: an order of magnitude from C. Magono and T. Nakamura, J. Meteorol. Soc.
-Japan 43, 139 (1965). It makes flakes 2.2 or 1.7 times as wide as the drops they melt to."""
+"""Density of flakes over that of water: order of magnitude from C. Magono and T. Nakamura, J. Meteorol. Soc. Japan 43,
+139 (1965). Flakes are then 2.2 or 1.7 times as wide as the drops they melt to."""
 
-_FLAKE_LIDAR_RATIO_SR = 25.0  # of ice that does not absorb; clouds of ice have 20 to 35
-_FLAKE_PATH_M = 0.3e-3  # through ice, of the light that comes back: an estimate, a few crystals
+_FLAKE_LIDAR_RATIO_SR = 25.0  # of ice without absorption; ice clouds have 20 to 35
+_FLAKE_PATH_M = 0.3e-3  # path in ice of the light that comes back: an estimate, a few crystals
 
 # Wavelength in micrometres and absorption index of ice: S. G. Warren and R. E. Brandt, J. Geophys. Res. 113,
 # D14220 (2008), as in the refractiveindex.info database.
@@ -40,7 +43,7 @@ _ICE = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sizes:
-    """Diameters of drops or flakes: intercept_per_m4 exp(-slope_per_m D) of them per m3 and metre of diameter."""
+    """Diameters of drops or flakes: intercept_per_m4 exp(-slope_per_m D) per m3 and metre of diameter."""
 
     intercept_per_m4: float
     slope_per_m: float
@@ -52,9 +55,9 @@ class Sizes:
 
 
 def marshall_palmer(*, rate_mm_h: float) -> Sizes:
-    """Raindrops: N_0 = 8000 / m3 / mm, Lambda = 4.1 R^-0.21 / mm, R above 0 in mm/h.
+    """Raindrops: N_0 = 8000 / m3 / mm, Lambda = 4.1 R^-0.21 / mm, R > 0 in mm/h.
 
-    J. S. Marshall and W. McK. Palmer, J. Meteorol. 5, 165 (1948). Too many drops below 1 mm.
+    J. S. Marshall and W. McK. Palmer, J. Meteorol. 5, 165 (1948). It overestimates drops below 1 mm.
     """
     return Sizes(intercept_per_m4=8e6, slope_per_m=4100.0 * rate_mm_h**-0.21)
 
@@ -62,8 +65,8 @@ def marshall_palmer(*, rate_mm_h: float) -> Sizes:
 def gunn_marshall(*, rate_mm_h: float, kind: str) -> Sizes:
     """Snowflakes "dry" or "wet", R in mm/h of water.
 
-    K. L. S. Gunn and J. S. Marshall, J. Meteorol. 15, 452 (1958), have N_0 = 3800 R^-0.87 / m3 / mm and
-    Lambda = 2.55 R^-0.48 / mm of the diameters of the melted drops; here they are widened by `FLAKE_DENSITY`.
+    K. L. S. Gunn and J. S. Marshall, J. Meteorol. 15, 452 (1958): N_0 = 3800 R^-0.87 / m3 / mm and Lambda = 2.55
+    R^-0.48 / mm for the diameters of the melted drops. Here they are widened to flakes by `FLAKE_DENSITY`.
     """
     widened = FLAKE_DENSITY[kind] ** (-1.0 / 3.0)
     return Sizes(
@@ -72,7 +75,7 @@ def gunn_marshall(*, rate_mm_h: float, kind: str) -> Sizes:
 
 
 def rain_extinction_per_m(*, rate_mm_h: float) -> float:
-    """Of Marshall and Palmer's drops: 3.65e-4 R^0.63 per metre, which is 1.58 R^0.63 dB/km."""
+    """alpha of Marshall and Palmer's drops: 3.65e-4 R^0.63 per metre, or 1.58 R^0.63 dB/km."""
     return marshall_palmer(rate_mm_h=rate_mm_h).extinction_per_m if rate_mm_h > 0.0 else 0.0
 
 
@@ -82,22 +85,23 @@ def rain_extinction_carbonneau_per_m(*, rate_mm_h: float) -> float:
 
 
 def snow_extinction_per_m(*, rate_mm_h: float, wavelength_m: float, kind: str) -> float:
-    """Of snow, "dry" or "wet", of R mm/h of water: a R^b dB/km, Recommendation ITU-R P.1814.
+    """alpha of snow, "dry" or "wet", for R mm/h of water: a R^b dB/km, Recommendation ITU-R P.1814.
 
-    a = 1.023e-4 lambda + 3.7855466, b = 0.72 wet; a = 5.42e-5 lambda + 5.4958776, b = 1.38 dry, lambda in nm.
+    Wet: a = 1.023e-4 lambda + 3.7855466, b = 0.72. Dry: a = 5.42e-5 lambda + 5.4958776, b = 1.38. lambda in nm.
     """
     slope, constant, power = {"wet": (1.023e-4, 3.7855466, 0.72), "dry": (5.42e-5, 5.4958776, 1.38)}[kind]
     return float((slope * wavelength_m * 1e9 + constant) * rate_mm_h**power * _DB_PER_KM)
 
 
 def drop_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
-    """What a raindrop sends straight back, W/sr for each W/m2 on it, by its two rays along the axis.
+    """Backscatter of one raindrop, D^2 Q_back / 16 in W/sr per W/m2, from the two rays along its axis.
 
-    The front reflects r = ((n - 1) / (n + 1))^2 and the back (1 - r)^2 r (n / (2 - n))^2 exp(-2 a D), where
-    the square is what the front focuses and a = 4 pi k / lambda the water's absorption: their sum is the
-    Q_back of D^2 Q_back / 16. Geometrical optics (H. C. van de Hulst, Light Scattering by Small Particles
-    (1957), chapter 12). A perfect sphere has a glory on top, up to tens of times as bright but only within
-    some lambda / D of straight back; drops of a millimetre are no spheres any more, and it is left out.
+    The front face reflects r = ((n - 1) / (n + 1))^2, the back face (1 - r)^2 r (n / (2 - n))^2 exp(-2 a D): the
+    square is the focusing by the front face, and a = 4 pi k / lambda the water's absorption. Q_back is their sum.
+    Geometrical optics (H. C. van de Hulst, Light Scattering by Small Particles (1957), chapter 12).
+
+    A perfect sphere adds a glory, tens of times as bright, within about lambda / D of straight back. It is left out,
+    because drops of a millimetre are not spheres.
     """
     front, back, absorption_per_m = _drop_rays(wavelength_m)
     fading = xp(diameter_m).exp(-2.0 * absorption_per_m * diameter_m)
@@ -105,7 +109,7 @@ def drop_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
 
 
 def rain_backscatter_per_m_sr(*, rate_mm_h: float, wavelength_m: float) -> float:
-    """beta of Marshall and Palmer's drops, int n D^2 Q_back / 16 dD in closed form."""
+    """beta of Marshall and Palmer's drops: int n D^2 Q_back / 16 dD, in closed form."""
     if rate_mm_h <= 0.0:
         return 0.0
     sizes = marshall_palmer(rate_mm_h=rate_mm_h)
@@ -115,7 +119,7 @@ def rain_backscatter_per_m_sr(*, rate_mm_h: float, wavelength_m: float) -> float
 
 
 def _drop_rays(wavelength_m: float) -> tuple[float, float, float]:
-    """Q_back of the front and of the back of a clear drop, and the absorption of water per metre."""
+    """Q_back of the front and of the back face of a clear drop, and the absorption of water per metre."""
     index = mie.water_index(wavelength_m=wavelength_m)
     n = index.real
     reflected = ((n - 1.0) / (n + 1.0)) ** 2
@@ -124,14 +128,14 @@ def _drop_rays(wavelength_m: float) -> tuple[float, float, float]:
 
 
 def snow_lidar_ratio_sr(*, wavelength_m: float) -> float:
-    """alpha / beta of snow: 25 sr where ice is clear, more where it absorbs along 0.3 mm. Both are estimates.
+    """alpha / beta of snow: 25 sr for clear ice, more where ice absorbs along 0.3 mm. Both are estimates.
 
-    25 sr is in the middle of what clouds of ice have; a flake as a white Lambertian ball would have 3 pi sr.
+    25 sr is the middle of the values of ice clouds; a flake as a white Lambertian ball would have 3 pi sr.
     """
     absorption_index = math.exp(np.interp(wavelength_m * 1e6, _ICE[:, 0], np.log(_ICE[:, 1])))
     return _FLAKE_LIDAR_RATIO_SR * math.exp(4.0 * math.pi * absorption_index / wavelength_m * _FLAKE_PATH_M)
 
 
 def flake_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
-    """What a flake sends straight back: its extinction, twice its disc, over `snow_lidar_ratio_sr`."""
+    """Backscatter of one flake, W/sr per W/m2: its extinction, twice its disc, over `snow_lidar_ratio_sr`."""
     return 0.5 * math.pi * diameter_m * diameter_m / snow_lidar_ratio_sr(wavelength_m=wavelength_m)

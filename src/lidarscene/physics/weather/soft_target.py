@@ -1,7 +1,10 @@
-"""What comes back from a target without a surface: fog, or drops too small to be told apart.
+"""The echo of a target without a surface: fog, or drops too small to be drawn one by one.
 
-A medium of backscatter coefficient beta returns, from every slice dR of the way, beta dR of the light that
-crosses it, into each steradian; the slices a pulse's length apart arrive together.
+A medium with backscatter coefficient beta returns, from every slice dR, the fraction beta dR of the light that
+crosses it per steradian. Slices within a pulse's length arrive together, so the echo is the lidar equation convolved
+with the pulse.
+
+Symbols: alpha extinction, beta backscatter, xi overlap, g pulse shape, V(R) response, R_s range of a surface.
 """
 
 from __future__ import annotations
@@ -19,12 +22,12 @@ from ..optics.pulse import gaussian_pulse
 
 Matrix = np.ndarray[Any, Any]
 
-_REACH = 4.0  # in pulse lengths FWHM c / 2: g has fallen to 1e-19 there
-_PANELS, _NODES = 12, 8  # of Gauss-Legendre over the pulse; panels, since overlaps have kinks
+_REACH = 4.0  # pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there
+_PANELS, _NODES = 12, 8  # of Gauss-Legendre quadrature over the pulse; panels, because overlaps have kinks
 
 
 def pulse_length_m(*, fwhm_s: Array) -> Array:
-    """Range over which a pulse spreads an echo, at half of its peak: c FWHM / 2, 0.9 m for 6 ns."""
+    """Range interval over which a pulse spreads an echo, at half its peak: c FWHM / 2, 0.9 m for 6 ns."""
     return 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s
 
 
@@ -37,18 +40,18 @@ def volume_response(
     nearest_m: float,
     farthest_m: float = math.inf,
 ) -> Matrix:
-    """Power from a medium at the time of each range: P = P_t eta A times this, in 1/m2.
+    """Power from a medium at the time of each range: P = P_t eta A V(R), V in 1/m2.
 
-    range_m               (n,) c t / 2 of the time after the pulse
+    range_m               (n,) c t / 2 with t the time after the pulse
     backscatter_per_m_sr  beta(r) xi(r), with xi the overlap of beam and receiver (1 where all is seen)
-    extinction_per_m      alpha, one way, of all that is in the air
-    nearest_m, farthest_m where the medium begins, above 0, and ends
+    extinction_per_m      alpha, one way, of everything in the air
+    nearest_m, farthest_m where the medium begins (above 0) and ends
 
         V(R) = int g(2 (R - r) / c) beta(r) xi(r) exp(-2 alpha r) / r^2 dr
 
     by Gauss-Legendre quadrature, with the Gaussian g of `physics.optics.pulse`: the lidar equation with a pulse of
-    its real length (R. H. Rasshofer, M. Spies and H. Spies, Adv. Radio Sci. 9, 49 (2011), who have a sin^2
-    pulse). Single scattering. Far from its ends V is close to 1.0645 (c FWHM / 2) beta xi exp(-2 alpha R) / R^2.
+    its real length (R. H. Rasshofer, M. Spies and H. Spies, Adv. Radio Sci. 9, 49 (2011), with a sin^2 pulse). Single
+    scattering. Far from the ends V is close to 1.0645 (c FWHM / 2) beta xi exp(-2 alpha R) / R^2.
     """
     reach = _REACH * pulse_length_m(fwhm_s=fwhm_s)
     lower = np.clip(range_m - reach, nearest_m, farthest_m)
@@ -66,10 +69,10 @@ def volume_response(
 def share_before_surface(
     *, range_m: Array, surface_m: Array, extinction_per_m: Array, fwhm_s: Array
 ) -> Array:
-    """How much of V(R) is left where a surface ends the medium.
+    """Share of V(R) that is left if a surface at R_s ends the medium.
 
-    Q((R - R_s - kappa sigma^2) / sigma), sigma that of g in range and kappa = 2 alpha + 2 / R_s: exact where
-    exp(-2 alpha r) / r^2 falls as exp(-kappa r) over the pulse's length, and beta xi is even there.
+    Q((R - R_s - kappa sigma^2) / sigma), with sigma that of g in range and kappa = 2 alpha + 2 / R_s. Exact where
+    exp(-2 alpha r) / r^2 falls as exp(-kappa r) over the pulse's length and beta xi is constant there.
     """
     sigma_m = pulse_length_m(fwhm_s=fwhm_s) / math.sqrt(8.0 * math.log(2.0))
     falling_per_m = 2.0 * extinction_per_m + 2.0 / surface_m
@@ -77,9 +80,9 @@ def share_before_surface(
 
 
 def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Matrix:
-    """An even grid from 0 that an `maths.arrays.Table` of V can stand on: 1/16 of the pulse's length or finer.
+    """An even grid from 0, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
 
-    Linear interpolation is then good to 0.3 % of V, on the rise of the bump too.
+    Linear interpolation is then good to 0.3 % of V, also on its rise.
     """
     steps = math.ceil(farthest_m / (pulse_length_m(fwhm_s=fwhm_s) / 16.0))
     return np.linspace(0.0, farthest_m, steps + 1)
