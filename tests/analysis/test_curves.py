@@ -34,7 +34,7 @@ def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **questi
 
 @pytest.mark.parametrize("count", [2, 7, 200])
 def test_equal_ranges_of_table_1(count):
-    """PHYSICS.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
+    """docs/validation.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
     (crossing,) = over("illuminance", count=count).crossings
     assert crossing.at == pytest.approx(3.22191, rel=1e-5)
     assert crossing.at == pytest.approx(
@@ -47,7 +47,7 @@ def test_equal_ranges_of_table_1(count):
 
 @pytest.mark.parametrize("log", [True, False])
 def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
-    """PHYSICS.md: 350.605 m and 280.871 m."""
+    """docs/validation.md: 350.605 m and 280.871 m."""
     found = over("distance", log=log)
     assert found.crossings == ()
     first, second = found.detection_limits

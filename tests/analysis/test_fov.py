@@ -26,7 +26,7 @@ def raster(columns=101, rows=51, step_deg=0.2, rate_hz=50e3):
 
 
 def mid40():
-    """HELIOS++'s prisms, FIELD.md 5.4."""
+    """HELIOS++'s prisms for the Livox Mid-40."""
     return scan.Risley.of(
         rate_hz=100e3, frame_hz=10.0, angle_rad=[18.7481 * DEG, 17.9634 * DEG], index=[1.51, 1.51],
         rotation_hz=[-121.5657, 77.7430], phase_rad=[0.0, 0.0], tilted=["out", "in"],
@@ -34,7 +34,7 @@ def mid40():
 
 
 def vlp16():
-    """User manual 63-9243 by FIELD.md 5.4."""
+    """VLP-16 user manual 63-9243."""
     order = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
     return scan.Spinning.of(
         rotation_hz=-10.0, cycle_s=55.296e-6, cycles_per_turn=None, elevation_rad=[e * DEG for e in order],
@@ -134,7 +134,7 @@ TIMES_S = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4])
 
 
 def test_coverage_of_the_mid40_prisms():
-    """FIELD.md 5.4, HELIOS++'s prisms at 0.28 degrees, by another program with another mask."""
+    """docs/fov.md: HELIOS++'s prisms at 0.28 degrees, by another program with another mask."""
     covered = 100.0 * studied(mid40(), Cells.of_size(0.28), 1.4).coverage(TIMES_S)
     others = np.array([19.7, 36.1, 49.0, np.nan, 69.8, 83.8, 88.3, 92.7])
     assert np.nanmax(np.abs(covered - others)) < 2.0

@@ -73,7 +73,7 @@ def test_fig_5_by_hand():
 
 
 def test_fig_6a_meets_the_table():
-    """PHYSICS.md: 61.4618 and 22.7009 at 100 m. Tolerance: interpolation between 300 points."""
+    """docs/validation.md: 61.4618 and 22.7009 at 100 m. Tolerance: interpolation between 300 points."""
     figure = figures.fig_6a()
     assert at(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
     assert at(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
@@ -170,7 +170,7 @@ def test_dead_time_is_not_minimal(claims):
 
 
 def test_errata_carry_the_sizes_of_the_reference():
-    """PHYSICS.md section 3."""
+    """docs/theory.md 11."""
     told = {erratum.place: erratum.size for erratum in errata() if erratum.place != "(29), (30)"}
     assert "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5" in told["(23)"]
     assert "86.2 for 79.6" in told["(25)"]
@@ -186,7 +186,7 @@ def test_closed_forms_of_table_1():
 
 
 def test_case_is_table_1():
-    """PHYSICS.md section 2."""
+    """docs/validation.md, Numbers."""
     counts = case.sipm_counts()
     assert (counts.background_photons, counts.busy, counts.signal_photons) == pytest.approx(
         (686.093, 125.701, 2660.31), rel=1e-5

@@ -56,7 +56,7 @@ def check(sensor, target, table, *, rel):
 
 @EVERY
 def test_by_drjit(mi, sensor, target):
-    """PHYSICS.md, section 6, check 6: 1e-3 is asked for, 1e-6 comes."""
+    """docs/validation.md, check 6: 1e-3 is asked for, 1e-6 comes."""
     distance = 0.97 * limit_m(sensor, target)
     table = sensitivities.sensitivities(sensor, target, distance_m=distance, method="drjit")
     assert len(table.rows) > 20

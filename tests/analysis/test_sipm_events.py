@@ -44,7 +44,7 @@ def binomial_variance_error(*, share, cells, shots):
     ("photons", "busy"), [(1.0, 0.22), (50.0, 10.7), (200.0, 39.7), (686.093, 109.6), (2000.0, 209.5)]
 )
 def test_busy_cells_are_binomial(photons, busy):
-    """PHYSICS.md section 3: x / (1 + x), within its three digits and 4 standard errors of the closed form.
+    """(T16): x / (1 + x), within its three digits and 4 standard errors of the closed form.
 
     Two samples two dead times apart: the start is stationary and stays so.
     """

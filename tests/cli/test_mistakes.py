@@ -430,7 +430,7 @@ def test_memory_that_is_not_there(
         ("<scene version='3.0.0'><include filename='$part.xml'/></scene>", "a.xml: not a Mitsuba scene: "),
         (("<scene version='3.0.0'><shape type='shapegroup' id='g'><shape type='sphere'/></shape>"
          "<shape type='instance' id='one'><ref id='g'/></shape></scene>"),
-         "a.xml: shape 'one' is an instance; plain shapes were expected"),
+         "a.xml: shape 'one' must be a plain shape, got an instance"),
         ("<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
          "a.xml: BSDF 'h' of shape 'one': cannot be used: "),
     ],

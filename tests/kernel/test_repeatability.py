@@ -1,4 +1,4 @@
-"""PHYSICS.md section 6, check 7, and "a second frame compiles nothing"."""
+"""docs/validation.md, check 7, and "a second frame compiles nothing"."""
 
 import chain
 import launches

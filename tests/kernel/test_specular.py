@@ -230,7 +230,7 @@ def test_the_sun_does_not_come_through_boards_and_mirrors():
 
 @pytest.mark.parametrize("range_m", [5.0, 100.0, 250.0])
 def test_panes_that_are_6_mm_apart_are_two(range_m):
-    """Far from the origin as well: Mitsuba's own offset would jump the second from 100 m on (MITSUBA.md 5.7)."""
+    """Far from the origin as well: Mitsuba's own offset would jump over the second from 100 m on."""
     seen = run(pane(range_m, 10.0), pane(range_m + 0.006, 10.0), chain.facing(range_m=300.0))
     np.testing.assert_array_equal(seen.hits.interactions, 2)
 

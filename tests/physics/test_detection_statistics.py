@@ -1,4 +1,4 @@
-"""PHYSICS.md section 6, check 3, and (10): a million beams against the closed forms.
+"""docs/validation.md, check 3, and (10): a million beams against the closed forms.
 
 Every comparison is a z-test of 4 standard errors: a false-alarm rate of 6e-5 each, at a fixed seed.
 """

@@ -60,7 +60,7 @@ def test_illuminance_by_the_table(name: str) -> None:
 def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
     """Reference: the standard's own 1000.4 and 900.1 W/m2 (and 1366.1 W/m2 with all beyond 4 um).
 
-    The illuminance of AM1.5 global is 109.6 klx by integration with the analytic curve (FIELD.md 5.3).
+    The illuminance of AM1.5 global is 109.6 klx by integration with the analytic curve of V(lambda) (docs/sun.md).
     """
     assert sun.total_irradiance_w_m2(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
     assert sun.illuminance_lux(spectrum(name)) == pytest.approx(klux * 1e3, rel=1e-3)
@@ -70,7 +70,7 @@ def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
     ("centre_nm", "w_m2_nm"), [(850, 0.89), (905, 0.63), (940, 0.28), (1064, 0.57), (1550, 0.25)]
 )
 def test_mean_over_20_nm_at_100_klux(centre_nm: float, w_m2_nm: float) -> None:
-    """Reference: FIELD.md 5.3, two digits."""
+    """Reference: ASTM G173-03 global, integrated apart from this code, two digits."""
     assert band("global", centre_nm, 20) / 20 == pytest.approx(w_m2_nm, abs=0.005)
 
 

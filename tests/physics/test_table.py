@@ -1,4 +1,4 @@
-"""The numbers of PHYSICS.md section 2, computed there independently of this code, to its six digits."""
+"""The numbers of docs/validation.md, computed apart from this code, to their six digits."""
 
 import math
 
@@ -75,8 +75,8 @@ def test_snr_at_100_m(sensor, expected):
     assert plane.snr(sensor, TABLE_1, 100.0)[0] == six(expected)
 
 
-# PHYSICS.md prints 414.434 m for the APD at 50 klux; (19) written out with SciPy's constants and root finder
-# gives 414.464 as this code does, and every other number of the table agrees: a slip of the pen there.
+# The first reference had 414.434 m for the APD at 50 klux; (19) written out with SciPy's constants and root finder
+# gives 414.464 as this code does, and every other number of the table agrees: a slip of the pen.
 @pytest.mark.parametrize(
     ("klux", "apd_m", "sipm_m"),
     [(100, 350.605, 280.871), (50, 414.464, 347.782), (10, 593.591, 539.426), (1, 817.209, 971.009)],
@@ -137,7 +137,7 @@ def test_closed_forms_are_upper_bounds():
 
 
 def test_steady_state_cells_of_table_1():
-    """PHYSICS.md section 3: 109.6 busy cells and a variance of 79.6, against 125.7 and 86.2 as printed."""
+    """docs/theory.md 6: 109.6 busy cells and a variance of 79.6, against 125.7 and 86.2 as printed."""
     for photons, busy in ((1, 0.22), (50, 10.7), (200, 39.7), (686.093, 109.6), (2000, 209.5)):
         share = sipm.busy_share_steady_state(
             photons=photons, pde=0.22, cells=400.0, dark_count_rate_hz=0.0, dead_time_s=6e-9

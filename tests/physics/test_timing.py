@@ -1,4 +1,4 @@
-"""PHYSICS.md section 6, check 4: range errors against the slope formula, and what walk correction does."""
+"""docs/validation.md, check 4: range errors against the slope formula, and what walk correction does."""
 
 import chain
 import numpy as np
@@ -20,7 +20,7 @@ QUARTER_MILLION = [
     "scanner.azimuth_step_deg=2e-6", "scanner.elevation_step_deg=2e-6",
 ]  # fmt: skip
 FWHM_S = 6e-9
-CHECK_4 = 0.02  # as PHYSICS.md asks
+CHECK_4 = 0.02  # docs/validation.md, check 4
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 
 

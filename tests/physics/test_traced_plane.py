@@ -1,4 +1,4 @@
-"""PHYSICS.md section 6, checks 1 and 5: the paper's plane through the ray tracer."""
+"""docs/validation.md, checks 1 and 5: the paper's plane through the ray tracer."""
 
 import math
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("mi")
 RANGES_M = np.geomspace(1.0, 500.0, 9)
 THETAS_DEG = (0.0, 20.0, 45.0, 70.0, 85.0)
 MIDDLE = 4  # of the 3 x 3 beams: exactly on the axis
-CHECK_1 = 1e-5  # as PHYSICS.md asks; float32 leaves 1e-6
+CHECK_1 = 1e-5  # docs/validation.md, check 1; float32 leaves 1e-6
 
 SENSORS = {
     "apd": chain.sensor("table1-apd", *chain.NARROW),

@@ -1,4 +1,4 @@
-"""PHYSICS.md section 6, check 2: traced ranges against closed forms, wherever in the world the scene lies."""
+"""docs/validation.md, check 2: traced ranges against closed forms, wherever in the world the scene lies."""
 
 import chain
 import numpy as np
@@ -8,7 +8,7 @@ from lidarscene.maths.pose import Pose
 
 pytestmark = pytest.mark.usefixtures("mi")
 
-CHECK_2 = 1e-6  # as PHYSICS.md asks; a float32 has 6e-8
+CHECK_2 = 1e-6  # single precision: a float32 has 6e-8
 PLACES_M = ((0.0, 0.0, 0.0), (1234.5, -987.6, 12.3), (4.5e5, 5.1e6, 300.0))  # the last: a UTM northing
 SENSOR = chain.sensor(
     "table1-apd", "scanner.azimuth_fov_deg=10", "scanner.elevation_fov_deg=10",

@@ -13,11 +13,11 @@ VLP16_FIRING_ORDER_DEG = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, 
 VLP16_HEIGHT_MM = (
     11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2,
 )  # fmt: skip
-"""FIELD.md 5.4 has those of lasers 7 to 15; the others by their symmetry."""
+"""The user manual has those of lasers 7 to 15; the others by their symmetry."""
 
 
 def vlp16(**changes):
-    """User manual 63-9243 by FIELD.md 5.4: a laser every 2.304 us, a cycle every 55.296 us."""
+    """VLP-16 user manual 63-9243: a laser every 2.304 us, a cycle every 55.296 us."""
     numbers = {
         "rotation_hz": -10.0, "cycle_s": 55.296e-6, "cycles_per_turn": None,
         "elevation_rad": [e * DEG for e in VLP16_FIRING_ORDER_DEG], "azimuth_rad": [0.0] * 16,
@@ -65,7 +65,7 @@ def polygon(**changes):
 
 
 def mid40(**changes):
-    """HELIOS++'s prisms for the Livox Mid-40, by FIELD.md 5.4; 100 000 points per second."""
+    """HELIOS++'s prisms for the Livox Mid-40; 100 000 points per second."""
     numbers = {
         "rate_hz": 100e3, "frame_hz": 10.0, "angle_rad": [18.7481 * DEG, 17.9634 * DEG],
         "index": [1.51, 1.51], "rotation_hz": [-121.5657, 77.7430], "phase_rad": [0.0, 0.0],

@@ -182,7 +182,7 @@ def test_six_beams_take_turns():
 
 
 def test_mid40_field_of_view():
-    """Reference: FIELD.md 5.4, 39.4 degrees from HELIOS++'s prisms (Livox says 38.4), inclined faces inside."""
+    """Reference: 39.4 degrees from HELIOS++'s prisms (Livox says 38.4), inclined faces inside."""
     scanner = scanners.mid40(frame_hz=1.0)
     x = scanner.direction(scanners.frame(scanner))[0]
     assert 2 * np.degrees(np.arccos(x.min())) == pytest.approx(39.4, abs=0.05)

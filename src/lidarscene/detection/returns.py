@@ -1,4 +1,4 @@
-"""Returns: Echoes in, what the comparator and the TDC report out (PHYSICS.md section 5)."""
+"""Returns: Echoes in, what the comparator and the TDC report out (docs/theory.md 7 to 9)."""
 
 from __future__ import annotations
 

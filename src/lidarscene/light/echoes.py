@@ -1,4 +1,4 @@
-"""Echoes: Beams and Hits in, the light that reaches the detector out (PHYSICS.md section 4)."""
+"""Echoes: Beams and Hits in, the light that reaches the detector out (docs/theory.md 1 to 3)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""The door to Mitsuba: nothing in, the `mitsuba` module with a working variant set out.
+"""Choose and load a Mitsuba variant: the only door to Mitsuba in this package.
 
-Nothing is imported or set before the first call of `mitsuba()`, so that everything else works on a
-machine without any back end.
+Mitsuba sets no variant when it is imported, and its own errors do not say what is wrong: one text stands for an LLVM
+that is absent, too old or broken. So the variants are tried here one at a time, each failure is kept with its reason,
+and a machine without a usable one gets a single error that names what to install. Nothing is imported before the
+first call of `mitsuba()`: commands that trace nothing run without any back end.
 """
 
 import contextlib
@@ -19,27 +21,27 @@ from .llvm import LlvmCandidate
 VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
 DEFAULT_ORDER = ("cuda_ad_mono", "llvm_ad_mono")
 
-_refused: dict[str, str] = {}  # variant: why it did not work
+_refused: dict[str, str] = {}  # variant: the reason why it does not work
 
 
 @dataclass(frozen=True, slots=True)
 class BackendReport:
-    """What was looked for, what was found, and what was chosen."""
+    """The variant in use, why the others were refused, and which LLVM libraries were examined."""
 
-    variant: str | None  # in use; None where none works
-    error: str | None  # why none works, with the way out
-    cuda: str  # "works", or why not
-    llvm: str  # "works", or why not
+    variant: str | None  # in use; None if none works
+    error: str | None  # why none works, and how to mend it
+    cuda: str  # "works", or the reason why not
+    llvm: str  # "works", or the reason why not
     llvm_loaded: tuple[int, ...]  # version that Dr.Jit has loaded; () if none
     candidates: tuple[LlvmCandidate, ...]  # best first
 
 
 @functools.cache
 def mitsuba() -> ModuleType:
-    """The `mitsuba` module with a variant set: the only door to Mitsuba in this package.
+    """Return the `mitsuba` module with a variant set.
 
-    LIDARSCENE_VARIANT decides where it is set; a vectorised variant that the user has set stays;
-    otherwise cuda_ad_mono where a GPU works, else llvm_ad_mono. Raises `BackendError`.
+    The order: LIDARSCENE_VARIANT if it is set; else a vectorised variant that the user has already set; else
+    cuda_ad_mono if a GPU works; else llvm_ad_mono. Raises `BackendError` if none works.
     """
     wanted = os.environ.get(VARIANT_VARIABLE)
     if wanted:
@@ -49,6 +51,8 @@ def mitsuba() -> ModuleType:
             raise BackendError(f"{VARIANT_VARIABLE}={wanted}: {error}") from None
     loaded: Any = sys.modules.get("mitsuba")
     current = loaded.variant() if loaded else None
+    # A variant of ours that failed after it was set (CUDA without OptiX) stays current in Mitsuba. It is no choice of
+    # the user's, and must not be taken for one when this is called again: the cache keeps results, not errors.
     if current and current not in _refused:
         return _users_own(loaded, current)
     for name in DEFAULT_ORDER:
@@ -61,7 +65,7 @@ def mitsuba() -> ModuleType:
 
 
 def drjit() -> ModuleType:
-    """The `drjit` module, after `mitsuba()`."""
+    """Return the `drjit` module, once `mitsuba()` has chosen the variant."""
     mitsuba()
     import drjit as dr
 
@@ -79,7 +83,7 @@ def is_cuda() -> bool:
 
 
 def trace_one_ray(mi: Any = None) -> tuple[float, float]:
-    """The range of a plate 5 m away: as it is, and as the back end finds it."""
+    """Trace a plate that is 5 m away; return the true range and the traced one, in metres."""
     mi = mi or mitsuba()
     scene = mi.load_dict({"type": "scene", "plate": {"type": "rectangle"}})
     hit = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(0.25, 0.25, 5), mi.Vector3f(0, 0, -1)))
@@ -87,7 +91,7 @@ def trace_one_ray(mi: Any = None) -> tuple[float, float]:
 
 
 def probe() -> BackendReport:
-    """All that the choice rests on. Raises nothing, works with a broken back end."""
+    """Report everything that the choice of the variant rests on. Raises nothing, even if the back end is broken."""
     chosen = error = None
     try:
         chosen = variant()
@@ -104,7 +108,7 @@ def probe() -> BackendReport:
 
 
 def cuda_problem() -> str:
-    """Why CUDA cannot work, as far as a cheap look can tell; empty if nothing speaks against it."""
+    """Return why CUDA cannot work, as far as a quick check can tell; "" if nothing speaks against it."""
     if sys.platform == "darwin":
         return "there is no CUDA on macOS"
     if os.environ.get("CUDA_VISIBLE_DEVICES") in ("", "-1"):
@@ -121,7 +125,7 @@ def cuda_problem() -> str:
 
 
 def llvm_problem() -> str:
-    """Why LLVM cannot work, as far as a cheap look can tell; empty if nothing speaks against it."""
+    """Return why LLVM cannot work, as far as a quick check can tell; "" if nothing speaks against it."""
     try:
         llvm.choose()
     except BackendError as error:
@@ -133,17 +137,17 @@ def llvm_problem() -> str:
 
 
 def _with_variant(name: str) -> ModuleType:
-    """Mitsuba with this variant set and known to work, or a `BackendError` that says why not."""
+    """Set this variant and return Mitsuba. Raises `BackendError` with the reason if the variant does not work."""
     if name.startswith("scalar"):
         raise BackendError("scalar variants trace one ray at a time; a vectorised one is needed")
     if name.startswith("cuda") and (problem := cuda_problem()):
         raise BackendError(problem)
     if name.startswith("llvm") and "drjit" not in sys.modules:
-        llvm.use()
+        llvm.use()  # raises if there is no usable library; `_imported` only tries
     mi = _imported()
     if name not in mi.variants():
-        known = ", ".join(v for v in mi.variants() if not v.startswith("scalar"))
-        raise BackendError(f"no such variant; known are {known}")
+        choices = ", ".join(v for v in mi.variants() if not v.startswith("scalar"))
+        raise BackendError(f"no such variant; known are {choices}")
     _require_backend(name)
     try:
         mi.set_variant(name)
@@ -155,6 +159,7 @@ def _with_variant(name: str) -> ModuleType:
 
 
 def _users_own(mi: Any, current: str) -> ModuleType:
+    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is a scalar one."""
     if current.startswith("scalar"):
         raise BackendError(
             f"the Mitsuba variant '{current}' is set, but lidarscene needs a vectorised one; "
@@ -165,7 +170,9 @@ def _users_own(mi: Any, current: str) -> ModuleType:
 
 
 def _imported() -> Any:
-    """Mitsuba, quiet. Where there is a good LLVM Dr.Jit learns of it first: it looks only once."""
+    """Import Mitsuba and silence its log."""
+    # Dr.Jit looks for LLVM once, while it is imported. So the path is set before, also when CUDA is tried first: if
+    # CUDA fails, LLVM is next, in the same process.
     if "drjit" not in sys.modules:
         with contextlib.suppress(BackendError):
             llvm.use()
@@ -181,7 +188,7 @@ def _imported() -> Any:
 
 
 def _require_backend(name: str) -> None:
-    """What Dr.Jit has loaded must carry this variant; LLVM before 17 would abort the process."""
+    """Raise `BackendError` unless what Dr.Jit has loaded can run this variant."""
     import drjit as dr
 
     if name.startswith("cuda"):
@@ -191,6 +198,7 @@ def _require_backend(name: str) -> None:
     path = os.environ.get(llvm.PATH_VARIABLE)
     if path and not dr.has_backend(dr.JitBackend.LLVM):
         raise BackendError(f"Dr.Jit cannot load LLVM from {path}; try: {llvm.remedy()}")
+    # LLVM 15 and 16 load without complaint and abort the process when the first kernel is compiled.
     version = dr.detail.llvm_version()
     if version[0] < llvm.OLDEST:
         loaded = f"LLVM {'.'.join(map(str, version))}" if version[0] > 0 else "no LLVM"

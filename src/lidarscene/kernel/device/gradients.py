@@ -1,4 +1,8 @@
-"""Derivatives by Dr.Jit: a formula and the numbers that go into it in, its value and all partial derivatives out."""
+"""Exact derivatives of a formula, by Dr.Jit's automatic differentiation.
+
+The formulas of `physics` run on Dr.Jit arrays as well as on NumPy's. So the derivative of a range or of P_d with
+respect to every number of a sensor needs no second formula and no step width, as finite differences would.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,10 @@ from . import backend
 def gradient(
     formula: Callable[[Mapping[str, Any]], Any], values: Mapping[str, float]
 ) -> tuple[float, dict[str, float]]:
-    """The formula's value and its derivative with respect to every number, in double precision.
+    """Return the formula's value and its derivative with respect to every number, in double precision.
 
-    formula   from numbers by name, which come as attached Dr.Jit arrays of one element, to one number
-    values    where it is taken
+    formula   a function of numbers by name (Dr.Jit arrays of one element that record derivatives); returns one number
+    values    the point at which the derivatives are taken
 
     Reverse mode: one pass, however many numbers there are. Raises `BackendError` without a back end.
     """
@@ -25,10 +29,12 @@ def gradient(
         from drjit.llvm.ad import Float64
     import drjit as dr
 
+    # Opaque: a literal would be folded into the kernel, and each new value would compile a new one.
     attached = {name: dr.opaque(Float64, value) for name, value in values.items()}
     for number in attached.values():
         dr.enable_grad(number)
     result = Float64(formula(attached))
+    # A formula may use none of the numbers: then nothing is attached to the result and all derivatives are zero.
     if dr.grad_enabled(result):
         dr.backward(result)
     slopes = {name: float(dr.grad(number)[0]) for name, number in attached.items()}

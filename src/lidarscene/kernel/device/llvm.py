@@ -1,9 +1,9 @@
-"""LLVM for Dr.Jit: this machine in, the path of a shared library that works out.
+"""Find an LLVM library that Dr.Jit can use.
 
-Dr.Jit compiles for the CPU with LLVM, which it looks for once, while it is imported, and takes what
-it finds: it refuses LLVM 14, and with 15 and 16 the first kernel aborts the whole process. So the
-library is chosen here, its version known before Dr.Jit is imported. Nothing here loads LLVM into
-this process: two of them in one process can clash.
+Dr.Jit compiles CPU kernels with LLVM. It looks for the library once, while it is imported, and takes the first it
+finds. It refuses LLVM 14, and with 15 and 16 the first kernel aborts the whole process. So this module chooses the
+library, and knows its version before Dr.Jit is imported. It never loads LLVM into this process, because two LLVMs in
+one process can clash: the version is read from the file's name, or asked in a process of its own.
 """
 
 import functools
@@ -20,8 +20,8 @@ from pathlib import Path
 
 from ...errors import BackendError
 
-OLDEST = 17
-PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # where Dr.Jit reads it
+OLDEST = 17  # 15 and 16 abort the process: they cannot select an instruction that Dr.Jit emits (fmaximum)
+PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # Dr.Jit reads the path of the library from it
 WHEEL = "karellen-llvm-core"  # LLVM as a wheel, for Linux on x86_64
 PATIENCE_S = 120  # with a program that is asked: it takes 0.1 s, and far longer on a machine that is busy
 
@@ -36,17 +36,17 @@ ctypes.CDLL(sys.argv[1]).LLVMGetVersion(*map(ctypes.byref, numbers))
 sys.stdout.write(".".join(str(n.value) for n in numbers))
 """
 
-_chosen: str | None = None  # what use() wrote to PATH_VARIABLE, to tell it from the user's word
+_chosen: str | None = None  # what use() wrote to PATH_VARIABLE, to tell it from the user's own path
 
 
 @dataclass(frozen=True, slots=True)
 class LlvmCandidate:
-    """A library that was looked at, and what speaks against it."""
+    """A library that was examined, and what speaks against it."""
 
     path: str
-    source: str  # who named it
-    version: tuple[int, ...]  # empty where it cannot be told
-    problem: str = ""
+    source: str  # where it was found: an environment variable, this Python environment, the system
+    version: tuple[int, ...]  # () if unknown
+    problem: str = ""  # "" if it is usable
 
     @property
     def usable(self) -> bool:
@@ -59,7 +59,7 @@ class LlvmCandidate:
 
 
 def use() -> None:
-    """Tell Dr.Jit which library to load. Raises `BackendError` where there is none."""
+    """Tell Dr.Jit which library to load. Raises `BackendError` if there is no usable one."""
     global _chosen
     path = choose().path
     if path != os.environ.get(PATH_VARIABLE):
@@ -67,7 +67,7 @@ def use() -> None:
 
 
 def choose() -> LlvmCandidate:
-    """The first usable library; the user's word, where given, is final."""
+    """Return the first usable library. A path that the user has set is final: usable, or `BackendError`."""
     looked_at = candidates()
     found = []
     for candidate in looked_at:
@@ -84,7 +84,7 @@ def choose() -> LlvmCandidate:
 
 
 def candidates() -> Iterator[LlvmCandidate]:
-    """Every library worth a look, best first: the user's, this environment's, the system's."""
+    """Examine all libraries, best first: the user's, this environment's, the wheel's, the system's."""
     users = os.environ.get(PATH_VARIABLE)
     if users and users != _chosen:
         yield examine(users, PATH_VARIABLE)
@@ -101,8 +101,8 @@ def candidates() -> Iterator[LlvmCandidate]:
 
 
 def examine(path: str, source: str) -> LlvmCandidate:
-    """What can be told of a library without loading it into this process."""
-    bare_name = os.path.basename(path) == path and not os.path.exists(path)  # the loader's business
+    """Find out a library's version and problems without loading it into this process."""
+    bare_name = os.path.basename(path) == path and not os.path.exists(path)  # the loader searches for it
     if not bare_name and not os.path.isfile(path):
         kind = "a folder, not a library" if os.path.isdir(path) else "no such file"
         return LlvmCandidate(path, source, (), kind)
@@ -116,22 +116,22 @@ def examine(path: str, source: str) -> LlvmCandidate:
 
 
 def version_in_name(path: str) -> tuple[int, ...]:
-    """The version that a file name, or its folder, tells with its links followed; () if none does."""
+    """Read the version from the name of the file or its folder, links followed; () if neither has one."""
     real = os.path.realpath(path)
     name = _NAME.fullmatch(os.path.basename(real))
     folder = _FOLDER.search(real)
-    told = [name["dashed"], name["mac"], name["so"]] if name else []
-    told += [folder["version"]] if folder else []
-    for text in filter(None, told):
+    numbers = [name["dashed"], name["mac"], name["so"]] if name else []
+    numbers += [folder["version"]] if folder else []
+    for text in filter(None, numbers):
         version = tuple(map(int, text.split(".")))
-        if version[0] > 3:  # libLLVM.so.1: a number of the interface, not of LLVM
+        if version[0] > 3:  # libLLVM.so.1: the version of the binary interface, not of LLVM
             return version
     return ()
 
 
 @functools.cache
 def ask_version(path: str) -> tuple[int, ...]:
-    """The version that the library itself tells, in a process of its own (about 0.1 s)."""
+    """Ask the library itself for its version, in a process of its own (about 0.1 s). Raises `BackendError`."""
     import subprocess
 
     try:
@@ -143,13 +143,13 @@ def ask_version(path: str) -> tuple[int, ...]:
     if answer.returncode == 0 and answer.stdout:
         return tuple(map(int, answer.stdout.split(".")))
     last = (answer.stderr.strip().splitlines() or [f"exit status {answer.returncode}"])[-1]
-    if "LLVMGetVersion" in last:  # there since LLVM 16
+    if "LLVMGetVersion" in last:  # the function came with LLVM 16
         raise BackendError(f"too old (before 16), or not LLVM; {OLDEST} or newer is needed")
     raise BackendError(f"it cannot be loaded ({last})")
 
 
 def remedy() -> str:
-    """What to install on this system."""
+    """Say what to install on this system."""
     if sys.platform == "darwin":
         return "brew install llvm"
     if sys.platform == "win32":
@@ -179,7 +179,7 @@ def _in_environment() -> Iterator[str]:
 
 
 def _in_wheel() -> Iterator[str]:
-    """The wheel where it lies elsewhere: `pip install --user`, `--target`, a path on PYTHONPATH."""
+    """Libraries of the wheel where it was installed elsewhere: `pip install --user`, `--target`, on PYTHONPATH."""
     import importlib.metadata
 
     if site.ENABLE_USER_SITE and site.USER_BASE:
@@ -216,6 +216,7 @@ def _in_system() -> Iterator[str]:
 
 
 def _in_linker_cache(machine: str) -> Iterator[str]:
+    """Libraries that ldconfig lists for this machine: a system may have those of several architectures."""
     tag = {"x86_64": "x86-64", "aarch64": "AArch64"}.get(machine, "")
     import subprocess
 

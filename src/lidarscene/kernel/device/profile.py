@@ -1,4 +1,8 @@
-"""Profile: what Dr.Jit launched and compiled, counted from its history, and the memory that the process held."""
+"""Count the kernels that Dr.Jit launches and compiles, and read the peak memory of the process.
+
+Compiling a kernel costs 10 to 500 ms, running it often less than one. Whether a second frame compiles anything decides
+its speed, and cannot be seen from its results. So `--profile` and the tests count kernels from Dr.Jit's own history.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +17,15 @@ from .backend import mitsuba
 
 @dataclass(slots=True)
 class KernelHistory:
-    """Kernels of our formulas; what Dr.Jit brings ready-made (memory set, compression) counts as ``helpers``.
+    """Counts and times of kernels.
 
-    compiled    new to this process and to the cache on disk
-    from_disk   compiled by an earlier process
-    compile_s   LLVM's or the driver's time; 0 where nothing was compiled
-    codegen_s   from the recorded operations to the text of kernels, every launch
-    device_s    of all kernels and helpers
+    launched    kernels of recorded operations
+    compiled    those of them that neither this process nor the cache on disk had
+    from_disk   those that an earlier process compiled
+    helpers     launches of Dr.Jit's ready-made kernels, such as filling memory or compressing a mask
+    codegen_s   time from recorded operations to the text of kernels; every launch needs it
+    compile_s   time of LLVM or of the GPU's driver; 0 if nothing was compiled
+    device_s    run time of all kernels and helpers
     """
 
     launched: int = 0
@@ -49,7 +55,7 @@ class KernelHistory:
 
 @contextmanager
 def kernel_history() -> Iterator[KernelHistory]:
-    """Have Dr.Jit write down what it runs; what is taken when the block ends counts too."""
+    """Have Dr.Jit keep a history of its kernels within the block. Call `take` of the result to count them."""
     mitsuba()
     import drjit as dr
 
@@ -61,10 +67,8 @@ def kernel_history() -> Iterator[KernelHistory]:
 
 
 def peak_memory_bytes() -> int | None:
-    """The most that this process has held at once; None where the system does not tell.
-
-    Linux's own count goes before getrusage's, in which a process begins with what its parent held.
-    """
+    """Return the largest resident memory of this process so far; None if the system does not say."""
+    # Linux's own count comes first: by getrusage a process starts with the peak of its parent.
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):

@@ -1,8 +1,13 @@
-"""Replay: stages written down for the device once, and from then on only launched again.
+"""Record the stages of a frame once, and launch the recording for every later frame.
 
-Python takes 7 ms to write down the stages of pulses that end at the first surface, and 25 ms those of pulses that go
-on through glass, however few there are: half the time of a frame of 65,000. Dr.Jit can keep what it recorded
-(`dr.freeze`); what it is handed may then have any values, and any number of lanes.
+Dr.Jit computes nothing while Python runs the stages: it records their operations, turns them into a kernel and
+launches that. Recording takes Python 7 ms for pulses that end at the first surface and 25 ms for those that go on
+through glass, however few pulses there are: half the time of a frame of 65,000. `dr.freeze` keeps the kernels of a
+function and how its inputs and outputs are wired to them. The next call then skips Python and launches them, for
+inputs of any values and any number of lanes.
+
+A recording is only right if everything that differs between calls is an input, and an array rather than a literal.
+This module sees to that; what cannot be recorded runs as an ordinary function.
 """
 
 from __future__ import annotations
@@ -19,46 +24,50 @@ from . import transfer
 from .backend import is_cuda
 
 _RECORDINGS = 4
-"""Kept of one function: what looks alike to it is told by types, and by which arrays are of one length."""
+"""Recordings kept of one function. Dr.Jit makes one for each layout of the inputs: their types, and which of them have
+the same length."""
 
 _PASSES = 10
-"""More than enough: three were needed."""
+"""Limit of `_settle`; three passes were needed."""
 
 
 class Replay:
-    """A function from arrays on the device to a description full of them, of one length or one.
+    """A function of device arrays, recorded at its first call and replayed at later ones.
 
-    Its first call is recorded, others repeat it. What the function makes of a number of lanes must not become a number
-    in its kernels (`dr.freeze`), and Python must not choose anything in it by what may differ between calls: then the
-    answers are the same, bit by bit (tests/kernel/test_replay.py). Where Dr.Jit cannot record it, as with a plug-in
-    that hides its arrays, it is an ordinary function.
+    The results are those of the function itself, bit by bit (tests/kernel/test_replay.py), if it keeps two rules: no
+    number of lanes enters its kernels as a literal, and Python takes no decision in it by what differs between calls.
+    If Dr.Jit cannot record it (a plug-in that hides its arrays), each call runs the function itself.
 
-    function  of arrays alone, the first one with a number for each lane
-    wanted    a description to the list of its arrays that are still needed; instead of others comes `LEFT_OUT`
-    held      other descriptions, or Mitsuba objects, whose arrays it uses
+    function  takes arrays and tuples of them, the first with an element for each lane; returns a description (frozen
+              dataclasses and tuples) whose arrays have that length, or one element
+    wanted    from such a description to the list of its arrays that are needed; `LEFT_OUT` stands for the others
+    held      descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
     """
 
     def __init__(
         self, function: Callable[..., Any], wanted: Callable[[Any], list[Any]], *, held: tuple[Any, ...]
     ) -> None:
         self._function, self._wanted = function, wanted
-        self._handed: list[Any] = []
-        _gather(held, self._handed)
+        self._inputs: list[Any] = []
+        _gather(held, self._inputs)
         self._plan: list[Any] = []
         self._frozen: Any = None
-        self._records = not is_cuda()
+        self._records = not is_cuda()  # on a GPU nobody has tried it
 
     def __call__(self, *arguments: Any) -> Any:
-        """What the function says of these arguments (arrays and tuples of them), its wanted arrays started."""
+        """Return what the function returns for these arguments; its wanted arrays are started."""
         while self._records:
             tables = len(uploaded_tables())
             try:
                 return self._repeated(*arguments)
             except RuntimeError as error:
-                first = _first(error)
-                if not isinstance(first, RuntimeError):  # of the function itself, or Ctrl-C
-                    raise first from None
-                # A table goes to the device when something is first looked up in it; the next time it is handed over.
+                # Dr.Jit wraps whatever goes wrong while it records. An error of the function itself, or Ctrl-C, is
+                # raised as it was; Dr.Jit's own RuntimeError means that this cannot be recorded.
+                cause = _root_cause(error)
+                if not isinstance(cause, RuntimeError):
+                    raise cause from None
+                # With one exception: a table is uploaded at its first lookup. If that happens during the recording,
+                # the table is an array that is no input, which Dr.Jit refuses. It is an input of the next attempt.
                 self._records = len(uploaded_tables()) > tables
         found = self._function(*arguments)
         transfer.start(self._wanted(found))
@@ -66,7 +75,7 @@ class Replay:
 
     @property
     def recordings(self) -> int:
-        """How often it was written down; 0 where it is an ordinary function."""
+        """How many recordings were made; 0 if each call runs the function itself."""
         return int(self._frozen.n_recordings) if self._records and self._frozen is not None else 0
 
     def _repeated(self, *arguments: Any) -> Any:
@@ -76,6 +85,8 @@ class Replay:
             if self._frozen is None:
                 self._frozen = self._prepared()
             arrays = self._frozen(*arguments)
+        # An output that depends on no lane, such as a constant over all lanes, is replayed with the width of its
+        # recording. Such a function is not recorded at all.
         lengths = (1, dr.width(arguments[0]))
         if any(dr.width(one) not in lengths for one in arrays):
             raise RuntimeError(
@@ -86,41 +97,47 @@ class Replay:
     def _prepared(self) -> Any:
         import drjit as dr
 
-        # A function that Dr.Jit has frozen waits for the garbage collector: what it works with must not.
+        # A frozen function is part of a reference cycle and lives until the garbage collector finds it. It must not
+        # keep scenes and sensors alive so long: it reaches them through this dictionary, which is emptied with `self`.
         own: dict[str, Any] = {
             "function": self._function,
             "wanted": self._wanted,
-            "handed": self._handed,
+            "inputs": self._inputs,
             "plan": self._plan,
         }
         weakref.finalize(self, own.clear)
 
         def recorded(*arguments: Any) -> list[Any]:
+            # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
+            # array of the list belongs where in the description; a replay only brings a new list.
             found = own["function"](*arguments)
             outputs: list[Any] = own["wanted"](found)
             own["plan"][:] = [_plan(found, {id(one): place for place, one in enumerate(outputs)})]
             return outputs
 
-        def handed(*_: Any) -> Any:
-            return own["handed"], uploaded_tables()
+        def inputs(*_: Any) -> Any:
+            """All arrays that are read and are not arguments: Dr.Jit watches these too."""
+            return own["inputs"], uploaded_tables()
 
-        _settle(handed)
-        # What is a number in one recording and an array in the next would be another kernel: all become arrays.
-        return dr.freeze(recorded, state_fn=handed, limit=_RECORDINGS, warn_after=1000, auto_opaque=False)
-
-
-def _first(error: BaseException) -> BaseException:
-    """What an error began with."""
-    return error if error.__cause__ is None else _first(error.__cause__)
+        _settle(inputs)
+        # auto_opaque would begin with literals in the kernels and turn those into arrays that change from call to
+        # call, with a new recording each time. Without it every literal among the inputs becomes an array at once.
+        return dr.freeze(recorded, state_fn=inputs, limit=_RECORDINGS, warn_after=1000, auto_opaque=False)
 
 
-def _settle(handed: Callable[..., Any]) -> None:
-    """Have all that a recording is handed become arrays, and what is equal one: each pass over it leaves less to do,
-    and what is left would be compiled anew in the next frame.
-    """
+def _root_cause(error: BaseException) -> BaseException:
+    """The first error in a chain of causes."""
+    return error if error.__cause__ is None else _root_cause(error.__cause__)
+
+
+def _settle(inputs: Callable[..., Any]) -> None:
+    """Bring all inputs into the form in which Dr.Jit leaves them, before anything is recorded with them."""
     import drjit as dr
 
-    nothing = dr.freeze(lambda x: x + 1, state_fn=handed, auto_opaque=False, warn_after=1000)
+    # A frozen function turns literals among its inputs into arrays and lets equal ones share one. That changes their
+    # layout, and Dr.Jit records anew for each layout: the second frame would compile again. So a function that does
+    # nothing goes over the same inputs until it meets no new layout.
+    nothing = dr.freeze(lambda x: x + 1, state_fn=inputs, auto_opaque=False, warn_after=1000)
     number, before = transfer.opaque_uint32(0), -1
     while before < nothing.n_recordings <= _PASSES:
         before = nothing.n_recordings
@@ -129,7 +146,7 @@ def _settle(handed: Callable[..., Any]) -> None:
 
 @contextmanager
 def _no_garbage() -> Iterator[None]:
-    """Dr.Jit aborts the process where another scene goes away while it records."""
+    """Keep the garbage collector off: Dr.Jit aborts the process if a scene is freed while it records."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -140,21 +157,22 @@ def _no_garbage() -> Iterator[None]:
 
 
 class _LeftOut:
-    """No array, and not None either, which says that there never was one."""
+    """Type of `LEFT_OUT`: neither an array nor None, which in descriptions means that there never was an array."""
 
 
 LEFT_OUT = _LeftOut()
+"""Stands in a replayed description for an array that is not wanted."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Place:
-    """Where an array of a plan is in the list."""
+    """Stands in a plan for the array of this index in the list of outputs."""
 
     index: int
 
 
 def _gather(value: Any, found: list[Any]) -> None:
-    """Every array in descriptions and tuples, however deep."""
+    """Append every array in descriptions and tuples, however deep, to ``found``."""
     if is_drjit(value):
         found.append(value)
     elif isinstance(value, tuple | list):
@@ -166,21 +184,21 @@ def _gather(value: Any, found: list[Any]) -> None:
 
 
 def _plan(value: Any, places: dict[int, int]) -> Any:
-    """A description with the places of its arrays instead of them."""
+    """Return a description with a `_Place` for each array; ``places`` has the index in the list by id of the array."""
     if is_drjit(value):
         return _Place(places[id(value)]) if id(value) in places else LEFT_OUT
-    return _changed(value, lambda inner: _plan(inner, places))
+    return _mapped(value, lambda inner: _plan(inner, places))
 
 
 def _filled(plan: Any, arrays: list[Any]) -> Any:
-    """A plan with arrays in their places."""
+    """Return a description: a plan with the arrays in their places."""
     if isinstance(plan, _Place):
         return arrays[plan.index]
-    return _changed(plan, lambda inner: _filled(inner, arrays))
+    return _mapped(plan, lambda inner: _filled(inner, arrays))
 
 
-def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
-    """A description with everything in it changed."""
+def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Apply ``change`` to each element of a tuple or list, or each field of a dataclass; others stay as they are."""
     if isinstance(value, tuple | list):
         return type(value)(change(inner) for inner in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -1,4 +1,13 @@
-"""To and from the device: descriptions made opaque, so that a changed number never compiles a new kernel."""
+"""Move numbers to the device and results back, so that a changed number never compiles a new kernel.
+
+Dr.Jit writes every number that it knows while it records into the text of the kernel, and finds compiled kernels by
+that text. A pose, seed or coefficient that is a literal would cost some 80 ms of compilation whenever it changes. An
+*opaque* number is memory on the device instead: the kernel reads it, and its text stays the same. Everything that may
+differ between frames goes through this module; only what selects code (a detector's kind, the number of stops) stays a
+Python value.
+
+A *lane* is one element of a Dr.Jit array: one pulse, or one ray of a pulse. A kernel runs once for every lane.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +20,19 @@ from ...maths.arrays import Table, is_drjit
 from .backend import is_cuda, mitsuba
 
 _KEPT_STATIC = frozenset({"stops", "count", "room"})
-"""These decide how many outputs, or how much work or memory, a kernel has."""
+"""Fields that stay Python numbers: they decide how many outputs, how many steps or how much memory a kernel has."""
 
 _ALIGNMENT = 64
+"""Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
 def opaque(value: Any) -> Any:
-    """A copy in which every float and int, however deep in frozen dataclasses and tuples, is on the device.
+    """Return a copy in which every float and int is opaque, however deep in frozen dataclasses and tuples.
 
-    Strings, None, poses and other arrays stay as they are: they choose code, or never enter a kernel. So do tables,
-    which are uploaded when something is first looked up in them.
+    Strings, booleans, None, poses and arrays stay as they are: they select code or never enter a kernel. Tables stay
+    too; they are uploaded at their first lookup.
     """
-    if isinstance(value, bool | Table):
+    if isinstance(value, bool | Table):  # bool before int, of which it is a subclass
         return value
     if isinstance(value, float | int):
         return _opaque_number(value)
@@ -46,21 +56,26 @@ def _opaque_number(value: float) -> Any:
 
 
 def opaque_uint32(value: int) -> Any:
-    """A 32-bit unsigned number on the device."""
+    """Return an opaque 32-bit unsigned number."""
     import drjit as dr
 
     return dr.opaque(mitsuba().UInt32, value)
 
 
 def counter(first: int, count: int) -> Any:
-    """(count,) 32-bit unsigned numbers from ``first`` on; neither number becomes code."""
+    """Return the (count,) numbers first, first + 1, ... as UInt32; neither argument becomes code."""
     import drjit as dr
 
+    # An arange from 0 is the lane's own index: the kernel has no number in it, and the count is the launch's width.
+    # An arange that starts elsewhere would have its start as a literal.
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
 def repeated(values: Any, times: int) -> tuple[Any, Any]:
-    """Each of (n,) numbers on ``times`` lanes, lane after lane; and which of its lanes each is."""
+    """Repeat each of (n,) numbers on ``times`` neighbouring lanes.
+
+    Returns (n times,) values and (n times,) the lane's number 0 to times - 1 within its group.
+    """
     import drjit as dr
 
     mi = mitsuba()
@@ -70,19 +85,19 @@ def repeated(values: Any, times: int) -> tuple[Any, Any]:
 
 
 def from_numpy(values: Any) -> Any:
-    """(n,) numbers in single precision."""
+    """Upload (n,) numbers in single precision."""
     return mitsuba().Float(_aligned(values, np.float32))
 
 
 def unsigned_numbers(values: Any) -> Any:
-    """(n,) 32-bit unsigned numbers."""
+    """Upload (n,) 32-bit unsigned numbers."""
     return mitsuba().UInt32(_aligned(values, np.uint32))
 
 
 def _aligned(values: Any, dtype: Any) -> Any:
-    """Always at the same alignment: Dr.Jit takes numpy's memory as it is, and what that is aligned to would become part
-    of the kernel (MITSUBA.md 5.2).
-    """
+    """Copy (n,) values of 4 bytes into memory that starts at a multiple of `_ALIGNMENT`."""
+    # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
+    # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone.
     room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
     aligned = room[start : start + 4 * len(values)].view(dtype)
@@ -91,14 +106,14 @@ def _aligned(values: Any, dtype: Any) -> Any:
 
 
 def whole_numbers(values: Any) -> Any:
-    """(n,) signed numbers."""
+    """Upload (n,) 32-bit signed numbers."""
     import numpy as np
 
     return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
 def fetched(value: Any) -> Any:
-    """A description with every array in it, however deep, as numpy; numbers on the device become one-element arrays."""
+    """Return a copy of a description with every device array in it as NumPy; opaque numbers become arrays of one."""
     if isinstance(value, tuple):
         return tuple(fetched(inner) for inner in value)
     if isinstance(value, Table):
@@ -110,38 +125,40 @@ def fetched(value: Any) -> Any:
 
 
 def columns(arrays: dict[str, Any]) -> dict[str, Any]:
-    """Arrays by name, computed together, as numpy."""
+    """Compute arrays together and return them as NumPy, by name."""
     start(list(arrays.values()))
     wait()
     return {name: array.numpy() for name, array in arrays.items()}
 
 
 def start(arrays: list[Any]) -> None:
-    """Have these arrays computed, in one kernel where they have one size, without waiting."""
+    """Start to compute these arrays; do not wait for them."""
     import drjit as dr
 
+    # One call for all of them: arrays of one width become one kernel, which computes what they share once. Read one by
+    # one, each array would trace its rays anew.
     dr.eval(*arrays)
 
 
 def wait() -> None:
-    """Until everything that was started is done."""
+    """Wait until everything that was started is done."""
     import drjit as dr
 
     dr.sync_thread()
 
 
 def apart(*arrays: Any) -> None:
-    """On a GPU, have these computed before another scene is traced: two in one kernel would be two OptiX pipelines,
-    and Dr.Jit turns the second one off (MITSUBA.md 5.5). On a CPU they may share the kernel.
-    """
+    """Keep what one Mitsuba scene was asked out of the kernel that asks the next one, where that is needed."""
     import drjit as dr
 
+    # On a GPU each scene is an OptiX pipeline of its own. A kernel can have one; Dr.Jit logs a warning and leaves the
+    # queries to the second scene out. Computing the first answers here splits the kernel. A CPU has no such limit.
     if is_cuda():
         dr.eval(*arrays)
 
 
 def use_threads(count: int) -> None:
-    """Have Dr.Jit compute with so many threads of this process."""
+    """Set the number of threads with which Dr.Jit computes."""
     from .backend import drjit
 
     dr = drjit()

@@ -1,7 +1,11 @@
-"""Collect: what the stages left on the device in, the columns of the kept points out, as numpy.
+"""Make the columns of the kept points out of what the stages left on the device.
 
-Only kept points leave the device (docs/architecture.md, decision 2): they are counted, gathered there by a
-second small kernel, and what follows from the pulse number alone is computed for them only.
+Most pulses of a frame may report nothing, and a point has 27 columns. So the reported returns are counted first, and a
+second small kernel gathers them and computes positions, angles and identities for these lanes only. What follows from
+the pulse's number alone is not carried through the first kernel. Nothing else leaves the device
+(docs/architecture.md).
+
+Symbols: n pulse lanes, k kept points; lane of a ray = pulse lane * rays + ray.
 """
 
 from __future__ import annotations
@@ -29,14 +33,14 @@ ABSENT: dict[str, Any] = {
     "ghost": np.uint8(0),
     "pulse_width_s": np.float32(0.0),
 }
-"""Columns that only some worlds or sensors have, and what they hold in the others."""
+"""Columns that only some worlds or sensors have, with their value in all others."""
 
 OF_WAYS = ("interactions", "ghost")
 """Those that only the pulses have which go on."""
 
 
 def lanes_where(flag: Any) -> Any:
-    """(k,) lanes at which a flag is set, or None if none is."""
+    """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
     import drjit as dr
 
     lanes = dr.compress(flag)
@@ -44,8 +48,10 @@ def lanes_where(flag: Any) -> Any:
 
 
 def more_than_one(lanes: Any) -> Any:
-    """The lanes, a single one twice: Dr.Jit takes an array of one for a number, and would compile all that follows
-    again for it. By numpy, because this too would be a kernel.
+    """Return at least two lanes: the given ones, or a single one twice.
+
+    Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for it.
+    The copy is made by numpy, because on the device it would be one more kernel.
     """
     import drjit as dr
 
@@ -53,7 +59,7 @@ def more_than_one(lanes: Any) -> Any:
 
 
 def gathered(values: Any, lanes: Any) -> Any:
-    """Entries of these lanes, computed."""
+    """Return the entries of these lanes, computed."""
     import drjit as dr
 
     found = dr.gather(type(values), values, lanes)
@@ -62,7 +68,7 @@ def gathered(values: Any, lanes: Any) -> Any:
 
 
 def any_of_pulse(flag: Any, rays: int) -> Any:
-    """Whether it is set for any of the rays of each pulse."""
+    """Return (n,) whether a flag of (n rays,) lanes is set for any ray of each pulse."""
     ops = xp(flag)
     found = ops.column(flag, 0, rays)
     for ray in range(1, rays):
@@ -73,10 +79,10 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
 def kept_lanes(
     detection: Detection, lane_of: Any = None, *, twice: bool = False
 ) -> tuple[Any, Any, int] | None:
-    """Lane and stop number of every reported return, by pulse and then by stop, and how many they are, or None without
-    any. A single return is there twice (see `more_than_one`).
+    """Return (k,) lane and (k,) stop number of every reported return, by pulse and then by stop, and their number.
 
-    lane_of  (n,) lane of each pulse where lanes are not by pulse
+    None if there is none. A single return is there twice (`more_than_one`), and counts once.
+    lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
     twice    the two lanes are one pulse: its returns are there twice
     """
     import drjit as dr
@@ -84,6 +90,8 @@ def kept_lanes(
     mi = mitsuba()
     stops = len(detection.stops)
     reported = [stop.reported for stop in detection.stops]
+    # Rays are traced tile by tile, because neighbours in angle meet the same triangles. The flags are put back into
+    # firing order here, before anything is gathered: then the points come out in firing order by themselves.
     if lane_of is not None:
         reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
     index = dr.compress(_interleaved(reported))
@@ -92,44 +100,50 @@ def kept_lanes(
         return None
     index = more_than_one(index)
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
+    # `place` counts pulses in firing order; the lane at which the stages left a pulse's numbers is looked up.
     return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Ends:
-    """The surfaces that some returns come from.
+    """The surfaces from which some returns come.
 
-    paths      Hits by each way of the light, lane = pulse lane * rays + ray
-    index      (k,) lane in them
-    path       (k,) which of them, or None: there is only one
-    known      (k,) whether there is such a surface
+    paths      Hits of each way of the light, lane = pulse lane * rays + ray
+    index      (k,) lane in these Hits
+    path       (k,) number of the way, or None if there is one way only
+    found      (k,) whether the return comes from a surface at all
     """
 
     paths: Sequence[Hits]
     index: Any
     path: Any
-    known: Any
+    found: Any
 
     @classmethod
     def of(cls, paths: Sequence[Hits], rays: int, lane: Any, source: Any) -> _Ends:
-        """Of pulse lanes and the numbers of sub-echoes (None: there is one to a pulse)."""
+        """Find the surfaces of these pulse lanes.
+
+        source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, way by way
+                (path * rays + ray), then those of the air; -1 is none
+        """
         import drjit as dr
 
         mi = mitsuba()
         if source is None:
-            return cls(paths=paths, index=lane, path=None, known=dr.full(mi.Mask, True, dr.width(lane)))
-        known = (source >= 0) & (source < rays * len(paths))
-        number = mi.UInt32(dr.select(known, source, 0))
+            return cls(paths=paths, index=lane, path=None, found=dr.full(mi.Mask, True, dr.width(lane)))
+        found = (source >= 0) & (source < rays * len(paths))
+        number = mi.UInt32(dr.select(found, source, 0))
         path = number // rays
-        return cls(paths=paths, index=lane * rays + number - path * rays, path=path, known=known)
+        return cls(paths=paths, index=lane * rays + number - path * rays, path=path, found=found)
 
     def get(self, name: str) -> Any:
-        """An attribute of the hits; zero where there is no surface."""
+        """Return (k,) values of an attribute of the hits; zero where there is no surface."""
         import drjit as dr
 
+        # Each way has arrays of its own, so each is asked for the lanes that end on it.
         values = None
         for number, hits in enumerate(self.paths):
-            here = self.known if len(self.paths) == 1 else self.known & (self.path == number)
+            here = self.found if len(self.paths) == 1 else self.found & (self.path == number)
             array = getattr(hits, name)
             part = dr.gather(type(array), array, self.index, here)
             values = part if values is None else dr.select(here, part, values)
@@ -137,10 +151,10 @@ class _Ends:
 
     @property
     def face(self) -> Any:
-        """Faces, -1 where there is none."""
+        """(k,) face numbers, -1 where there is no surface."""
         import drjit as dr
 
-        return dr.select(self.known, self.get("face"), -1)
+        return dr.select(self.found, self.get("face"), -1)
 
 
 def columns(
@@ -156,15 +170,17 @@ def columns(
     turn: tuple[Array, ...],
     shift: tuple[Array, Array, Array],
 ) -> dict[str, Any]:
-    """Columns of the kept points by attribute of PointCloud, on the device, not yet computed, xyz_m a Point3f; none of
-    `ABSENT` where nothing moves, where nothing lets through or mirrors, or where widths are not measured.
+    """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
-    sensor       with its numbers on the device
+    xyz_m is a Point3f. The columns of `ABSENT` are left out if nothing moves, if no surface lets through or mirrors, or
+    if the sensor measures no widths.
+
+    sensor       its numbers opaque
     pulse        (n,) pulse numbers of the chunk's lanes
-    paths, rays  what the rays of each pulse met, lane = pulse lane * rays + ray
-    air_classes  class of light of the air, and of each sub-echo of the air, or None in clear air
-    lanes        and numbers of the stops, from `kept_lanes`
-    turn         nine numbers, row by row, and shift three: sensor frame to the frame of the points
+    paths, rays  Hits of each way, lane = pulse lane * rays + ray
+    air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
+    lanes        lanes and stop numbers, from `kept_lanes`
+    turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
     """
     import drjit as dr
 
@@ -180,13 +196,14 @@ def columns(
         return dr.gather(type(values), values, lane * stops + stop)
 
     def own(name: str) -> Any:
-        """Of the return, or of the pulse where one echo stands for it."""
+        """Values of the return; with one echo to a pulse the pulse has them."""
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(pulse), of_stop("range_m")
     source = None if detection.source is None else of_stop("source")
     ends = _Ends.of(paths, rays, lane, source)
     face, status = ends.face, of_stop("status")
+    # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     beams = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
     body = _where_known(world.face_body, face)
@@ -215,7 +232,7 @@ def columns(
         "snr": own("snr"),
         "detection_probability": own("detection_probability"),
         "ambient": of_lane(detection.ambient),
-        "time_s": of_pulse,  # single precision would lose nanoseconds: the caller makes it a time
+        "time_s": of_pulse,  # a number: single precision would lose nanoseconds, the caller makes it a time
         "channel": sensor.scanner.channel(of_pulse),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
@@ -233,32 +250,37 @@ def columns(
 
 
 def one_by_one(columns: dict[str, Any]) -> dict[str, Any]:
-    """`columns` with x, y, z of each point after each other."""
+    """Return `columns` with xyz_m as one array of x, y, z of the first point, then of the second, and so on."""
     import drjit as dr
 
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
 def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
-    """Several `columns` as one, by pulse, `one_by_one`; returns of one pulse are all of one part, and in order.
-    `OF_WAYS` are always there, so that one part alone needs no other kernels.
+    """Merge several `columns` by pulse number, in the layout of `one_by_one`.
 
-    parts  each with the number of its points, which may be there twice
+    Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
+    together here. All returns of a pulse are in one part, in order. The columns of `OF_WAYS` are always there, so that
+    one part alone needs no other kernels.
+    parts  columns, and the number of their points, which may be there twice
     """
     import drjit as dr
 
     mi = mitsuba()
+    # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     pulses = [columns["time_s"] for columns, _ in parts]
     dr.eval(*pulses)
     merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
     total = sum(count for _, count in parts)
+    # A part without glass or motion lacks columns that another part has: it gets their value of `ABSENT`.
     kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
     kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}
     joined = {
         name: dr.empty(mi.Float, 3 * total) if name == "xyz_m" else dr.empty(kind, total)
         for name, kind in kinds.items()
     }
-    # Part by part: what is written into one array twice is written by two kernels.
+    # Dr.Jit evaluates an array before it is written a second time. So all columns of one part are scattered before
+    # those of the next: one kernel for each part, not one for each column.
     for (columns, _), numbers in zip(parts, merged, strict=True):
         place = transfer.unsigned_numbers(np.resize(numbers, dr.width(columns["time_s"])))
         for name, room in joined.items():
@@ -272,7 +294,7 @@ def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
 
 
 def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
-    """Where each element of several lists goes in all of them together, sorted; what is equal keeps its order."""
+    """For each element of several lists, return its index in all of them sorted together; the sort is stable."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
     return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])
 
@@ -280,11 +302,12 @@ def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
 def surfaces(
     *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection, twice: bool
 ) -> tuple[dict[str, Any], int] | None:
-    """Every pulse of a chunk that met a surface, kept or not, on the device, not yet computed, and how many they are;
-    None if none did. A single one is there twice, as in `kept_lanes`.
+    """Return columns of every pulse that met a surface, kept or not, on the device, not yet computed, and their number.
 
-    pulse, outcome (an `Outcome`), snr and detection_probability, and the truth by attribute of PointCloud: of a pulse
-    of several sub-echoes that of the strongest.
+    None if no pulse met one. A single one is there twice, as in `kept_lanes`.
+
+    The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
+    For a pulse of several sub-echoes they are those of the strongest.
     """
     import drjit as dr
 
@@ -315,7 +338,7 @@ def surfaces(
 
 
 def _where_known(table: Any, index: Any) -> Any:
-    """Entries of a table of whole numbers, -1 where the index is."""
+    """Look up (k,) entries of an Int32 table; the result is -1 where the index is -1."""
     import drjit as dr
 
     mi = mitsuba()
@@ -323,7 +346,7 @@ def _where_known(table: Any, index: Any) -> Any:
 
 
 def _interleaved(arrays: list[Any]) -> Any:
-    """Arrays of n lanes each as one of n times their number: lane by lane, array after array within it."""
+    """Join a arrays of n lanes into one of n a: the entry of array i at lane j becomes number j a + i."""
     import drjit as dr
 
     mi = mitsuba()

@@ -1,7 +1,10 @@
-"""Gaps: rays at a porous surface, which Mitsuba calls a mask, on their way through or stopped, by chance.
+"""Decide which rays pass through a porous surface (Mitsuba's `mask`), and which it stops.
 
-A fence or a layer of leaves has gaps that are smaller than the beam, and a ray is too thin to be split. So each ray
-goes through with the probability of a gap: over the rays of a pulse, or over pulses, the right share of them does.
+A fence or a layer of leaves has gaps that are smaller than the beam, while a ray has no width and cannot be split. So
+each ray passes with the probability of a gap: of the rays of a pulse, or of many pulses, the right share does
+(docs/theory.md 27). This is the only place where a ray's path is drawn at random.
+
+Symbols: ray i of a pulse draws u_i = frac(u_0 + i s) at each surface, u_0 uniform, s the surface's slope.
 """
 
 from __future__ import annotations
@@ -17,17 +20,18 @@ from ...maths.arrays import Array, Table, xp
 from ..device.backend import mitsuba
 
 _SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
-"""How far apart the numbers of a pulse's rays are at the first, second, ... surface on the way: Kronecker sequences,
-which fill the unit interval evenly, and several of them a square or a cube."""
+"""Slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes a
+Kronecker sequence, which fills the unit interval evenly; several together fill a square or a cube evenly, because the
+roots are independent over the rationals. So the layers of a hedge are passed independently of each other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Draws:
-    """Where random numbers of the rays come from.
+    """The source of the rays' random numbers.
 
     seed   of the frame, 32 bits
     pulse  (n,) pulse number of each ray
-    ray    (n,) its number within the pulse; 0: the only one
+    ray    (n,) number of each ray within its pulse; 0 if it is the only one
     """
 
     seed: Array
@@ -35,9 +39,11 @@ class Draws:
     ray: Array = 0
 
     def uniform(self, step: Array) -> Array:
-        """A number in [0, 1) for each ray, at the surface that is number ``step`` on its way."""
+        """Return (n,) numbers in [0, 1), one for each ray at the surface number ``step`` of its path."""
         mi = mitsuba()
         step = mi.UInt32(step)
+        # The random offset belongs to the pulse and the surface, and is the same for all rays of the pulse. The rays
+        # share one even sequence, so that of 16 rays at a surface with 25 % gaps 4 pass, give or take one.
         first, _ = random.words(seed=self.seed, stage=random.STAGE_GAPS, pulse=self.pulse, draw=step)
         ops = xp(first)
         place = random.open_uniform(first) + mi.Float(self.ray) * ops.take(_SLOPES, step)
@@ -45,7 +51,7 @@ class Draws:
 
 
 def gap_share(surface: Any, here: Any) -> Any:
-    """Share of a surface that is gaps, where it is porous; 0 elsewhere."""
+    """Return the share of gaps of a porous surface, 0 to 1; 0 where ``here`` does not hold."""
     import drjit as dr
 
     return dr.select(here, surface.bsdf().eval_null_transmission(surface, here)[0], 0.0)

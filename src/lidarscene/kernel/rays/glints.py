@@ -1,4 +1,12 @@
-"""Glints: where a pane or mirror throws the beam back onto the receiver, its way ends there, with an echo."""
+"""Specular returns: a pane or mirror normal to the beam reflects it into the receiver, and the path ends with an echo.
+
+Such a surface has no diffuse reflection, so a BSDF evaluated back along the ray is zero, and the reflected ray itself
+almost never meets the small aperture. Yet the real echo may be the brightest of the frame. So the share of the
+reflected spot that falls on the aperture is computed in closed form (docs/theory.md 26), and written as the
+f_r cos(theta) that a rough surface would need to send back as much.
+
+Symbols: R range (m); delta angle between beam and surface normal; spot radius at 2 R (m); a aperture radius (m).
+"""
 
 from __future__ import annotations
 
@@ -13,15 +21,17 @@ from .meeting import Meeting, Moment
 from .onward import Way
 
 _WIDTHS = 3.0
-"""Spots whose centre is farther from the aperture's edge than this many radii go on instead: a Gaussian beam has
-fallen to 1.5e-8 there, and would look no brighter than a board of a few per cent."""
+"""Reach of a spot beyond the aperture's edge, in its radii (1/e^2). If the spot's centre is farther away, the path
+goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and would look no brighter than a board of
+a few per cent."""
 
 
 def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) -> tuple[Any, Way]:
-    """Where the mirrored beam comes back to the receiver, and the way as it ends there.
+    """Find where the reflected beam comes back to the receiver. Returns (n,) flags, and the path that ends there.
 
-    further  the way beyond the pane or mirror, as that reflects it
-    active   where it does. Ways that something has mirrored before do not come back: what they see of the sensor is
+    way      the path up to the pane or mirror
+    further  the path beyond it, as it reflects
+    active   (n,) where it reflects. Paths that were reflected before do not come back: what they see of the sensor is
              not traced
     """
     import drjit as dr
@@ -30,12 +40,14 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) 
     aim = moment.aim
     if aim is None:
         return mi.Bool(False), way
+    # The normal is in the frame of the body that was met; the beam's axes are in the traced frame.
     normal = mi.Vector3f(met.surface.n)
     for (_, place), here in zip(moment.moving, met.here, strict=True):
         normal = dr.select(here, mi.Vector3f(*place.vector(tuple(normal))), normal)
     range_m = way.length_m + met.t
-    # The sensor's image is 2 R away along the normal: across the beam it is 2 R sin(delta) off its axis. Components
-    # keep their precision at small angles, cosines would not.
+    # The surface mirrors the aperture to a place 2 R away along its normal. Seen across the beam that image is
+    # 2 R sin(delta) off the axis: the component of the normal along each of the two axes across the beam. Components
+    # keep their precision at small angles; 1 - cos(delta) would lose it in single precision.
     aside = [2.0 * range_m * dr.dot(normal, mi.Vector3f(*axis)) for axis in aim.across]
     spot = [
         2.0 * range_m
@@ -44,6 +56,7 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) 
         )
         for slope in aim.slope
     ]  # fmt: skip
+    # An ellipse about the aperture, as far as the spot reaches; outside of it the share is not worth asking for.
     ops = xp(range_m)
     aperture = ops.sqrt(aim.aperture_m2 * (1.0 / math.pi))
     reach = [off / (aperture + _WIDTHS * width) for off, width in zip(aside, spot, strict=True)]
@@ -52,7 +65,8 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) 
         profile=aim.profile, aside_m=(aside[0], aside[1]), spot_radius_m=(spot[0], spot[1]),
         aperture_radius_m=aperture,
     )  # fmt: skip
-    # There by the way, back by the way once more, and one reflection between them.
+    # An echo's power goes with throughput^2, once there and once back. Here the panes before the surface are passed
+    # twice and the surface reflects once: T (T R) = throughput^2 with throughput = sqrt(T * T R).
     through = ops.sqrt(mi.Float(way.throughput) * further.throughput)
     bright = glint.apparent_backscatter_per_sr(share=share, range_m=range_m, aperture_m2=aim.aperture_m2)
     back = active & ~mi.Bool(way.mirrored) & near & (bright > 0.0)

@@ -1,10 +1,12 @@
-"""Meeting: rays in, the surface that each meets out, in a world some of which moves.
+"""Find the surface that each ray meets, in a world whose bodies may move.
 
-Panes, and porous surfaces with them, are asked apart from what ends or mirrors a ray: they are few, so that asking
-costs little, and what stands behind them is found at once.
+What moves is not moved: each body has a Mitsuba scene in its own frame, and the rays are transformed into that frame
+as the body stands when their pulse leaves. The nearest hit of all scenes is kept. So nothing is ever rebuilt, which
+costs Embree up to a second in a large scene, and every pulse sees the bodies at its own time. The hits are those of a
+scene rebuilt for every pulse (tests/kernel/test_motion.py).
 
-Rays are carried into the frame of each moving body as it stands when they leave; the nearest hit is kept, and the
-surface is looked at in the frame of its own body (MITSUBA.md 5.5: hit by hit what a rebuilt scene gives).
+Panes and porous surfaces are in scenes of their own. They are few, so that asking for them costs little, and one query
+in the other scene finds what stands behind them.
 """
 
 from __future__ import annotations
@@ -25,15 +27,15 @@ from .gaps import Draws
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Meeting:
-    """What each ray met.
+    """What each ray met, one element for each ray.
 
     found    whether it met anything
-    t        how far from the ray's start
+    t        distance from the ray's start, metres
     surface  Mitsuba's interaction, in the frame of the body that was met
     seen     the ray in that frame
     to_sun   unit vector towards the sun in that frame
-    shift    from the numbers of faces that bodies of one shape share to the body's own
-    here     whether it was this one, for each of the world's movers
+    shift    what to add to the face number: bodies of one shape share a mesh, but have faces of their own in the tables
+    here     for each of the world's movers, whether it is the body that was met
     """
 
     found: Any
@@ -51,9 +53,9 @@ class Moment:
 
     moving    what moves, and where it is then
     sun       unit vector towards the sun
-    coherent  whether neighbouring rays are neighbours in angle
-    draws     random numbers of the rays, which gaps ask for
-    aim       of the beams, of which panes and mirrors may send some back; None: that is not asked
+    coherent  whether neighbouring rays are neighbours in angle: Embree then traces them in packets, up to twice as fast
+    draws     random numbers of the rays, for gaps
+    aim       axes and widths of the beams, for specular returns; None: there are none
     """
 
     world: World
@@ -65,30 +67,34 @@ class Moment:
 
     @property
     def speculars(self) -> Speculars:
-        """Of a world that has any."""
+        """The world's panes, mirrors and porous surfaces; ask only a world that has some."""
         assert self.world.speculars is not None
         return self.world.speculars
 
     def meet(self, ray: Any, active: Any = True) -> Meeting:
-        """The nearest surface of each active ray of the traced frame that is no pane."""
+        """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame."""
         return self._nearest(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
 
     def pane(self, ray: Any, before: Any, active: Any) -> Meeting:
-        """The nearest pane that these rays of the traced frame meet ``before`` a length."""
+        """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
         panes = [mover.panes for mover, _ in self.moving]
         return self._nearest(_shorter(ray, before), active, self.world.panes, panes)
 
     def blocked(self, ray: Any, active: Any) -> Any:
-        """Whether these rays of the traced frame meet anything that is no pane."""
+        """Return whether each active ray meets anything, panes left out."""
         return self._any(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
 
     def glazed(self, ray: Any, active: Any, before: Any = None) -> Any:
-        """Whether these rays of the traced frame meet a pane, before a length if one is given."""
+        """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         panes = [mover.panes for mover, _ in self.moving]
         return self._any(_shorter(ray, before), active, self.world.panes, panes)
 
     def _nearest(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Meeting:
-        """Of the surfaces in these Mitsuba scenes, of what stands still and of each mover; None: nothing there."""
+        """Return the nearest surface among several Mitsuba scenes; a scene that is None is empty.
+
+        still   of what stands still, in the traced frame
+        moving  of each mover, in the mover's frame
+        """
         import drjit as dr
 
         mi = mitsuba()
@@ -97,6 +103,8 @@ class Moment:
             first = dr.zeros(mi.PreliminaryIntersection3f)
             first.t = dr.inf
         else:
+            # A preliminary intersection has distance, shape and triangle only. The full one calls each shape's own
+            # code through a table; it is made once, of the nearest hit.
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         seen, to_sun, shift = ray, mi.Vector3f(*self.sun), mi.UInt32(0)
         here: list[Any] = []
@@ -106,10 +114,12 @@ class Moment:
                 continue
             carried = _carried(mi, ray, place)
             transfer.apart(first)
+            # Most rays miss most bodies: a sphere around the body is asked before its triangles.
             near = _near(dr, carried, mover)
             hit = scene.ray_intersect_preliminary(
                 carried, coherent=self.coherent, active=near if active is True else near & active
             )
+            # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
             nearer = hit.is_valid() & (hit.t < first.t)
             first, seen = dr.select(nearer, hit, first), dr.select(nearer, carried, seen)
             to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(self.sun))), to_sun)
@@ -123,26 +133,27 @@ class Moment:
         )
 
     def _surface(self, first: Any, seen: Any, found: Any) -> Any:
-        """Mitsuba's interaction at a hit. Of plain meshes it is put together here, from the normals of their faces:
-        Mitsuba's own, which is ready for textures and soft edges, takes twice as long.
-        """
+        """Return Mitsuba's interaction at a hit, as far as our BSDFs ask for it."""
         import drjit as dr
 
         mi = mitsuba()
         if self.world.face_normal is None:
             return first.compute_surface_interaction(seen, mi.RayFlags.All, found)
+        # Plain meshes are flat and look the same all over: point, normal and incoming direction are all that their
+        # BSDFs read. Mitsuba's own interaction is ready for textures and smooth normals, and takes twice as long.
         shape = dr.reinterpret_array(mi.UInt32, first.shape)
         face = dr.gather(mi.UInt32, self.world.first_face, shape, found) + first.prim_index
+        # The table has four numbers a face: Dr.Jit gathers four neighbours in one load, three in three.
         normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, found)[:3])
         surface = dr.zeros(mi.SurfaceInteraction3f)
         surface.t, surface.p, surface.n = first.t, seen(first.t), normal
         surface.shape, surface.prim_index = first.shape, first.prim_index
-        surface.sh_frame = mi.Frame3f(normal)
+        surface.sh_frame = mi.Frame3f(normal)  # BSDFs want wi in the frame whose z is the normal
         surface.wi = surface.to_local(-seen.d)
         return surface
 
     def _any(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Any:
-        """Whether there is a surface in these Mitsuba scenes, of what stands still and of each mover."""
+        """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
         mi = mitsuba()
@@ -155,13 +166,13 @@ class Moment:
                 continue
             carried = _carried(mi, ray, place)
             transfer.apart(met)
-            left = active & ~met & _near(dr, carried, mover)
-            met |= scene.ray_test(carried, coherent=self.coherent, active=left)
+            undecided = active & ~met & _near(dr, carried, mover)
+            met |= scene.ray_test(carried, coherent=self.coherent, active=undecided)
         self._apart(met)
         return met
 
     def outside(self, met: Meeting, point: Any) -> Any:
-        """A point of the frame of what was met, in the traced one."""
+        """Transform points from the frame of the body that was met to the traced frame."""
         import drjit as dr
 
         mi = mitsuba()
@@ -170,13 +181,13 @@ class Moment:
         return point
 
     def _apart(self, *arrays: Any) -> None:
-        """Nothing that one scene was asked is left to the kernel that asks the next one."""
+        """Keep the queries of several scenes in kernels of their own, if there are several (`transfer.apart`)."""
         if self.moving or self.world.has_panes:
             transfer.apart(*arrays)
 
 
 def _carried(mi: Any, ray: Any, place: Placement) -> Any:
-    """A ray of the traced frame, in that of a body."""
+    """Transform rays from the traced frame to that of a body."""
     origin, direction = place.point_within(tuple(ray.o)), place.vector_within(tuple(ray.d))
     carried = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
     carried.maxt = ray.maxt
@@ -184,20 +195,22 @@ def _carried(mi: Any, ray: Any, place: Placement) -> Any:
 
 
 def _shorter(ray: Any, before: Any) -> Any:
-    """The ray up to a length, or as long as it is."""
+    """Return rays that end at a length; None: they stay as they are."""
     if before is None:
         return ray
-    ray = mitsuba().Ray3f(ray)
+    ray = mitsuba().Ray3f(ray)  # a copy: Mitsuba's rays are mutable, and the caller keeps his
     ray.maxt = before
     return ray
 
 
 def _near(dr: Any, ray: Any, mover: Mover) -> Any:
-    """Whether a ray in the body's frame comes into the sphere around it."""
+    """Return whether rays in the body's frame pass through the sphere around it."""
     x, y, z, radius = mover.sphere
     to = type(ray.o)(x, y, z) - ray.o
     along = dr.dot(to, ray.d)
+    # The vector from the sphere's centre to the nearest point of the ray: its square keeps its precision, while
+    # |to|^2 - along^2 would be the difference of two large numbers.
     apart = dr.squared_norm(to - along * ray.d)
-    # A little wider, for rounding: 1e-6 of the distance is ten times what single precision loses.
+    # The sphere is a little wider, for rounding: 1e-6 of the distance is ten times the error of single precision.
     room = radius + 1e-6 * dr.abs(along)
     return (apart <= room * room) & (along > -room)

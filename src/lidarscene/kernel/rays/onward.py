@@ -1,7 +1,10 @@
-"""Onward: a beam on its way through panes and gaps and off mirrors, from one surface to the next.
+"""Continue a beam beyond a surface: through panes and gaps, and off mirrors.
 
-Both branches at a pane are followed by rule and not by chance, so there is no noise in the optics: Mitsuba's BSDFs
-are sampled, but which lobe they choose is decided here.
+At a pane light goes two ways. A path tracer would draw one of them at random; here the caller follows both, so that
+the optics have no Monte Carlo noise and each echo has a definite path (docs/theory.md 26). Mitsuba's BSDFs are still
+sampled, because they know direction and share of each lobe, but the random number that selects the lobe is set here.
+
+Symbols: T, R transmittance and reflectance of a pane; throughput is the product of them along a path.
 """
 
 from __future__ import annotations
@@ -17,24 +20,25 @@ from .gaps import gap_share
 from .meeting import Meeting, Moment
 
 START_OFFSET_M = 3e-4
-"""How far off a surface the next ray starts. Mitsuba's own offset grows to 22 mm at 250 m and would jump through a 5
-mm pane; float32 positions at 250 m are good to 0.03 mm (MITSUBA.md 5.7)."""
+"""Height above a surface at which the next ray starts. Mitsuba's own offset grows to 22 mm at 250 m (measured) and
+would jump over a 5 mm pane; float32 positions at 250 m are good to 0.03 mm."""
 
 _LEAST_COSINE = 0.05
-"""Along a ray that grazes the surface the same height takes longer, up to 6 mm at this cosine."""
+"""Smallest cosine of incidence that the offset is divided by. A ray that grazes the surface has to go farther to gain
+the same height: 6 mm at this cosine, and no more than that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Way:
-    """A beam from the sensor to where its latest ray starts.
+    """The path of a beam from the sensor to the start of its latest ray; one element for each ray.
 
     ray           the latest ray, in the traced frame
-    length_m      of the way so far
-    throughput    share of the light that has come this far
-    interactions  with panes, mirrors and gaps
+    length_m      length of the path so far
+    throughput    share of the light that has come this far, one way
+    interactions  number of panes, mirrors and gaps so far
     mirrored      whether any of them was a reflection
-    receding_m_s  by how much the motion of sensor and mirrors makes the way longer, per second
-    glint_per_sr  where it ends at a pane or mirror that throws it back: f_r cos(theta) that would be as bright
+    receding_m_s  rate at which the motion of sensor and mirrors lengthens the path
+    glint_per_sr  f_r cos(theta) of a specular return (`glints`) at which the path ends; 0 if there is none
     """
 
     ray: Any
@@ -47,12 +51,13 @@ class Way:
 
 
 def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
-    """``here`` where the mask holds, field by field, of a `Way` or a `Meeting`."""
+    """Select field by field between two objects of type `Way` or `Meeting`: ``here`` where the mask holds."""
     import drjit as dr
 
     def one(a: Any, b: Any) -> Any:
         if isinstance(a, tuple):
             return tuple(one(x, y) for x, y in zip(a, b, strict=True))
+        # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
 
     fields = [field.name for field in dataclasses.fields(here)]
@@ -62,17 +67,18 @@ def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
 
 
 def kind_of(moment: Moment, met: Meeting) -> Any:
-    """0 where the beam ends, else `Speculars.kind`, UInt32."""
+    """Return `Speculars.kind` of what was met, UInt32; 0 where the beam ends."""
     import drjit as dr
 
     mi = mitsuba()
     speculars = moment.speculars
+    # On the device a pointer to a shape is its number in Mitsuba's registry: an index for tables of ours.
     number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
     return dr.gather(mi.UInt32, speculars.kind, number, met.found)
 
 
 def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
-    """Whether ways end at what lets others through: at porous surfaces, where they find no gap."""
+    """Return whether paths end at a surface that lets others through: a porous one, where the ray finds no gap."""
     if not moment.speculars.gaps:
         return pane.found & False
     porous = moment.speculars.is_porous(kind_of(moment, pane))
@@ -80,17 +86,22 @@ def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
 
 
 def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: bool) -> Way:
-    """The way beyond the panes and mirrors that were met: through panes, or ``reflected`` by them."""
+    """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them."""
     import drjit as dr
 
     mi = mitsuba()
     kind = kind_of(moment, met)
     direction, share = _lobe(moment, met, kind, active, reflected=reflected)
+    # The offset is measured across the surface, so along the ray it is longer by 1 / cos. The ray starts on the far
+    # side of a pane, or on the near side of a mirror: along its own new direction in both cases.
     step = START_OFFSET_M / xp(share).maximum(dr.abs(direction.z), _LEAST_COSINE)
+    # The interaction's "world" is the frame of the body that was met; from there to the traced frame.
     out = met.surface.to_world(direction)
     for (_, place), here in zip(moment.moving, met.here, strict=True):
         out = dr.select(here, mi.Vector3f(*place.vector(tuple(out))), out)
     out = dr.normalize(out)
+    # A mirror that moves by v changes the path's length by v . (d_in - d_out) per second. At a pane both directions
+    # are the same, and its motion changes nothing.
     at = way.ray.o + met.t * way.ray.d
     receding = way.receding_m_s
     for (_, place), here in zip(moment.moving, met.here, strict=True):
@@ -107,19 +118,23 @@ def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: b
 
 
 def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bool) -> tuple[Any, Any]:
-    """Direction in the surface's own frame, and share of the light that goes there."""
+    """Return (n,) direction in the surface's own frame, and (n,) share of the light that goes there."""
     import drjit as dr
 
     mi = mitsuba()
     speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
+    # Through a gap: straight on, with all of the light (the ray was drawn, `stopped`).
     if speculars.gaps and not reflected:
         porous = speculars.is_porous(kind)
         direction, share = dr.select(porous, -met.surface.wi, direction), dr.select(porous, 1.0, share)
+    # One BSDF after the other, each for its own lanes. `surface.bsdf().sample` would be one call through a table of all
+    # BSDFs of the process, and Dr.Jit would compile the sampling code of every material for it.
     for number, bsdf in enumerate(speculars.bsdfs[: speculars.panes] if reflected else speculars.bsdfs):
         here = active & (kind == number + 1)
-        # The first random number chooses the lobe; 0 is the pane's reflection and 1 its transmission.
+        # The first random number selects the lobe: 0 is always the pane's reflection, 1 always its transmission. A
+        # mirror has one lobe. Weight times pdf is the share that goes into the lobe, whatever its probability was.
         lobe = mi.Float(0.0 if reflected else 1.0)
         sample, weight = bsdf.sample(context, met.surface, lobe, mi.Point2f(0.5), here)
         direction = dr.select(here, sample.wo, direction)
@@ -133,7 +148,11 @@ def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bo
 
 
 def _of_pane(index: Array, depth: Array, *, cosine: Array, reflected: bool) -> Array:
-    """T or R of a pane that absorbs: Mitsuba's is lossless, and light's way inside is longer at an angle."""
+    """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless, and knows no path inside the glass.
+
+    index, depth  refractive index, and optical depth at normal incidence
+    cosine        of the angle of incidence: at an angle the path inside the glass is longer
+    """
     surface = dielectrics.fresnel_reflectance(cos_incidence=cosine, index=index)
     internal = dielectrics.internal_transmittance(depth=depth, cos_incidence=cosine, index=index)
     law = dielectrics.pane_reflectance if reflected else dielectrics.pane_transmittance
@@ -141,13 +160,16 @@ def _of_pane(index: Array, depth: Array, *, cosine: Array, reflected: bool) -> A
 
 
 def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) -> Any:
-    """Share of the sun's light that comes along these rays: 1 in the open, less through panes and gaps, 0 in shadow.
+    """Return the share of the sun's light along these shadow rays: 1 in the open, less through panes, 0 in shadow.
 
-    At most so many panes and porous surfaces; light that mirrors send is left out.
+    interactions  largest number of panes and porous surfaces on a ray; behind more of them there is shadow. Sunlight
+                  that mirrors send is left out.
     """
     import drjit as dr
 
     mi = mitsuba()
+    # What stops light wholly is asked once, for the whole ray. Then it is walked from pane to pane. Gaps dim sunlight
+    # by their share, without chance: unlike a ray of the beam, sunlight is an average over the surface.
     way, open_ = Way(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
     glazed = open_
     for _ in range(interactions):

@@ -1,4 +1,8 @@
-"""Light: a World, a Sensor and some pulses in, the Echoes of their first ways out as numpy: the chain once more."""
+"""Trace chosen pulses again and return their light, as NumPy.
+
+A frame keeps no light of pulses that reported nothing: 2^20 of them at a time would not be worth their memory. A user
+who asks for the light of some pulses gets it from the same stages, run once more: same seed, same rays, same numbers.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +35,11 @@ def light_of(
     count: int,
     seed: int,
 ) -> Echoes:
-    """What ``count`` pulses from ``first`` on bring back; without the pulses of other lidars.
+    """Return the light of ``count`` pulses from ``first`` on, on the beam's first path; no pulses of other lidars.
 
     sun         (3,) unit vector towards the sun
-    placements  of the sensor and of what moves, as `rendering.frame.Frame.placements` has them for these pulses
-    seed        of the frame, which the pointing jitter follows
+    placements  of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
+    seed        of the frame; it decides the pointing jitter and the gaps
     """
     place, movers = placements
     equipment = transfer.opaque(sensor)

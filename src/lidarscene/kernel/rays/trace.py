@@ -1,4 +1,15 @@
-"""Trace: a World and Beams in, Hits out. Closest-hit queries along the beam's ways, and one towards the sun."""
+"""Trace beams through a world: find the surface at the end of each path, and what it scatters.
+
+A beam has one path, or two in a world with panes: through the first pane, and off it. Along each path the nearest
+surface is asked for, again after each pane, mirror or gap; from its end one shadow ray goes to the sun. A `Hits` is
+geometry and scattering, never watts. The BSDF is evaluated in two directions, back along the beam and towards the sun,
+and nothing is sampled: there is no Monte Carlo noise (docs/theory.md 4 and 26).
+
+The steps along a path are unrolled by Python, not looped on the device. Their number is small and selects code, and a
+world without panes and mirrors has none of it in its kernel.
+
+Symbols: theta angle of incidence, theta_s angle of the sun, f_r BSDF (1/sr), tau diffuse transmittance.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +31,10 @@ from .meeting import Meeting, Moment
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
 
 INTERACTIONS = 3
-"""Panes, mirrors and gaps that a beam may meet: through both windows of a car, and through the next one's."""
+"""Default for the panes, mirrors and gaps on a path: through both windows of a car, and into the next car."""
 
 MOST_INTERACTIONS = 8
-"""Each is a further ray query in the kernel, and takes its time to compile."""
+"""Each interaction adds ray queries to the kernel, which take time to compile."""
 
 
 def trace(
@@ -40,23 +51,23 @@ def trace(
     ray_number: Array = 0,
     aim: Aim | None = None,
 ) -> tuple[Hits, ...]:
-    """The surface at the end of each ray's ways, on the device.
+    """Return the surface at the end of each ray's paths, one `Hits` for each path, on the device.
 
-    The first way goes through panes and off mirrors, and through gaps if it finds one. In a world with panes there is
-    a second, which is reflected at the first pane that the first one meets and from there on does the same; where
-    none is met it carries no light.
+    The first path goes through panes, off mirrors, and through gaps where the ray finds one. In a world with panes
+    there is a second path: it is reflected at the first pane that the first path meets, and goes on in the same way.
+    If there is no such pane it carries no light.
 
     sun                  (x, y, z) unit vector towards the sun
     coherent             whether neighbouring rays are neighbours in angle
-    placements           of each of the world's movers when each ray leaves; where they are at time 0 if None
-    sensor_velocity_m_s  of the point that each ray leaves from; it stands still if None
-    interactions         with panes, mirrors and gaps, on each way; at the next pane or mirror it ends without an
-                         echo, and the next porous surface counts as solid
-    survey               stop at the first surface, and tell only which rays have to be traced in full: those that
-                         meet a pane, mirror or porous surface, and those whose sunlight comes through one. A kernel
-                         that follows all ways costs every ray, and few rays meet glass
-    seed, ray_number     of the frame, and of each ray within its pulse: what finds gaps
-    aim                  of the beams, so that panes and mirrors straight across one send it back; None: they do not
+    placements           of each of the world's movers when each ray leaves; None: as at time 0
+    sensor_velocity_m_s  of the point from which each ray leaves; None: it stands still
+    interactions         largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path
+                         ends without an echo; the next porous surface counts as solid
+    survey               end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in
+                         full: rays that meet a pane, mirror or porous surface, or whose sunlight comes through one. A
+                         kernel that follows all paths costs every ray its queries, and few rays meet glass
+    seed, ray_number     of the frame, and of each ray within its pulse: random numbers of the gaps
+    aim                  axes and widths of the beams, for specular returns; None: there are none
     """
     mi = mitsuba()
     if placements is None:
@@ -80,10 +91,11 @@ def trace(
 
 
 def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
-    """The first surface, and whether the ray has to be traced in full."""
+    """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)
 
+    # `_ended` asks for the sunlight once, with the shadow rays: the same rays tell whether glass is in the sun's way.
     def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
         nonlocal through_glass
         lit = sunny & ~moment.blocked(ray, sunny)
@@ -96,13 +108,16 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
 
 
 def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
-    """The way through panes and off mirrors, the one that the first pane mirrors, and what each meets in the end."""
+    """Return each path of the rays, with the surface at its end: one path, or two in a world with panes."""
     mi = mitsuba()
     met, speculars = moment.meet(way.ray), moment.world.speculars
     if speculars is None:
         return [(way, met)]
     if not interactions:
         return [(way, _at_last_pane(moment, way, met, mi.Bool(True)))]
+    # `on` are the lanes whose path has gone on at every step so far, `mirrored` those that have left a second path at a
+    # pane. That happens once for each ray, at its first pane. Without mirrors and gaps the first pane, if there is one,
+    # is met at the first step, and the later steps need no code for it.
     second, mirrored, on = way, mi.Bool(False), mi.Bool(True)
     for number in range(interactions):
         pane = _pane_before(moment, way, met, on)
@@ -123,12 +138,13 @@ def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meetin
 
 
 def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
-    """The rest of a way from the first pane on, where it met one."""
+    """Follow the second path from the first pane on, on the lanes that have one."""
     import drjit as dr
 
     way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
-    back = active & (way.glint_per_sr > 0.0)  # it ends at that pane
+    back = active & (way.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
     met, on = moment.meet(way.ray, active), active & ~back
+    # The first pane was one interaction. A path that met a mirror before it has used up more than one.
     for _ in range(1, interactions):
         on = on & (way.interactions < interactions)
         way, met, on = _a_step_on(moment, way, met, _pane_before(moment, way, met, on), on)
@@ -136,12 +152,12 @@ def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple
 
 
 def _pane_before(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting | None:
-    """The nearest pane or porous surface on the way to what was met; None in a world without any."""
+    """Return the nearest pane or porous surface in front of what was met; None in a world without any."""
     return moment.pane(way.ray, met.t, on) if moment.speculars.lets_through else None
 
 
 def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
-    """What was met, or a pane before it, which is one too many, of a way that has gone on all the time."""
+    """Return the end of a path that has used all its interactions: what was met, or a pane in front of it."""
     pane = _pane_before(moment, way, met, on)
     return met if pane is None else chosen(pane.found, pane, met)
 
@@ -149,7 +165,10 @@ def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
 def _a_step_on(
     moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Any
 ) -> tuple[Way, Meeting, Any]:
-    """Through a pane or gap or off a mirror, where ``on`` holds; the way, what it meets, and whether it has gone on."""
+    """Take one step where ``on`` holds: through a pane or gap, or off a mirror.
+
+    Returns the path, what it meets next, and (n,) whether it has gone on.
+    """
     import drjit as dr
 
     gone, before = on & False, way
@@ -157,12 +176,14 @@ def _a_step_on(
         ends = stopped(moment, way, pane)
         gone = pane.found & ~ends
         way = chosen(gone, gone_on(moment, way, pane, gone, reflected=False), way)
-        # What stands behind a pane is met where it was seen through it.
+        # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
+        # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
         nearer = met.t - (way.length_m - before.length_m)
         met = chosen(ends, pane, dataclasses.replace(met, t=dr.select(gone, nearer, met.t)))
     if moment.speculars.mirrors:
         bounce = on & ~gone & moment.speculars.is_mirror(kind_of(moment, met))
         off = gone_on(moment, way, met, bounce, reflected=False)
+        # A mirror normal to the beam ends the path with a specular return; off all others it goes on.
         back, ended = returned(moment, way, met, off, bounce)
         way, bounce = chosen(back, ended, chosen(bounce, off, way)), bounce & ~back
         met = chosen(bounce, moment.meet(way.ray, bounce), met)
@@ -171,19 +192,25 @@ def _a_step_on(
 
 
 def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
-    """A way whose end is known, as Hits; ``sunshine`` says of shadow rays whether the sun is seen, and how much."""
+    """Return the Hits at the end of a path.
+
+    sunshine  from shadow rays and (n,) flags of those that matter: (n,) whether the sun is seen, and share of its light
+    """
     import drjit as dr
 
     mi = mitsuba()
     world, surface, found = moment.world, met.surface, met.found
-    # Everything happens on the side of the surface that the ray came from, whatever the winding.
+    # Two-sided: meshes from elsewhere are rarely wound consistently, so a normal may point inwards. Everything here
+    # happens on the side from which the ray came: the normal is turned against the ray.
     facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
     normal = surface.n * facing
     cos_sun = dr.dot(normal, met.to_sun)
     sunny, side = found & (cos_sun > 0.0), normal
+    # A leaf shows the sun that shines on its far side: there the shadow ray starts on that side.
     through, behind = _let_through(world, met, cos_sun)
     if behind is not None:
         sunny, side = sunny | behind, dr.select(behind, -normal, normal)
+    # Above the surface, or rounding would put half of the shadow rays inside of it ("shadow acne").
     start = moment.outside(met, surface.p + side * START_OFFSET_M)
     receding = way.receding_m_s
     for (_, place), here in zip(moment.moving, met.here, strict=True):
@@ -193,11 +220,13 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
     if behind is not None:
         towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
+    # A triangle's number within its shape, the shape's first number in the world's tables, and the shift to the body
+    # where several bodies share the shape. Body, class and material are looked up by it later, for kept points only.
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
     return Hits(
         found=found,
-        range_m=dr.select(found, way.length_m + met.t, 1.0),
+        range_m=dr.select(found, way.length_m + met.t, 1.0),  # not infinity: later stages divide by it
         cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
         backscatter_per_sr=back + way.glint_per_sr,
         sun_scatter_per_sr=towards_sun * share,
@@ -215,7 +244,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
 
 
 def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
-    """Whether the sun is seen along these rays, and how much of it."""
+    """Return whether the sun is seen along these shadow rays, and the share of its light that arrives."""
     speculars = moment.world.speculars
     if speculars is None or not speculars.lets_through:
         return sunny & ~moment.blocked(ray, sunny), 1.0
@@ -224,7 +253,7 @@ def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[
 
 
 def _receding(velocity_m_s: Vector | None, direction: Vector) -> Array:
-    """By how much the sensor's own motion adds to the range, per second."""
+    """Rate at which the sensor's own motion lengthens the range, m/s."""
     return 0.0 if velocity_m_s is None else -_along(velocity_m_s, direction)
 
 
@@ -233,7 +262,10 @@ def _along(velocity_m_s: Vector, direction: Vector) -> Array:
 
 
 def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
-    """Diffuse transmittance of what was met, and where it shows sunlight that falls on its far side; None: nowhere."""
+    """Return the diffuse transmittance tau of what was met, and where sunlight on its far side is seen (T68).
+
+    The second is None in a world in which nothing transmits diffusely.
+    """
     import drjit as dr
 
     mi = mitsuba()
@@ -247,7 +279,9 @@ def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
 def _scattering(
     mi: Any, dr: Any, world: World, surface: Any, to_sun: Any, found: Any, lit: Any
 ) -> tuple[Any, Any, Any]:
-    """f_r cos(theta) back along the ray and towards the sun, and the diffuse reflectivity."""
+    """Return f_r cos(theta) back along the ray and towards the sun, 1/sr, and the diffuse reflectivity."""
+    # Mitsuba's `eval` includes the cosine of the outgoing direction. Outgoing is `wi` itself in the first call: the
+    # light returns along the ray by which it came.
     context = mi.BSDFContext()
     bsdf = surface.bsdf()
     back = bsdf.eval(context, surface, surface.wi, found)
@@ -255,12 +289,14 @@ def _scattering(
     towards_sun = bsdf.eval(context, surface, surface.to_local(to_sun), lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     if world.speculars is not None and world.speculars.gaps:
-        # A ray that met a porous surface met what is not gaps; Mitsuba's mask takes the mean over both.
+        # A ray that ends at a porous surface has met its solid part. Mitsuba's mask returns the mean over solid and
+        # gaps, so it is divided by the share that is solid.
         porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, found))
         solid = 1.0 - gap_share(surface, porous)
         solid = xp(solid).maximum(solid, 1e-6)
         back, towards_sun = back / solid, towards_sun / solid
     reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, found)
+    # -1 in the table: a BSDF of a Mitsuba file, of which only the BSDF itself knows the reflectivity.
     if world.has_foreign:
         own = bsdf.eval_diffuse_reflectance(surface, found)[0]
         reflectivity = dr.select(reflectivity < 0.0, own, reflectivity)

@@ -1,6 +1,13 @@
-"""Materials as Mitsuba BSDFs. Mitsuba has all kinds but one: the retro-reflector is ours.
+"""Translate materials to Mitsuba BSDFs, and add the retro-reflector, which Mitsuba lacks.
 
-Everything that does not transmit is two-sided, so that a mesh of inconsistent winding loses no points.
+Reflection is Mitsuba's: its BSDFs are documented, tested and what users of Mitsuba scenes expect. They are made from
+the numbers of one wavelength, the laser's, as dictionaries that `mi.load_dict` and XML scenes both understand.
+
+Everything that does not transmit is two-sided. Mitsuba's one-sided `diffuse` is black from behind, and meshes from
+elsewhere are rarely wound consistently: a car would lose all panels that are wound the other way.
+
+Symbols: rho diffuse reflectivity, R_A coefficient of retro-reflection (cd/lx/m2 = 1/sr), alpha observation angle, beta
+entrance angle, f_r BSDF (1/sr).
 """
 
 from __future__ import annotations
@@ -26,9 +33,9 @@ _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 
 def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
-    """A Mitsuba dictionary from `Material.at`: reflectivity and parameters at the laser's wavelength.
+    """Return a Mitsuba dictionary for `Material.at`: reflectivity and parameters at the laser's wavelength.
 
-    Gaps are Mitsuba's mask; what a thin surface lets through, `kernel.world.build` knows: Mitsuba has no such BSDF.
+    Gaps become Mitsuba's `mask`. Diffuse transmittance is left to `rays.trace`: Mitsuba has no BSDF for it.
     """
     whole = _BUILDERS[values["bsdf"]](values)
     cover = values.get("cover", 1.0)
@@ -36,7 +43,7 @@ def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def diffuse_share(values: Mapping[str, Any]) -> float:
-    """What of the sky's light a surface returns evenly: metal and glass mirror it instead."""
+    """Return the share of the sky's light that a surface reflects diffusely; metal and glass mirror it instead."""
     return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
 
 
@@ -53,7 +60,7 @@ def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
-    """A diffuse base under a rough dielectric coat. The reflectivity is the diffuse part seen from outside."""
+    """A diffuse base under a rough dielectric coat; the reflectivity is the diffuse part, seen from outside."""
     ior, roughness = float(values["coat_ior"]), float(values["coat_roughness"])
     limit = diffuse_throughput(ior, roughness)
     if values["reflectivity"] > limit:
@@ -61,6 +68,8 @@ def _coated(values: dict[str, Any]) -> dict[str, Any]:
             f"material '{values.get('name', '')}': reflectivity {values['reflectivity']:.3g} came, but a coat of "
             f"coat_ior {ior:.3g} and coat_roughness {roughness:.3g} lets out {limit:.3g} at most"
         )
+    # The material's reflectivity is measured through the coat, Mitsuba's parameter is the base's below it. The linear
+    # model ("nonlinear": False) makes one proportional to the other, so one division converts.
     base = values["reflectivity"] / limit
     return _two_sided(_roughplastic(ior, roughness) | {"diffuse_reflectance": _spectrum(base)})
 
@@ -73,12 +82,13 @@ def _roughplastic(ior: float, roughness: float) -> dict[str, Any]:
 
 @functools.cache
 def diffuse_throughput(ior: float, roughness: float) -> float:
-    """Share of light that goes through the coat, off a white base and out again, for normal incidence.
+    """Return the share of light that passes the coat, is scattered by a white base and leaves again; normal incidence.
 
-    Reflectivities are measured near normal incidence over the hemisphere, so a base of reflectivity over this
-    share shows the reflectivity. Mitsuba tabulates the rough coat's transmittance; here its own BSDF, without
-    the mirror lobe, is integrated over the hemisphere (64-point Gauss-Legendre in the cosine).
+    Reflectivities are measured near normal incidence and over the hemisphere. So a base whose reflectivity is the
+    material's over this share has the material's reflectivity (docs/theory.md 4).
     """
+    # Mitsuba tabulates the transmittance of the rough coat and does not give it away. So its own BSDF, without the
+    # mirror lobe, is integrated over the hemisphere: 64-point Gauss-Legendre in the cosine.
     mi = mitsuba()
     white = {"diffuse_reflectance": _spectrum(1.0), "specular_reflectance": _spectrum(0.0)}
     bsdf = mi.load_dict(_roughplastic(ior, roughness) | white)
@@ -107,12 +117,12 @@ def _mirror(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
-    """Lossless; what it absorbs is known to `kernel.world.speculars`."""
+    """A pane: both faces of a thin sheet at once. Lossless in Mitsuba; `Speculars.glass` knows what it absorbs."""
     return {"type": "thindielectric", "int_ior": values["index_n"], "ext_ior": 1.0}
 
 
 def absorption(values: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Index and optical depth of a pane that absorbs; None of everything else."""
+    """Return index and optical depth at normal incidence of a pane that absorbs; None for everything else."""
     if values["bsdf"] != "glass" or not values["index_k"] or "thickness_m" not in values:
         return None
     depth = dielectrics.optical_depth(
@@ -142,9 +152,9 @@ _BUILDERS = {
 
 
 def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float) -> float:
-    """R_A straight back at normal incidence, from the stated R_A at 0.2 degrees of observation, 4 of entrance.
+    """Return R_A at alpha = beta = 0, 1/sr, from the stated R_A at alpha = 0.2 and beta = 4 degrees.
 
-    The lobe is Gaussian in the observation angle and half as high at ``half_angle_deg``. cd/lx/m2 is 1/sr.
+    The lobe is Gaussian in alpha, and half as high at ``half_angle_deg``.
     """
     return (
         coefficient_cd_per_lx_m2
@@ -155,13 +165,13 @@ def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float)
 
 @functools.cache
 def register_retroreflector() -> None:
-    """Make the plug-in known to Mitsuba, once, for the active variant."""
+    """Register the plug-in with Mitsuba, once: plug-ins from Python exist only in the variant that is active."""
     mi = mitsuba()
     mi.register_bsdf(RETRO_PLUGIN, _retroreflector_class())
 
 
 def _retroreflector_class() -> Any:
-    """Built late: its base class exists only with a variant set."""
+    """Return the class, which is made at the first call: its base class exists only once a variant is set."""
     import drjit as dr
 
     mi = mitsuba()
@@ -184,6 +194,7 @@ def _retroreflector_class() -> Any:
                 )
             )
             self.half_angle = mi.Float(math.radians(half_angle_deg))
+            # Opaque: literals would be part of the kernel, and each retro-reflector would have code of its own.
             dr.make_opaque(self.reflectivity, self.peak, self.half_angle)
             flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.GlossyReflection
             self.m_components = [flags | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
@@ -192,15 +203,19 @@ def _retroreflector_class() -> Any:
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
             same_side = si.wi.z * wo.z > 0.0
-            # For small angles |wi - wo| is the observation angle; acos would lose it in rounding.
+            # For small angles |wi - wo| is the observation angle alpha; acos would lose it in rounding.
             observation = dr.norm(si.wi - wo)
             lobe = dr.exp(-math.log(2.0) * dr.square(observation / self.half_angle))
+            # The geometric mean of both cosines stands for cos(beta): f_r has to be the same with wi and wo exchanged.
             entrance = dr.power(cos_i * cos_o, 0.5 * _ENTRANCE_EXPONENT)
+            # Mitsuba's `eval` is f_r cos(beta_o), so that R_A / (cos beta_i cos beta_o) loses one of its cosines.
             retro = self.peak * lobe * entrance / xp(cos_i).maximum(cos_i, 1e-3)
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+            # Our tracer never samples it. Mitsuba's own integrators do, in tests: any density that covers the
+            # hemisphere is right, and the cosine's is the simplest.
             wo = mi.warp.square_to_cosine_hemisphere(sample2)
             wo.z = dr.mulsign(wo.z, si.wi.z)
             bs = dr.zeros(mi.BSDFSample3f)

@@ -1,6 +1,12 @@
-"""World: a `Scene` compiled for one wavelength. One mesh for each material; identity is the triangle's number.
+"""Compile a `Scene` for one wavelength into Mitsuba scenes and lookup tables: the `World`.
 
-What moves is traced apart, in its own frame, so that nothing is built again when it does (MITSUBA.md 5.5).
+Three measurements decide its form. Every shape costs time on each call and triangles do not (256 boxes as 256 meshes
+take a hundred times as long as in one mesh), so all parts of one material become one mesh. Mitsuba's identities of
+shapes are no indices and differ between back ends, so the triangle's number is the identity, and tables say which body,
+class and material it belongs to. Moving a shape makes Embree rebuild everything (0.5 s beside a mesh of 330,000
+triangles), so each moving body is a Mitsuba scene in its own frame that is never rebuilt (`rays.meeting`).
+
+Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
 """
 
 from __future__ import annotations
@@ -27,14 +33,14 @@ Matrix = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mover:
-    """A body that moves. Bodies of one shape share one Mitsuba scene.
+    """A body that moves. Bodies with the same parts share their Mitsuba scenes.
 
-    scene       Mitsuba scene of what is no pane, in the body's frame; None where there is nothing of it
-    panes       the same of its panes and porous surfaces
-    sphere      (x, y, z, radius) around all of it, in the body's frame; opaque
-    face_shift  from the numbers of the shared scene's faces to this body's, UInt32; opaque
-    motion      where it is
-    rest        where it is at time 0, in the traced frame; opaque
+    scene       Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
+    panes       Mitsuba scene of its panes and porous surfaces; None if there are none
+    sphere      (x, y, z, radius) of a sphere around the body, in its frame; opaque
+    face_shift  what to add to a face number of the shared scene to get this body's; UInt32, opaque
+    motion      its pose over time
+    rest        its pose at time 0, in the traced frame; opaque
     """
 
     scene: Any
@@ -47,24 +53,24 @@ class Mover:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World:
-    """What the kernel traces, and the tables that say what a triangle is.
+    """What the kernel traces, and the tables that identify a triangle. Device arrays unless stated otherwise.
 
-    scene           Mitsuba scene of what stands still and is neither pane nor porous; vertices are relative to
-                    ``centre_m``
-    panes           the same of panes and porous surfaces; None where there is none
+    scene           Mitsuba scene of what stands still, panes and porous surfaces left out; None if there is nothing.
+                    Vertices are relative to ``centre_m``
+    panes           Mitsuba scene of panes and porous surfaces that stand still; None if there are none
     movers          what moves
-    centre_m        (3,) float64: what was taken off every coordinate before it became single precision
+    centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
     first_face, shape_reflectivity, shape_transmittance
-                    by Mitsuba's registry number of a shape; reflectivity -1: ask the BSDF; transmittance None: all
-                    are opaque
-    face_normal     (4 f,) Float on the device, the unit normal of each face and a number to fill four, all zero for
-                    faces that share their shape with others; None where some shape is no mesh of plain triangles
-    face_body       (f,) Int32 on the device, index into ``body_names``
-    face_material   (f,) Int32 on the device, index into ``material_names``
-    body_class      (b,) Int32 on the device, index into ``class_names``
-    has_foreign     whether some BSDF comes from a Mitsuba file as it is
-    speculars       where a beam goes on, or None: nowhere
-    see_through     whether it was built for beams that go on at all
+                    by the registry number of a shape: number of its first face; diffuse reflectivity (-1: ask the
+                    BSDF); diffuse transmittance (None: every shape is opaque)
+    face_normal     (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
+                    shared shapes. None if some shape is not a mesh of flat triangles
+    face_body       (f,) Int32, index into ``body_names``
+    face_material   (f,) Int32, index into ``material_names``
+    body_class      (b,) Int32, index into ``class_names``
+    has_foreign     whether some BSDF was taken from a Mitsuba file unchanged
+    speculars       panes, mirrors and porous surfaces; None if there are none, or if they end every beam
+    see_through     whether the world was built for beams that go on behind panes and mirrors
     """
 
     scene: Any
@@ -87,15 +93,17 @@ class World:
 
     @property
     def has_panes(self) -> bool:
-        """Whether anything lets light through, or has gaps."""
+        """Whether anything lets light through or has gaps."""
         return self.speculars is not None and self.speculars.lets_through
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A Mitsuba shape, who its faces are, and its material by `Material.at`; None where only its BSDF knows it.
+    """A Mitsuba shape on its way into a world.
 
-    is_plain  whether it is a mesh that is flat between its edges and looks the same all over
+    face_body  (faces,) index of the body of each face
+    values     its material by `Material.at`; None if only the BSDF knows it
+    is_plain   whether it is a mesh without smooth normals and textures
     """
 
     shape: Any
@@ -119,7 +127,7 @@ class _Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
-    """The bodies of one shape that move: their indices, and their shapes, whose faces are the first body's."""
+    """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
 
     bodies: tuple[int, ...]
     shapes: list[_Shape]
@@ -130,11 +138,12 @@ def build_world(
 ) -> World:
     """Compile a scene.
 
-    centre_m  (3,) point that becomes the origin of the traced coordinates: put it where the rays start, so
-              that single precision is spent where it counts. A scene from a Mitsuba file keeps its origin.
-    see_through  whether beams go on through panes and off mirrors; else they end there, and that is traced faster
-    Raises InputError where a material has no data at the wavelength.
+    centre_m     (3,) point that becomes the origin of the traced coordinates: the place of the sensor. Float32 errors
+                 grow with the distance from the origin. A scene from a Mitsuba file keeps its origin
+    see_through  whether beams go on through panes and off mirrors; if not they end there, which is traced faster
+    Raises InputError if a material has no data at the wavelength, or if there is nothing to trace.
     """
+    # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
@@ -156,7 +165,8 @@ def build_world(
     movers: list[Mover] = []
     for group in moving:
         traced, panes = _mitsuba_scenes(group.shapes, see_through)
-        # The first body's faces are those that hits have; each other body's are the same ones further on.
+        # A hit on the shared scene has a face number of the first body. Each further body has the same faces once more
+        # in the tables, a constant number of rows later: that number is its shift.
         starts = [faces.add(group.shapes, body=index) for index in group.bodies]
         movers += [
             _mover(traced, panes, scene.bodies[index], centre, start - starts[0])
@@ -179,7 +189,7 @@ def build_world(
 
 
 def _own_shapes(bodies: Mapping[int, Body], centre: Matrix, resolved: dict[str, Any]) -> list[_Shape]:
-    """One mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
+    """Return one mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
     mi = mitsuba()
     grouped: dict[str, list[tuple[int, Matrix, Matrix]]] = {}
     shapes: list[_Shape] = []
@@ -198,7 +208,8 @@ def _own_shapes(bodies: Mapping[int, Body], centre: Matrix, resolved: dict[str, 
 
 
 def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
-    """The bodies that move, by their shapes, each in its own frame."""
+    """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
+    # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
     for index, body in enumerate(bodies):
         if body.motion is not None:
@@ -214,6 +225,7 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
 
 
 def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]], values: Any) -> _Shape:
+    # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
     vertices = np.concatenate([v for _, v, _ in pieces]).astype(np.float32)
@@ -222,6 +234,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     )
     bodies = np.concatenate([np.full(len(f), index, dtype=np.int32) for index, _, f in pieces])
     props = mi.Properties()
+    # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     props["mesh_bsdf"] = mi.load_dict(bsdf_dict(values))
     mesh = mi.Mesh(material, len(vertices), len(faces), props=props)
     parameters = mi.traverse(mesh)
@@ -243,7 +256,10 @@ def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str,
 
 
 def _mitsuba_scenes(shapes: Sequence[_Shape], see_through: bool) -> tuple[Any, Any]:
-    """Of what is no pane, or all where beams go through none, and of panes; None where there is nothing of it."""
+    """Return two Mitsuba scenes: of everything but panes and porous surfaces, and of these; None if empty.
+
+    Without ``see_through`` all shapes are in the first one.
+    """
     panes = [shape for shape in shapes if see_through and lets_through(shape.shape.bsdf())]
     others = [shape for shape in shapes if shape not in panes]
     return _mitsuba_scene(others), _mitsuba_scene(panes)
@@ -253,15 +269,16 @@ def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
     if not shapes:
         return None
     # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
-    # cost 8 % of the tracing and build three times as fast (measured on street.toml); a shape group, the other
-    # way to a fast build (MITSUBA.md 5.5), would lose the setting.
+    # cost 8 % of the tracing and build three times as fast (measured on street.toml). A shape group is the other way to
+    # a fast build, and would lose the setting.
+    # optimize=False: Mitsuba would merge meshes of equal materials, and the number of a triangle would not be ours.
     settings = {"type": "scene", "embree_use_robust_intersections": True}
     children = {f"shape_{i}": shape.shape for i, shape in enumerate(shapes)}
     return mitsuba().load_dict(settings | children, optimize=False)
 
 
 class _FaceTables:
-    """Who each face is, shape after shape: what a World looks up behind a hit."""
+    """Per-face body and material indices, concatenated over shapes: what a World looks up behind a hit."""
 
     def __init__(self) -> None:
         self._body: list[Matrix] = []
@@ -271,9 +288,10 @@ class _FaceTables:
         self.material_names: dict[str, int] = {}
 
     def add(self, shapes: Sequence[_Shape], *, body: int | None = None) -> int:
-        """Append the faces of these shapes, all of one body if it is given; returns the number of the first.
+        """Append the faces of these shapes and return the number of the first.
 
-        Shapes that came before get a second set of faces; a hit's face is in the first one.
+        body  index of the body that owns all of them; None: as the shapes say
+        A shape may come several times, once for each body that shares it. A hit's number is in its first set of faces.
         """
         start = self._faces
         for shape in shapes:
@@ -286,8 +304,10 @@ class _FaceTables:
         return start
 
     def on_device(self, see_through: bool) -> dict[str, Any]:
-        """The fields of World that are looked up by a shape's registry number, or by a face."""
+        """Return the fields of World that are looked up by a shape's registry number or by a face."""
         mi = mitsuba()
+        # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
+        # with unused rows is the simplest map from number to shape.
         numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
         first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
         reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
@@ -310,10 +330,12 @@ class _FaceTables:
         }
 
     def _normals(self) -> Any:
-        """As World has them."""
+        """Return `World.face_normal`, computed from the vertices as Mitsuba holds them, in single precision."""
         import drjit as dr
 
         mi = mitsuba()
+        # One shape that is not plain (a sphere, a shape of a Mitsuba file) sends all hits to Mitsuba's own interaction:
+        # a kernel with both ways would pay for both.
         if not all(shape.is_plain for shape, _ in self._first.values()):
             return None
         table = dr.zeros(mi.Float, 4 * self._faces)
@@ -324,17 +346,20 @@ class _FaceTables:
                 dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3)
             )
             normal = dr.normalize(dr.cross(b - a, c - a))
+            # The start is opaque, or each shape would compile a kernel of its own.
             dr.scatter(table, mi.Vector4f(*normal, 0.0), number + transfer.opaque_uint32(start))
         dr.eval(table)
         return table
 
 
 def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
-    """A shape's number, its BSDF, what that is (a name in a Mitsuba file may stand for several), what it absorbs."""
+    """Return what `Speculars.of` wants of a shape: registry number, BSDF, identity of the material, absorption."""
     import drjit as dr
 
     mi = mitsuba()
     bsdf = shape.shape.bsdf()
+    # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
+    # is the identity.
     own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
     return (
         _registry_number(shape.shape),
@@ -345,7 +370,7 @@ def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
 
 
 def _registry_number(shape: Any) -> int:
-    """By which the device knows a shape."""
+    """Return the number by which the device knows a shape."""
     import drjit as dr
 
     mi = mitsuba()
@@ -353,6 +378,7 @@ def _registry_number(shape: Any) -> int:
 
 
 def _mover(scene: Any, panes: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
+    # Half the diagonal of the box: not the smallest sphere around a body, but one that surely holds it.
     low, high = _extent(body)
     middle = (low + high) / 2.0
     radius = float(np.linalg.norm(high - low)) / 2.0
@@ -368,14 +394,14 @@ def _mover(scene: Any, panes: Any, body: Body, centre: Matrix, face_shift: int) 
 
 
 def at_rest(pose: Pose, centre_m: Matrix) -> Placement:
-    """A pose as a placement in the traced frame, its numbers on the device."""
+    """Return a pose as a placement in the traced frame, its numbers opaque."""
     numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
     x, y, z, *rotation = transfer.opaque(tuple(numbers))
     return Placement(origin_m=(x, y, z), rotation=tuple(rotation))
 
 
 def _extent(body: Body) -> tuple[Matrix, Matrix]:
-    """Corners of the box around a body, in its frame."""
+    """Return the lowest and the highest corner of the box around a body, (3,) each, in its frame."""
     corners = [
         part.vertices_m if isinstance(part, Part) else np.outer([-1.0, 1.0], [part.radius_m] * 3)
         for part in body.parts

@@ -1,4 +1,9 @@
-"""Mitsuba XML scenes in: their shapes by name, with BSDFs replaced where the scene file says so."""
+"""Load the shapes of a Mitsuba XML scene, with BSDFs replaced by our materials where the scene file says so.
+
+Users have Mitsuba scenes made for pictures, whose BSDFs say nothing about 905 nm. Shapes are what we take from them,
+and BSDFs if nothing better is named. Replacing happens in the XML, before Mitsuba loads it: a loaded shape cannot
+change its BSDF.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +24,10 @@ Element = ElementTree.Element
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundShape:
-    """A shape of the file: its name, how many faces it has, and its material's name and reflectivity."""
+    """A shape of the file: its name, number of faces, and the name and diffuse reflectivity of its material.
+
+    reflectivity  None if the BSDF is the file's own
+    """
 
     shape: Any
     name: str
@@ -29,11 +37,11 @@ class FoundShape:
 
 
 def load_shapes(path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]) -> list[FoundShape]:
-    """Shapes of a Mitsuba XML file, in its order.
+    """Return the shapes of a Mitsuba XML file, in its order.
 
-    replaced   BSDF id to material name
-    materials  material name to `Material.at`
-    Raises InputError for what is not XML, not a Mitsuba scene, or has no such BSDF.
+    replaced   from BSDF id to material name
+    materials  from material name to `Material.at`
+    Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
     """
     root = _parsed(path)
     _insert_included(root, path.parent)
@@ -51,13 +59,14 @@ def _found(
 ) -> FoundShape:
     name = _plain(shape.id(), unnamed)
     if shape.class_name() == "Instance":
-        raise InputError(f"{path}: shape '{name}' is an instance; plain shapes were expected")
+        raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
     bsdf = shape.bsdf()
     identity = _plain(bsdf.id() if bsdf is not None else "", "bsdf")
     is_ours = identity in replaced
     material = replaced[identity] if is_ours else identity
     if not is_ours:
         _require_answer(bsdf, f"{path}: BSDF '{identity}' of shape '{name}'")
+        # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
         if material in materials:
             material = f"{identity} of {path.name}"
     return FoundShape(
@@ -70,10 +79,11 @@ def _found(
 
 
 def _require_answer(bsdf: Any, where: str) -> None:
-    """Refuse a BSDF that cannot do with one wavelength, such as Mitsuba's hair. Nothing is computed."""
+    """Raise InputError for a BSDF that cannot answer at one wavelength, such as Mitsuba's `hair`."""
     import drjit as dr
 
     mi = mitsuba()
+    # Asking only records operations; nothing is computed. What would fail in the middle of a frame fails here.
     try:
         surface = dr.zeros(mi.SurfaceInteraction3f)
         bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.0, 0.0, 1.0))
@@ -83,6 +93,7 @@ def _require_answer(bsdf: Any, where: str) -> None:
 
 
 def _plain(identity: str, fallback: str) -> str:
+    """Return an id of the file, or the fallback where Mitsuba has made one up."""
     return identity if identity and not identity.startswith("_unnamed") else fallback
 
 
@@ -98,10 +109,12 @@ def _parsed(path: Path) -> Element:
 
 
 def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
-    """Put what files include in place, so that BSDFs in there can be replaced.
+    """Replace each <include> by the content of its file, so that BSDFs in there can be replaced too.
 
-    As Mitsuba has it, paths are relative to the first file, and names may hold parameters of <default>.
+    As in Mitsuba, paths are relative to the first file, and names may hold parameters of <default>.
     """
+    # Longer names first: $scene_dir is not $scene followed by "_dir". From the last child to the first: an insertion
+    # does not shift the positions that are still to come.
     defaults = {str(one.get("name")): str(one.get("value")) for one in element.iter("default")}
     for position, child in reversed(list(enumerate(element))):
         name = child.get("filename") if child.tag == "include" else None
@@ -110,14 +123,14 @@ def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
         if not name or "$" in name:
             continue
         if depth > 15:
-            raise InputError(f"{folder / name}: files include each other")
+            raise InputError(f"{folder / name}: files include each other")  # Mitsuba's own limit is 15, too
         inner = _parsed(folder / name)
         _insert_included(inner, folder, depth + 1)
         element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
 
 
 def _loaded(root: Element, path: Path) -> Any:
-    """The Mitsuba scene; paths in it are relative to the file."""
+    """Return the Mitsuba scene; paths in it are relative to the file."""
     mi = mitsuba()
     try:
         with _paths_from(path.parent):
@@ -132,7 +145,7 @@ def _loaded(root: Element, path: Path) -> Any:
 
 @contextmanager
 def _paths_from(folder: Path) -> Iterator[None]:
-    """Let Mitsuba look for files in a folder first, and only for now."""
+    """Let Mitsuba look for files in a folder first, within the block."""
     mi = mitsuba()
     before = mi.file_resolver()
     here = mi.FileResolver(before)
@@ -147,13 +160,14 @@ def _paths_from(folder: Path) -> Iterator[None]:
 def _replace_bsdfs(
     root: Element, path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]
 ) -> None:
-    """Write our BSDFs over those that shapes can refer to."""
+    """Write our BSDFs over those of the file, by id."""
+    # A BSDF inside another one (the base of a `twosided`) may have an id, but no shape refers to it.
     inner = {id(child) for bsdf in root.iter("bsdf") for child in bsdf.iter("bsdf") if child is not bsdf}
     by_id = {str(b.get("id")): b for b in root.iter("bsdf") if b.get("id") and id(b) not in inner}
     for identity, material in replaced.items():
         if identity not in by_id:
-            known = ", ".join(sorted(by_id)) or "none"
-            raise InputError(f"{path}: base_materials: no BSDF with id '{identity}'; it has {known}")
+            choices = ", ".join(sorted(by_id)) or "none"
+            raise InputError(f"{path}: base_materials: no BSDF with id '{identity}'; it has {choices}")
         element = by_id[identity]
         element.clear()
         element.set("id", identity)
@@ -161,7 +175,7 @@ def _replace_bsdfs(
 
 
 def _fill(element: Element, values: dict[str, Any]) -> None:
-    """Write a Mitsuba dictionary (numbers, texts, spectra and nested BSDFs) as the XML element's content."""
+    """Write a Mitsuba dictionary (numbers, texts, spectra and nested BSDFs) as the content of an XML element."""
     element.set("type", values["type"])
     for key, value in values.items():
         if key == "type":

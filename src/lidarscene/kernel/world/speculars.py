@@ -1,4 +1,11 @@
-"""Speculars: which surfaces of a world mirror or let through, so that a beam goes on there."""
+"""Find the surfaces of a world at which a beam goes on: panes, mirrors and porous surfaces.
+
+A beam ends at most surfaces, and few BSDFs have to be asked where it goes on. Which kind a surface is follows from the
+flags of its BSDF, so that panes of a Mitsuba file are found too. The kernel looks the kind up by the shape's number,
+and samples the few BSDFs of panes and mirrors by name.
+
+Symbols: kind 0: the beam ends; 1 to p: pane number kind - 1; p + 1 to p + m: mirror; p + m + 1: porous surface.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +23,11 @@ from ..device.backend import mitsuba
 class Speculars:
     """Panes, mirrors and porous surfaces of a world.
 
-    bsdfs  panes first, then mirrors; a few, and asked by name: sampling every BSDF of the world would compile all
-    panes  how many of them are panes
-    glass  index and optical depth of each pane that absorbs, opaque; None of the others
-    kind   by Mitsuba's registry number of a shape: 0 where a beam ends, else 1 + the index into ``bsdfs``, and one
-           more where it may end
-    gaps   whether there are any of these
+    bsdfs  Mitsuba BSDFs, p panes first, then m mirrors, one for each material
+    panes  p, the number of panes
+    glass  index and optical depth of each pane that absorbs, opaque; None for a pane that does not
+    kind   UInt32 by Mitsuba's registry number of a shape: 0, or 1 + the index into ``bsdfs``, or 1 + p + m if porous
+    gaps   whether there are porous surfaces
     """
 
     bsdfs: tuple[Any, ...]
@@ -32,11 +38,12 @@ class Speculars:
 
     @classmethod
     def of(cls, shapes: Sequence[tuple[int, Any, Hashable, Any]]) -> Speculars | None:
-        """From registry number, Mitsuba's BSDF, identity of the material, and `bsdfs.absorption` of each shape.
+        """Make the tables from (registry number, Mitsuba BSDF, identity of the material, `bsdfs.absorption`) of shapes.
 
-        None where a beam goes on nowhere.
+        Returns None if every beam ends at its first surface.
         """
         mi = mitsuba()
+        # One BSDF for each material: all shapes of a material scatter alike, and each BSDF adds code to the kernel.
         panes: dict[Hashable, Any] = {}
         mirrors: dict[Hashable, Any] = {}
         glass: list[Any] = []
@@ -63,7 +70,7 @@ class Speculars:
 
     @property
     def mirrors(self) -> int:
-        """How many of the materials are mirrors."""
+        """m, the number of mirrors."""
         return len(self.bsdfs) - self.panes
 
     @property
@@ -72,28 +79,32 @@ class Speculars:
         return self.panes > 0 or self.gaps
 
     def is_pane(self, kind: Any) -> Any:
-        """Whether light goes through all of these surfaces."""
+        """Return where a kind is a pane."""
         return (kind > 0) & (kind <= self.panes)
 
     def is_mirror(self, kind: Any) -> Any:
-        """Whether it only goes off them."""
+        """Return where a kind is a mirror."""
         return (kind > self.panes) & (kind <= len(self.bsdfs))
 
     def is_porous(self, kind: Any) -> Any:
-        """Whether some of it goes through their gaps."""
+        """Return where a kind is a porous surface."""
         return kind > len(self.bsdfs)
 
 
 def lets_through(bsdf: Any) -> bool:
-    """Whether light goes straight through surfaces of this BSDF, or through their gaps."""
+    """Return whether light goes straight through surfaces of this BSDF, or through their gaps."""
     return _what(mitsuba(), bsdf) in ("pane", "porous")
 
 
 def _what(mi: Any, bsdf: Any) -> str:
-    """Pane, mirror, porous or nothing: other lobes beside a mirror's end the beam, and so does a solid of glass."""
+    """Return "pane", "mirror", "porous", or "" for a BSDF at which the beam ends."""
     flags, kinds = bsdf.flags(), mi.BSDFFlags
+    # Mitsuba's flags: Null is light that passes straight through; Smooth is any lobe of finite density, such as a
+    # diffuse one. A mask has both: it scatters where it is solid and passes where it is not.
     if mi.has_flag(flags, kinds.Null) and mi.has_flag(flags, kinds.Smooth):
         return "porous"
+    # A surface that scatters beside its mirror lobe has an echo of its own. A solid dielectric bends the light, which
+    # is not followed. Both end the beam.
     if mi.has_flag(flags, kinds.Smooth) or mi.has_flag(flags, kinds.DeltaTransmission):
         return ""
     if mi.has_flag(flags, kinds.Null):

@@ -1,4 +1,8 @@
-"""Triangles: the shapes of a Mitsuba XML scene in, vertices and faces to draw out, as numpy."""
+"""Return the shapes of a Mitsuba XML scene as vertices and faces, for drawing.
+
+The view draws triangles. Meshes have them; spheres, discs and cylinders of a Mitsuba file are exact for the tracer and
+are approximated here, as profiles turned about an axis.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +24,14 @@ PROFILES = {
     "Disk": np.array([(0.0, 0.0), (1.0, 0.0)]),
     "Cylinder": np.array([(1.0, 0.0), (1.0, 1.0)]),
 }
-"""Distance from the axis and height along it, of Mitsuba's shapes before their `to_world`."""
+"""(n, 2) distance from the axis and height along it, of Mitsuba's shapes before their `to_world`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """A shape to draw: (v, 3) float64 vertices, (f, 3) uint32 faces, its name, and what material it is of.
+    """A shape to draw: its name, (v, 3) float64 vertices, (f, 3) uint32 faces, and the name of its material.
 
-    material  of ours, or the id of a BSDF of the file
+    material  one of ours, or the id of a BSDF of the file
     """
 
     name: str
@@ -37,7 +41,7 @@ class Drawn:
 
 
 def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
-    """What a scene takes from its Mitsuba file; of shapes that are no meshes, those in PROFILES."""
+    """Return what a scene takes from its Mitsuba file: meshes, and shapes of the kinds in PROFILES."""
     if scene.base is None:
         return []
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
@@ -58,13 +62,14 @@ def _triangles(shape: Any) -> tuple[Matrix, Matrix] | None:
 
 
 def sphere(radius_m: float) -> tuple[Matrix, Matrix]:
-    """Vertices and faces of a sphere around the origin."""
+    """Return vertices and faces of a sphere around the origin."""
     vertices, faces = revolved(PROFILES["Sphere"])
     return radius_m * vertices, faces
 
 
 def revolved(profile: Matrix) -> tuple[Matrix, Matrix]:
-    """Vertices and faces of a line turned about z; (n, 2) distances from the axis and heights."""
+    """Return vertices and faces of a (n, 2) profile (distance from the axis, height) turned about z."""
+    # A grid of rings by segments; each cell of it is split into two triangles.
     phi = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
     radius, height = (np.repeat(profile[:, i, None], SEGMENTS, axis=1) for i in (0, 1))
     vertices = np.stack([radius * np.cos(phi), radius * np.sin(phi), height], axis=-1)
