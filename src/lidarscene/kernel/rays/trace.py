@@ -16,14 +16,9 @@ from ..device.backend import mitsuba
 from ..world.build import World
 from .gaps import Draws, gap_share
 from .glints import returned
+from .limits import INTERACTIONS
 from .meeting import Meeting, Moment
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
-
-INTERACTIONS = 3
-"""Panes, mirrors and gaps that a beam may meet: through both windows of a car, and through the next one's."""
-
-MOST_INTERACTIONS = 8
-"""Each is a further ray query in the kernel, and takes its time to compile."""
 
 
 def trace(
