@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypedDict, TypeVar,
 import numpy as np
 
 from ..errors import InputError, OptionError
-from ..kernel.rays.limits import INTERACTIONS, MOST_INTERACTIONS
+from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from ..maths.pose import Pose
 
 if TYPE_CHECKING:

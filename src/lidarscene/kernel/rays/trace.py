@@ -9,6 +9,7 @@ from typing import Any
 from ...light.beams import Beams
 from ...light.footprint import Aim
 from ...light.hits import Hits
+from ...light.limits import INTERACTIONS
 from ...maths.arrays import Array, is_drjit, xp
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
@@ -16,7 +17,6 @@ from ..device.backend import mitsuba
 from ..world.build import World
 from .gaps import Draws, gap_share
 from .glints import returned
-from .limits import INTERACTIONS
 from .meeting import Meeting, Moment
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
 
