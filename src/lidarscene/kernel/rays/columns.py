@@ -50,8 +50,8 @@ def lanes_where(flag: Any) -> Any:
 def more_than_one(lanes: Any) -> Any:
     """Return at least two lanes: the given ones, or a single one twice.
 
-    Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for it.
-    The copy is made by numpy, because on the device it would be one more kernel.
+    Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for
+    it. The copy is made by numpy, because on the device it would be one more kernel.
     """
     import drjit as dr
 
