@@ -110,11 +110,11 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
     """A frame on the device, its points left there."""
     sensor = transfer.opaque(simulator.sensor)
     ambient = transfer.opaque(ambient_of(simulator.scene, simulator.sensor))
-    shape = transfer.opaque(footprint(simulator.sensor.laser, simulator.rays))
+    shape = transfer.opaque(footprint(simulator.sensor.laser, simulator.trace.rays))
     sun = transfer.opaque(tuple(float(x) for x in simulator.scene.sun.direction))
     origin = transfer.opaque(chain.origin(simulator))
     rotation = transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
-    seed, count, pulses = transfer.opaque_uint32(0), simulator.rays, simulator.sensor.scanner.pulses
+    seed, count, pulses = transfer.opaque_uint32(0), simulator.trace.rays, simulator.sensor.scanner.pulses
     tiling = Tiling.of(simulator.sensor.scanner) if count < PACKET else None
     order = None if tiling is None else Order.of(tiling.order(pulses))
 

@@ -10,34 +10,83 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from .cloud.deskew import deskewed as deskewed
-    from .cloud.points import PointCloud as PointCloud
-    from .errors import BackendError as BackendError
-    from .errors import InputError as InputError
-    from .errors import LidarSceneError as LidarSceneError
-    from .errors import OutputError as OutputError
-    from .maths.pose import Pose as Pose
-    from .rendering.api import render as render
-    from .rendering.api import render_frames as render_frames
-    from .rendering.simulator import Simulator as Simulator
+    # isort: off
+    # what is there
     from .scene.file import load_scene as load_scene
     from .scene.model import Scene as Scene
+    from .scene.model import Body as Body
+    from .scene.model import Part as Part
+    from .materials.material import Material as Material
+    from .scene.model import Sun as Sun
+    from .scene.model import Sky as Sky
+    from .scene.model import Air as Air
+    from .maths.pose import Pose as Pose
+
+    # what looks at it
     from .sensor.catalogue import load_sensor as load_sensor
     from .sensor.model import Sensor as Sensor
     from .sensor.rig_file import load_rig as load_rig
+    from .sensor.rig import Rig as Rig
+
+    # what happens
+    from .rendering.api import render as render
+    from .rendering.api import render_frames as render_frames
+    from .rendering.simulator import Simulator as Simulator
+    from .rendering.options import TraceOptions as TraceOptions
+    from .rendering.options import FrameOptions as FrameOptions
+    from .rendering.options import Observers as Observers
+
+    # what comes back
+    from .cloud.points import PointCloud as PointCloud
+    from .detection.returns import Status as Status
+    from .detection.returns import Outcome as Outcome
+    from .cloud.deskew import deskewed as deskewed
+    from .labels.boxes import boxes as boxes
+
+    # what is written
+    from .outputs.record import record as record
+    from .outputs.options import Outputs as Outputs
+
+    # what goes wrong
+    from .errors import LidarSceneError as LidarSceneError
+    from .errors import InputError as InputError
+    from .errors import OutputError as OutputError
+    from .errors import BackendError as BackendError
+    # isort: on
 
 _HOME = {
+    # what is there
+    "load_scene": "scene.file",
+    "Scene": "scene.model",
+    "Body": "scene.model",
+    "Part": "scene.model",
+    "Material": "materials.material",
+    "Sun": "scene.model",
+    "Sky": "scene.model",
+    "Air": "scene.model",
+    "Pose": "maths.pose",
+    # what looks at it
+    "load_sensor": "sensor.catalogue",
+    "Sensor": "sensor.model",
+    "load_rig": "sensor.rig_file",
+    "Rig": "sensor.rig",
+    # what happens
     "render": "rendering.api",
     "render_frames": "rendering.api",
-    "load_rig": "sensor.rig_file",
-    "deskewed": "cloud.deskew",
-    "load_scene": "scene.file",
-    "load_sensor": "sensor.catalogue",
-    "PointCloud": "cloud.points",
-    "Pose": "maths.pose",
-    "Scene": "scene.model",
-    "Sensor": "sensor.model",
     "Simulator": "rendering.simulator",
+    "TraceOptions": "rendering.options",
+    "FrameOptions": "rendering.options",
+    "Observers": "rendering.options",
+    # what comes back
+    "PointCloud": "cloud.points",
+    "Status": "detection.returns",
+    "Outcome": "detection.returns",
+    "deskewed": "cloud.deskew",
+    "boxes": "labels.boxes",
+    # what is written
+    "record": "outputs.record",
+    "Outputs": "outputs.options",
+    # what goes wrong
     "LidarSceneError": "errors",
     "InputError": "errors",
     "OutputError": "errors",

@@ -1,5 +1,9 @@
 """Errors: mistakes of the user or of the machine, each told in one plain message."""
 
+import string
+from collections.abc import Callable, Mapping
+from typing import Any
+
 
 class LidarSceneError(Exception):
     """A mistake of the user or the machine: what, where (file and key), what came, what was expected.
@@ -27,3 +31,45 @@ class BackendError(LidarSceneError):
     """Raised when Mitsuba has no back end (CUDA or LLVM) that works on this machine."""
 
     exit_code = 3
+
+
+class _Named(Exception):
+    """A message that names options: in a template `{seed}` is an option and `{0}` is the first of the values.
+
+    Python users know an option as `seed`, users of the command line as `--seed`: `told` writes it either way.
+    """
+
+    def __init__(self, template: str, *values: object) -> None:
+        self.template, self.values = template, values
+        super().__init__(self.told(str))
+
+    def told(self, name_of: Callable[[str], str]) -> str:
+        """The message with the names that ``name_of`` gives to the options."""
+        return string.Formatter().vformat(self.template, self.values, _Names(name_of))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.template, *self.values)
+
+
+class _Names(Mapping[str, str]):
+    """Every option by its name."""
+
+    def __init__(self, name_of: Callable[[str], str]) -> None:
+        self._name_of = name_of
+
+    def __getitem__(self, option: str) -> str:
+        return self._name_of(option)
+
+    def __iter__(self) -> Any:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+class OptionError(_Named, InputError):
+    """Raised when an option has a value that it cannot have, or does not go with another option."""
+
+
+class OptionWarning(_Named, UserWarning):
+    """Warned of when an option changes nothing."""

@@ -14,6 +14,7 @@ from lidarscene.kernel.rays.relit import COLUMNS, light_of
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
 from lidarscene.rendering.frame import Frame
+from lidarscene.rendering.options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.model import Scene
@@ -66,7 +67,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     scene, sensor, simulator, cloud = frames[name]
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
-    now = Frame.of(scene, sensor, simulator.world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
+    now = Frame.of(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
     whole = light_of(
         simulator.world, sensor, ambient, sun=scene.sun.direction,
         placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count, seed=3,

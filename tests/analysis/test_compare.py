@@ -144,7 +144,7 @@ def test_observer_sees_every_surface(mi) -> None:
     pulses, columns, lost, summary = [], [], [], Summary()
     cloud = simulator.render(
         seed=5, chunk=1000, summary=summary, missed=lambda *told: lost.append(told),
-        observer=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
+        points=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
     )  # fmt: skip
     pulse = np.concatenate(pulses)
     assert len(columns) > 4

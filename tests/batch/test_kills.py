@@ -193,7 +193,7 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
     rows = parquet.read_table(out / "manifest.parquet").to_pylist()
     assert [row["key"] for row in rows] == [task.key for task in job.tasks()]
     for row, task in zip(rows, job.tasks(), strict=True):
-        assert (row["seed"], row["number"], row["scene"]) == (task.seed, 0, task.scene.path)
+        assert (row["seed"], row["number"], row["scene"]) == (task.frame.seed, 0, task.scene.path)
         assert {name: row[name] for name in task.parameters} == task.parameters
         assert (row["format"], row["coordinates"], row["truth"]) == ("ply", "world", True)
         assert (row["rays"], row["interactions"], row["begin_s"], row["version"]) == (1, 3, 0.0, __version__)
@@ -224,7 +224,7 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
 
 def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
     """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone."""
-    if len(tasks) > 1 or tasks[0].seed == 7:
+    if len(tasks) > 1 or tasks[0].frame.seed == 7:
         raise RuntimeError("broken")
     return [""], 1e-3
 

@@ -106,7 +106,10 @@ def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> 
         alone = tmp_path / "alone.ply"
         changes = [f"--scene-set={one}" for one in task.scene.overrides]
         changes += [f"--set={one}" for one in task.sensor.overrides]
-        assert main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.seed}", *changes]) == 0
+        assert (
+            main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes])
+            == 0
+        )
         (written,) = out.rglob(f"{task.key}.ply")
         assert written.read_bytes() == alone.read_bytes()
 

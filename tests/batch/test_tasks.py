@@ -61,9 +61,9 @@ def test_the_product(folder: Path) -> None:
     assert len(found) == len(job) == 2 * 2 * (2 + 2) * 3 * 3 * 2
     assert len({task.key for task in found}) == len(found)
     assert len(
-        {(t.scene.trajectory, *t.parameters.items(), t.sensor, t.seed, t.number) for t in found}
+        {(t.scene.trajectory, *t.parameters.items(), t.sensor, t.frame.seed, t.frame.number) for t in found}
     ) == len(found)
-    assert {task.begin_s for task in found} == {0.1}
+    assert {task.frame.begin_s for task in found} == {0.1}
     worlds = [task.scene.world for task in found]
     changes = sum(one != other for one, other in itertools.pairwise(worlds))
     assert changes == 1  # two trajectories; the sun's values share a world

@@ -56,7 +56,15 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
     for task in job.tasks():
         alone = tmp_path / "alone.ply"
         klux = task.parameters["scene.sun.illuminance_klux"]
-        argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.seed)]
+        argv = [
+            "render",
+            str(tmp_path / "wall.toml"),
+            "-o",
+            str(alone),
+            *COARSE,
+            "--seed",
+            str(task.frame.seed),
+        ]
         assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
         assert done(task, store).read_bytes() == alone.read_bytes()
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
@@ -91,8 +99,8 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
     assert main.main(argv) == 0
     store, compared = Store(tmp_path / "out"), 0
     for task in reversed(list(Job.read(job_file).tasks())):  # the second sensor comes first
-        if task.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
-            alone = tmp_path / "rig" / task.sensor.label / f"frame_{task.number:04d}.ply"
+        if task.frame.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
+            alone = tmp_path / "rig" / task.sensor.label / f"frame_{task.frame.number:04d}.ply"
             assert done(task, store).read_bytes() == alone.read_bytes()
             compared += 1
     assert compared == 4

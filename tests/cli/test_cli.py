@@ -56,9 +56,7 @@ def test_help(run: Run, command: str) -> None:
 
 def test_help_of_render_tells_every_option(run: Run) -> None:
     told = run("render", "-h").out
-    options = (
-        "-o --sensor --set --seed --pose --chunk --frame --no-truth --keep-missed --json --picture --ascii"
-    )
+    options = "-o --sensor --set --seed --pose --chunk --coordinates --no-truth --keep-missed --json --picture --ascii"
     assert [option for option in options.split() if option not in told] == []
     assert "lidarscene render scenes/car.toml -o out/car.ply" in told
 

@@ -72,7 +72,7 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
         (["--waveforms", "w.npz", "--pulses", "x"], "x came"),
         (
             ["--background-rays", "0"],
-            "argument --background-rays: a whole number from 1 to 1024 was expected, 0 came",
+            "argument --background-rays: must be a whole number from 1 to 1024, got 0",
         ),
     ],
 )

@@ -39,7 +39,7 @@ def ran(run: Run, *argv: str) -> dict:
 def test_frames_in_a_folder(mi, run: Run, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
     told = ran(
-        run, drive, "-o", "new/out", "--frames", "3", "--begin", "0.1", "--frame", "vehicle",
+        run, drive, "-o", "new/out", "--frames", "3", "--begin", "0.1", "--coordinates", "vehicle",
         "--keep-missed", "m/x.npz", "--picture", "m/p.png",
     )  # fmt: skip
     numbers = ("0000", "0001", "0002")
@@ -140,12 +140,13 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
         (("-o", "a.ply", "--begin", "nan"), "--begin"),
         (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
         (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--sensor and --rig: one of them was expected"),
-        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--frame", "sensor"), "--merge: a frame that all sensors"),
+        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
+         "--merge: coordinates that all sensors have were expected, --coordinates world or vehicle"),
         (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
         (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
         (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),
         (("-o", "a", "--rig", "two.toml", "--set", "tdc.stop=2"), 'two.toml: sensors[0 "left"]'),
-        (("-o", "a.ply", "--frame", "car"), "--frame"),
+        (("-o", "a.ply", "--coordinates", "car"), "--coordinates"),
     ],
 )  # fmt: skip
 def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
@@ -209,7 +210,7 @@ def test_the_view_rides_with_the_vehicle(
         + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)
     )
     for frame, eye in (("world", (0, -3, 3)), ("vehicle", (-5, 0, 3)), ("sensor", None)):
-        ran(run, drive, "-o", "a.ply", "--frame", frame, "--begin", "0.1", "--picture", "p.png")
+        ran(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
         came = seen.pop()
         assert came["colour_by"] == "intensity"
         np.testing.assert_allclose(came["eye_m"], eye, atol=1e-12) if eye else None

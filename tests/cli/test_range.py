@@ -254,7 +254,7 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--over", "distance", "--from", "2000"), "--from below --to was expected"),
         ((APD, "--over", "distance", "--from", "0"), "--from 0: more than 0"),
         ((APD, "--over", "illuminance", "--from", "0"), "more than 0 was expected on a logarithmic axis (or --linear)"),
-        ((APD, "--over", "distance", "--n", "1"), "a whole number from 2 to 100000 was expected, 1 came"),
+        ((APD, "--over", "distance", "--n", "1"), "must be a whole number from 2 to 100000, got 1"),
         ((APD, "--over", "distance", "--to", "inf"), "a number was expected, inf came"),
         ((APD, "--over", "distance", "--log", "--linear"), "not allowed with argument"),
         ((APD, "--over", "distance", "--quantity", "range"), "--over distance --quantity range"),

@@ -172,7 +172,7 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     most = [0]
     stream = Simulator.stream
 
-    def watched(self: Simulator, sink: Callable[[PointCloud], None], **options: Any) -> None:
+    def watched(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
         def take(cloud: PointCloud) -> None:
             most[0] = max(most[0], sum(one() is not None for one in known))
             # Whoever keeps a slice of a column keeps the array that it is of.
@@ -181,7 +181,7 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
             )
             sink(cloud)
 
-        stream(self, take, **options)
+        stream(self, take, *options)
 
     monkeypatch.setattr(Simulator, "stream", watched)
     return lambda: most[0] if len(known) > 3 else 10**6

@@ -46,7 +46,7 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
         (["wall.toml", "--save", "page.pdf"], "--save page.pdf: a name that ends in .html was expected"),
         (["wall.toml", "--save", "wall.toml/page.html"], "wall.toml/page.html: cannot be written"),
         (["a.ply", "--pose", "0,0,1"], "--pose: goes with a scene that is rendered, not with clouds"),
-        (["wall.toml", "--port", "70000"], "a whole number from 0 to 65535 was expected, 70000 came"),
+        (["wall.toml", "--port", "70000"], "must be a whole number from 0 to 65535, got 70000"),
         (["wall.toml", "--sensor", "eye", "--save", "p.html"], "no sensor 'eye' in the catalogue"),
         (["wall.toml", "--set", "laser.colour=1", "--save", "p.html"], "unknown key 'laser.colour'"),
         ([], "the following arguments are required: CLOUD|DIR|SCENE"),

@@ -113,5 +113,5 @@ def test_chunks_do_not_show():
 
 
 def test_no_rays_is_a_mistake():
-    with pytest.raises(InputError, match="background_rays: at least 1 was expected, 0 came"):
+    with pytest.raises(InputError, match="background_rays: must be a whole number from 1 to 1024, got 0"):
         Simulator(scene(), chain.sensor("table1-apd", *chain.NARROW), background_rays=0)

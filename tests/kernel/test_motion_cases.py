@@ -46,7 +46,7 @@ def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
     Frame 1 at 0.2 s: the vehicle has come far and turned. Tolerance: single precision of 60 m, ten operations.
     """
     simulator = Simulator(standing(), table1(), pose=MOUNT)
-    raw = echoes(simulator.render(seed=1, number=1, begin_s=0.2, frame=frame))
+    raw = echoes(simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame))
     cloud = deskewed(raw, simulator.motion)
     start_s = float(raw.metadata["frame_start_s"])
     now = simulator.motion.at(start_s + raw.time_s)
@@ -66,7 +66,7 @@ def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
 @pytest.mark.parametrize("frame", ["world", "vehicle", "sensor"])
 def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> None:
     simulator = Simulator(standing(), table1(), pose=MOUNT)
-    cloud = simulator.render(seed=1, number=1, begin_s=0.2, frame=frame)
+    cloud = simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame)
     cloud.save(tmp_path / "raw.ply")
     again = deskewed(PointCloud.load(tmp_path / "raw.ply"), simulator.motion)
     np.testing.assert_array_equal(again.xyz_m, deskewed(cloud, simulator.motion).xyz_m)
@@ -78,7 +78,7 @@ def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> 
 
 def test_what_cannot_be_deskewed_is_refused() -> None:
     simulator = Simulator(standing(), table1())
-    cloud = simulator.render(frame="vehicle")
+    cloud = simulator.render(coordinates="vehicle")
     with pytest.raises(InputError, match="is deskewed, a raw one was expected"):
         deskewed(deskewed(cloud, simulator.motion), simulator.motion)
     with pytest.raises(InputError, match="a cloud of one sensor was expected, deskew before merging"):
@@ -98,9 +98,9 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     ]
     made = dict(simulators(traffic(), rig))
     assert made["roof"].world is made["rear"].world
-    clouds = [simulator.render(seed=3, frame="vehicle") for simulator in made.values()]
+    clouds = [simulator.render(seed=3, coordinates="vehicle") for simulator in made.values()]
     for one, cloud in zip(rig, clouds, strict=True):
-        alone = Simulator(traffic(), one.sensor, pose=one.pose).render(seed=3, frame="vehicle")
+        alone = Simulator(traffic(), one.sensor, pose=one.pose).render(seed=3, coordinates="vehicle")
         # The shared world has another origin: single precision, and beams that graze an edge.
         assert len(alone) == pytest.approx(len(cloud), rel=1e-3)
         assert len(alone) > 10_000
@@ -125,7 +125,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
     assert (back.sensor_names, back.metadata) == (together.sensor_names, dict(together.metadata))
     with pytest.raises(ValueError, match="clouds in one frame, world or vehicle, were expected"):
-        merged([clouds[0], made["roof"].render(frame="world")], ["a", "b"])
+        merged([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
 
 
 def test_frames_that_drift_apart_are_not_merged() -> None:
@@ -188,8 +188,8 @@ def test_a_scene_in_which_everything_moves() -> None:
     scene = dataclasses.replace(still, bodies=riding, ego=EGO)
     simulator = Simulator(scene, table1())
     assert len(simulator.world.movers) == 2
-    cloud = echoes(simulator.render(seed=4, frame="vehicle"))
-    expected = echoes(Simulator(still, table1()).render(seed=4, frame="sensor"))
+    cloud = echoes(simulator.render(seed=4, coordinates="vehicle"))
+    expected = echoes(Simulator(still, table1()).render(seed=4, coordinates="sensor"))
     same = np.isin(cloud.time_s, expected.time_s)
     assert same.mean() > 0.999
     other = expected.select(np.searchsorted(expected.time_s, cloud.time_s[same]))

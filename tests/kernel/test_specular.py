@@ -509,5 +509,7 @@ def test_the_number_of_interactions_is_checked():
 
     described = chain.scene(chain.facing(range_m=20.0))
     for wrong in (-1, 9):
-        with pytest.raises(InputError, match=f"interactions: 0 to 8 was expected, {wrong} came"):
+        with pytest.raises(
+            InputError, match=f"interactions: must be a whole number from 0 to 8, got {wrong}"
+        ):
             Simulator(described, chain.sensor("table1-apd"), interactions=wrong)

@@ -27,21 +27,26 @@ def simulator(*, rows: int) -> Simulator:
 def test_pieces_are_the_whole() -> None:
     """Also the counts: of chunks and of the cloud itself."""
     sim, pieces = simulator(rows=40), list[PointCloud]()
-    streamed, rendered, progress = Summary(), Summary(), list[int]()
-    sim.stream(pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=progress.append)
+    streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
+    sim.stream(
+        pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told)
+    )
     whole = sim.render(seed=5, summary=rendered)
     assert len(pieces) == 5
     assert_same(PointCloud.concatenate(pieces), whole)
     assert streamed.points == rendered.points == len(whole)
     assert np.array_equal(streamed.statuses, np.bincount(whole.status, minlength=len(streamed.statuses)))
     assert np.array_equal(streamed.outcomes, rendered.outcomes)
-    assert progress[-1] == streamed.beams == sim.sensor.scanner.pulses
+    assert progress[-1] == (streamed.beams, sim.sensor.scanner.pulses)
+    assert streamed.beams == sim.sensor.scanner.pulses
 
 
 def test_a_wrong_frame_is_refused_before_anything_is_handed_out() -> None:
     pieces: list[PointCloud] = []
-    with pytest.raises(InputError, match="frame: "):
-        simulator(rows=2).stream(pieces.append, frame="moon")
+    with pytest.raises(
+        InputError, match=r"^coordinates: must be 'world' or 'vehicle' or 'sensor', got 'moon'$"
+    ):
+        simulator(rows=2).stream(pieces.append, coordinates="moon")
     assert pieces == []
 
 

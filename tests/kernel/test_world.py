@@ -124,7 +124,7 @@ def test_points_in_both_frames_and_far_from_the_origin():
     simulator = Simulator(
         chain.scene(world_wall, pose=place), chain.sensor("table1-apd", *WIDE, "tdc.walk='none'")
     )
-    world, sensor = (simulator.render(seed=2, frame=frame) for frame in ("world", "sensor"))
+    world, sensor = (simulator.render(seed=2, coordinates=frame) for frame in ("world", "sensor"))
     assert world.xyz_m.dtype == np.float64
     assert sensor.xyz_m.dtype == np.float32
     np.testing.assert_allclose(place.inverse_apply(world.xyz_m), sensor.xyz_m, atol=1e-3)
@@ -166,8 +166,8 @@ def test_no_ray_passes_between_two_triangles(step_deg):
     assert (hits.range_m[hits.found] < 12.0).all()
 
 
-@pytest.mark.parametrize("call", [{"seed": -1}, {"seed": 2**32}, {"chunk": 0}, {"frame": "body"}])
+@pytest.mark.parametrize("call", [{"seed": -1}, {"seed": 2**32}, {"chunk": 0}, {"coordinates": "body"}])
 def test_a_call_that_makes_no_sense_is_one_line(call):
     simulator = Simulator(chain.scene(chain.facing(range_m=10.0)), chain.sensor("table1-apd", *chain.NARROW))
-    with pytest.raises(InputError, match=f"^{next(iter(call))}: .* expected, .* came$"):
+    with pytest.raises(InputError, match=f"^{next(iter(call))}: must be .*, got .*$"):
         simulator.render(**call)

@@ -116,7 +116,7 @@ def test_bloom_around_a_sign():
         sensor = chain.sensor(
             "table1-apd", *box, "laser.divergence_mrad=1", "tdc.threshold_to_noise=8", *keys
         )
-        cloud = Simulator(scene, sensor, rays=rays).render(seed=1, frame="sensor")
+        cloud = Simulator(scene, sensor, rays=rays).render(seed=1, coordinates="sensor")
         azimuth, elevation = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
         above = (elevation > 1.5) & (np.abs(azimuth + 10.0) < 4.0)
         return cloud.select(above)

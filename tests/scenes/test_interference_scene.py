@@ -119,7 +119,7 @@ def test_headlights_in_the_ambient_counts(frame):
     dark = rendered(replace(scene, lamps_w_m2=0.0), seed=0)[2]
     simulator = Simulator(replace(scene, interferers=()), load_sensor(scene.sensor_name))
     lanes = []
-    cloud = simulator.render(observer=lambda pulse, surfaces: lanes.append((pulse, surfaces)))
+    cloud = simulator.render(points=lambda pulse, surfaces: lanes.append((pulse, surfaces)))
     soil = cloud.material == cloud.material_names.index("soil")
     pulses = np.concatenate([pulse for pulse, _ in lanes])[soil]
     field = math.atan(0.1 / 30.0)

@@ -12,7 +12,6 @@ from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
 from lidarscene.scene.file import files_of_scene, load_scene
 from lidarscene.scene.model import Scene
 from lidarscene.scene.poses import read_poses
-from lidarscene.sensor.rig_file import files_of_rig
 
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 2, 3]\nmaterial = "brick"\n'
 CSV = "time_s,x_m,y_m,z_m,yaw_deg\n0,0,0,0,0\n1,10,0,0,0\n2,20,5,0,45\n"
@@ -200,7 +199,7 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert rig.sensors[0].pose.position_m.tolist() == [0, 0, 1.8]
     assert yaw_deg(rig.sensors[1].pose.rotation) == pytest.approx(90)
     assert rig.sensors[1].sensor.name == "table1-sipm"
-    assert files_of_rig(path) == [path, tmp_path / "own.toml"]
+    assert load_rig(path).files == (path, tmp_path / "own.toml")
     assert load_rig(rig) is rig
     changed = load_rig(
         rig_of(tmp_path, 'name = "x"' + RIG), overrides=["roof:detector.gain=9", "left:detector.cells=77"]

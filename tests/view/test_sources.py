@@ -50,7 +50,7 @@ def test_clouds_stand_where_the_scene_has_their_sensor(mi: Any, tmp_path: Path) 
     drawn = {}
     for frame in ("world", "vehicle", "sensor"):
         file = tmp_path / f"{frame}.ply"
-        simulator.render(frame=frame, number=1).save(file)
+        simulator.render(coordinates=frame, number=1).save(file)
         header, arrays = unpacked(Clouds([file], scene=scene, overrides=COARSE).frame(0))
         drawn[frame] = arrays["xyz"].reshape(-1, 3)
         np.testing.assert_allclose(header["sensor"], simulator.render(number=1).sensor_position_m, atol=1e-6)

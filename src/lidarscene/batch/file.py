@@ -12,16 +12,20 @@ from pydantic.config import JsonDict
 
 from ..files.toml import FileModel, read_toml, toml_text, validated
 from ..formats.registry import FORMATS
+from ..rendering.options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
 
 Name = Annotated[str, Field(min_length=1)]
-Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
+Seed = Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)]
 
 # For editors: a list of values, or a table with more of the key. What the lists hold is checked with the scenes.
 SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
 
 MOST_FRAMES = 10_000_000
 """Of one trajectory."""
+
+_TRACE, _FRAME = TraceOptions(), FrameOptions()
+"""What a job has unless its file says otherwise."""
 
 
 def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -100,7 +104,7 @@ class JobFile(FileModel):
         default=1, description="of each combination, one after the other"
     )
     begin_s: float = Field(
-        default=0.0, description="when frame 0 begins, by the clock of the scene's motions"
+        default=_FRAME.begin_s, description="when frame 0 begins, by the clock of the scene's motions"
     )
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     seed_count: Annotated[int, Field(ge=1, le=2**32)] | None = Field(
@@ -112,13 +116,13 @@ class JobFile(FileModel):
     )
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
-    rays: Annotated[int, Field(ge=1, le=1024)] = Field(
-        default=1, description="of each pulse, over the footprint of its beam"
+    rays: Annotated[int, Field(ge=RAYS.low, le=RAYS.high)] = Field(
+        default=_TRACE.rays, description="of each pulse, over the footprint of its beam"
     )
-    interactions: Annotated[int, Field(ge=0, le=8)] = Field(
-        default=3, description="panes, mirrors and gaps that a beam may meet"
+    interactions: Annotated[int, Field(ge=MEETINGS.low, le=MEETINGS.high)] = Field(
+        default=_TRACE.interactions, description="panes, mirrors and gaps that a beam may meet"
     )
-    chunk: Annotated[int, Field(ge=1, le=2**31 - 1)] | None = Field(
+    chunk: Annotated[int, Field(ge=CHUNKS.low, le=CHUNKS.high)] | None = Field(
         default=None, description="rays at a time: bounds the memory, no more"
     )
 
@@ -136,6 +140,17 @@ class JobFile(FileModel):
     def all_seeds(self) -> Sequence[int]:
         """The seeds, in order."""
         return self.seeds if self.seed_count is None else range(self.seed_count)
+
+    def trace_options(self) -> TraceOptions:
+        """How the rays of all frames are traced."""
+        return TraceOptions(rays=self.rays, interactions=self.interactions)
+
+    def frame_options(self, seed: int, number: int) -> FrameOptions:
+        """One of the frames."""
+        return FrameOptions(
+            seed=seed, number=number, begin_s=self.begin_s, coordinates=self.coordinates,
+            chunk=self.chunk or _FRAME.chunk,
+        )  # fmt: skip
 
 
 def read_job(path: Path) -> JobFile:

@@ -11,7 +11,7 @@ from ..files.atomic import atomic_output
 from ..files.toml import toml_text
 from ..outputs import report
 from .store import Store
-from .tasks import FrameTask, Job
+from .tasks import FrameTask, Job, told_of
 
 ROWS_AT_A_TIME = 20_000
 COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather")
@@ -59,9 +59,8 @@ def _row(
 ) -> dict[str, Any]:
     row: dict[str, Any] = {
         "key": task.key, "scene": task.scene.path, "sensor": task.sensor.name, "rig": task.sensor.rig,
-        "label": task.sensor.label, "trajectory": task.scene.trajectory, "number": task.number,
-        "begin_s": task.begin_s, "seed": task.seed, "format": task.format, "coordinates": task.coordinates,
-        "truth": task.truth, "rays": task.rays, "interactions": task.interactions, "version": task.version,
+        "label": task.sensor.label, "trajectory": task.scene.trajectory, **told_of(task.trace, task.frame),
+        "format": task.format, "truth": task.truth, "version": task.version,
     }  # fmt: skip
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value

@@ -17,6 +17,7 @@ from .._version import __version__
 from ..errors import InputError
 from ..files.toml import toml_text
 from ..formats.registry import FORMATS
+from ..rendering.options import FrameOptions, TraceOptions
 from ..scene.file import files_of_scene, sensor_of_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.file import files_of_sensor
@@ -81,15 +82,10 @@ class FrameTask:
     version: str
     scene: SceneChoice
     sensor: SensorChoice
-    seed: int
-    number: int
-    begin_s: float
+    trace: TraceOptions
+    frame: FrameOptions
     format: str
-    coordinates: str
     truth: bool
-    rays: int
-    interactions: int
-    chunk: int | None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -123,18 +119,24 @@ class Job:
 
     def tasks(self) -> Iterator[FrameTask]:
         """All frames; those of one world follow each other. Made one by one: there may be millions."""
-        file = self.file
+        file, trace = self.file, self.file.trace_options()
         for scene, sensors in self.choices:
             for sensor, seed, number in itertools.product(sensors, file.all_seeds(), range(file.frames)):
-                how: dict[str, Any] = {
-                    "seed": seed, "number": number, "begin_s": file.begin_s, "format": file.format,
-                    "coordinates": file.coordinates, "truth": file.truth, "rays": file.rays,
-                    "interactions": file.interactions,
-                }  # fmt: skip
+                frame = file.frame_options(seed, number)
+                how = told_of(trace, frame) | {"format": file.format, "truth": file.truth}
                 key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, how])
                 yield FrameTask(
-                    key=key, version=__version__, scene=scene, sensor=sensor, chunk=file.chunk, **how
-                )
+                    key=key, version=__version__, scene=scene, sensor=sensor, trace=trace, frame=frame,
+                    format=file.format, truth=file.truth,
+                )  # fmt: skip
+
+
+def told_of(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
+    """What a cloud follows from, by the keys of a job file: its chunk changes nothing."""
+    return {
+        "seed": frame.seed, "number": frame.number, "begin_s": frame.begin_s, "coordinates": frame.coordinates,
+        "rays": trace.rays, "interactions": trace.interactions,
+    }  # fmt: skip
 
 
 def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[SensorChoice, ...]]]:

@@ -17,7 +17,7 @@ from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
 from ..outputs import report
 from ..rendering.frame import motion_of
-from ..rendering.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ..rendering.simulator import Simulator, Summary
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
@@ -81,10 +81,7 @@ def _render(task: FrameTask, store: Store) -> None:
         return
     simulator = _simulator(task)
     summary = Summary()
-    cloud = simulator.render(
-        seed=task.seed, number=task.number, begin_s=task.begin_s, frame=task.coordinates,
-        chunk=task.chunk or DEFAULT_CHUNK, summary=summary,
-    )  # fmt: skip
+    cloud = simulator.render(task.frame, summary=summary)
     path = store.cloud(task.key, task.format)
     (cloud if task.truth else cloud.without_truth()).save(path, format=task.format)
     store.finish(task.key, path, report.as_dict(summary))
@@ -119,17 +116,12 @@ def _simulator(task: FrameTask) -> Simulator:
     own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
     centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
     world, simulators = _worlds.get(
-        (choice.world, _wavelength(own.sensor), centre_m.tobytes(), task.interactions > 0),
-        lambda: (
-            Simulator(scene, first.sensor, pose=first.pose, interactions=task.interactions).world,
-            _Kept(),
-        ),
+        (choice.world, _wavelength(own.sensor), centre_m.tobytes(), task.trace.interactions > 0),
+        lambda: (Simulator(scene, first.sensor, task.trace, pose=first.pose).world, _Kept()),
     )
     simulator: Simulator = simulators.get(
-        (choice.digest, sensor.digest, task.rays, task.interactions),
-        lambda: Simulator(
-            scene, own.sensor, pose=own.pose, world=world, rays=task.rays, interactions=task.interactions
-        ),
+        (choice.digest, sensor.digest, task.trace),
+        lambda: Simulator(scene, own.sensor, task.trace, pose=own.pose, world=world),
     )
     return simulator
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.options import Whole
+from .terminal import Answer
 from .words import whole
 
 if TYPE_CHECKING:
@@ -31,8 +33,8 @@ MOST_LINES = 50
 """Failures that are told; the manifest has all of them."""
 
 
-def add_batch(commands: Any, told: Callable[[Callable[[str], str]], Callable[[str], int]]) -> None:
-    """Add `batch`; ``told`` makes a function that prints what another one returns."""
+def add_batch(commands: Any) -> None:
+    """Add `batch`."""
     batch = commands.add_parser(
         "batch", help="many frames: scenes x sensors x sweeps x seeds, on many processes", epilog=BATCH_HELP,
         description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
@@ -44,15 +46,14 @@ def add_batch(commands: Any, told: Callable[[Callable[[str], str]], Callable[[st
         help="folder for frames/ and manifest.parquet; what is there already is not done again")  # fmt: skip
     add("--scheduler", metavar="ADDRESS",
         help="of a Dask cluster that runs and sees the same files (default: processes of this machine)")  # fmt: skip
-    add("--workers", metavar="N", type=whole(1, 1024),
+    add("--workers", metavar="N", type=whole(Whole(1, 1024)),
         help="processes of this machine (default: one for each core)")  # fmt: skip
     add("--json", action="store_true", help="print what was done as JSON")
-    say = told(str)
-    batch.set_defaults(run=lambda arguments: run_batch(arguments, say))
+    batch.set_defaults(run=batch_answer)
 
 
-def run_batch(arguments: argparse.Namespace, say: Callable[[str], int]) -> int:
-    """Run `batch`; returns 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
+def batch_answer(arguments: argparse.Namespace) -> Answer:
+    """Run `batch`; its code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
     from ..batch import cluster
     from ..batch.run import run_job
     from ..batch.store import Store
@@ -82,8 +83,8 @@ def run_batch(arguments: argparse.Namespace, say: Callable[[str], int]) -> int:
             threads=threads,
             told=shown.told,
         )
-    say(_as_json(progress, manifest) if arguments.json else _as_text(progress, manifest))
-    return 1 if progress.failed else 0
+    text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
+    return Answer(text, 1 if progress.failed else 0)
 
 
 class _Followed:
@@ -132,7 +133,7 @@ def _frame(task: FrameTask) -> str:
     sensor = f"{task.sensor.rig} {task.sensor.label}" if task.sensor.rig else task.sensor.name
     names = [Path(task.scene.path).name, task.scene.trajectory, Path(sensor).name]
     names += [f"{key}={value}" for key, value in task.parameters.items()]
-    return " ".join(filter(None, [*names, f"seed {task.seed}", f"frame {task.number}"]))
+    return " ".join(filter(None, [*names, f"seed {task.frame.seed}", f"frame {task.frame.number}"]))
 
 
 def _as_text(progress: Progress, manifest: Path) -> str:

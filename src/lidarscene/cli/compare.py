@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.options import CHUNKS, SEEDS
 from .words import pose, rising, whole
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ examples:
 MOST_SENSORS = 7
 
 
-def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
-    """Add `compare`; ``told`` makes a command's run function of one that returns its text."""
+def add_compare(commands: Any) -> None:
+    """Add `compare`."""
     command = commands.add_parser(
         "compare", help="what different sensors make of one scene", epilog=COMPARE_HELP,
         description="Compare sensors in a scene, or clouds that were written with ground truth: what each found, "
@@ -58,13 +58,13 @@ def add_compare(commands: Any, told: Callable[[Callable[[argparse.Namespace], st
     add(
         "--seed",
         metavar="N",
-        type=whole(0, 2**32 - 1),
+        type=whole(SEEDS),
         default=None,
         help="the same for all sensors (default 0)",
     )
-    add("--chunk", metavar="N", type=whole(1, 2**31 - 1), help="pulses at a time: bounds the memory, no more")
+    add("--chunk", metavar="N", type=whole(CHUNKS), help="pulses at a time: bounds the memory, no more")
     add("--json", action="store_true", help="print the numbers as JSON")
-    command.set_defaults(run=told(compare_text))
+    command.set_defaults(run=compare_text)
 
 
 def compare_text(arguments: argparse.Namespace) -> str:
@@ -77,7 +77,7 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 
 def _sensors(arguments: argparse.Namespace) -> str:
-    from ..rendering.simulator import DEFAULT_CHUNK
+    from ..rendering.options import DEFAULT_CHUNK
     from ..scene.file import load_scene
     from ..studies.compare import study
     from ..studies.ranging.axes import CONDITIONS

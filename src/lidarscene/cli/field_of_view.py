@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +24,8 @@ examples:
 SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0
 
 
-def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
-    """Add `fov`; ``told`` makes a command's run function of one that returns its text."""
+def add_fov(commands: Any) -> None:
+    """Add `fov`."""
     command = commands.add_parser(
         "fov", help="what scan patterns cover, how densely, how soon, how far", epilog=FOV_HELP,
         description="Study fields of view: pattern, coverage against time, density, revisit time, spacing, maximum "
@@ -55,7 +54,7 @@ def add_fov(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]],
     add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
         help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated")  # fmt: skip
     add("--json", action="store_true", help="print the numbers as JSON")
-    command.set_defaults(run=told(fov_text))
+    command.set_defaults(run=fov_text)
 
 
 def fov_text(arguments: argparse.Namespace) -> str:

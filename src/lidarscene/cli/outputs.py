@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..formats.registry import DATASETS, FORMATS, LABELS
-from ..outputs.outputs import FEW_PULSES
+from ..outputs.options import FEW_PULSES
 from .words import pulses
 
 

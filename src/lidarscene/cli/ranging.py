@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.options import Whole
 from .words import number, whole
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ HELD = ("distance", "illuminance", "reflectivity", "incidence")
 _ONLY_OVER = ("from", "to", "n", "log", "linear", "quantity", "csv", "plot", "aperture_law")
 
 
-def add_commands(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
-    """Add `range` and `paper`; ``told`` makes a command's run function of one that returns its text."""
-    _add_range(commands, told)
+def add_commands(commands: Any) -> None:
+    """Add `range` and `paper`."""
+    _add_range(commands)
     paper = commands.add_parser(
         "paper", help="the paper's figures, its claims and its errata",
         description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
@@ -40,10 +40,10 @@ def add_commands(commands: Any, told: Callable[[Callable[[argparse.Namespace], s
     )  # fmt: skip
     paper.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     paper.add_argument("--json", action="store_true", help="print the claims as JSON")
-    paper.set_defaults(run=told(paper_text))
+    paper.set_defaults(run=paper_text)
 
 
-def _add_range(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
+def _add_range(commands: Any) -> None:
     command = commands.add_parser(
         "range", help="SNR, maximum range or detection probability against anything", epilog=RANGE_HELP,
         description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
@@ -58,7 +58,7 @@ def _add_range(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
         help="default: snr over distance, the maximum range over everything else")  # fmt: skip
     add("--from", metavar="X", type=number, help="start of the axis, in its unit")
     add("--to", metavar="X", type=number, help="end of the axis")
-    add("--n", metavar="N", type=whole(2, 100_000), help="points on the axis (default 200)")
+    add("--n", metavar="N", type=whole(Whole(2, 100_000)), help="points on the axis (default 200)")
     scale = command.add_mutually_exclusive_group()
     scale.add_argument("--log", action="store_true", help="logarithmic steps")
     scale.add_argument("--linear", action="store_true", help="even steps")
@@ -82,7 +82,7 @@ def _add_range(commands: Any, told: Callable[[Callable[[argparse.Namespace], str
     add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
     add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
     add("--json", action="store_true", help="print everything as JSON")
-    command.set_defaults(run=told(range_text))
+    command.set_defaults(run=range_text)
 
 
 def range_text(arguments: argparse.Namespace) -> str:

@@ -8,11 +8,12 @@ import re
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.options import SEEDS, Whole
 from .words import pose, whole
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ examples:
 SCENES = (".toml", ".xml")
 
 
-def add_view(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]], Any]) -> None:
-    """Add `view`; ``told`` makes a command's run function of one that returns its text."""
+def add_view(commands: Any) -> None:
+    """Add `view`."""
     view = commands.add_parser(
         "view", help="a cloud or a scene in the browser", epilog=VIEW_HELP,
         description="Show clouds, over a scene if one is named, or a scene that is rendered as its controls are moved. "
@@ -48,12 +49,18 @@ def add_view(commands: Any, told: Callable[[Callable[[argparse.Namespace], str]]
     add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
         help="change a value of the sensor file, may be repeated")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
-    add("--seed", metavar="N", type=whole(0, 2**32 - 1), default=0, help="of a live scene (default 0)")
+    add("--seed", metavar="N", type=whole(SEEDS), default=0, help="of a live scene (default 0)")
     add = view.add_argument_group("where").add_argument
     add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
-    add("--port", metavar="N", type=whole(0, 65535), default=0, help="of the page (default: any free one)")
+    add(
+        "--port",
+        metavar="N",
+        type=whole(Whole(0, 65535)),
+        default=0,
+        help="of the page (default: any free one)",
+    )
     add("--no-browser", action="store_true", help="only say where the page is")
-    view.set_defaults(run=told(view_text))
+    view.set_defaults(run=view_text)
 
 
 def view_text(arguments: argparse.Namespace) -> str:
@@ -79,6 +86,7 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 
 def _source(arguments: argparse.Namespace) -> Source:
+    from ..rendering.options import FrameOptions
     from ..scene.file import load_scene
     from ..view.sources import Clouds, Live
 
@@ -88,9 +96,8 @@ def _source(arguments: argparse.Namespace) -> Source:
     clouds = clouds_in([path for path in arguments.paths if path not in scenes])
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
-        return Live(
-            scene, sensor=arguments.sensor, overrides=arguments.overrides, pose=arguments.pose, seed=arguments.seed
-        )  # fmt: skip
+        frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
+        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame)
     if arguments.pose is not None:
         raise InputError("--pose: goes with a scene that is rendered, not with clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..rendering.options import Whole
+
 if TYPE_CHECKING:
     from ..maths.pose import Pose
 
@@ -23,16 +25,16 @@ def number(text: str) -> float:
     return value
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """An argparse type: a whole number in this range."""
+def whole(numbers: Whole) -> Callable[[str], int]:
+    """An argparse type: one of these whole numbers."""
 
     def parsed(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"a whole number from {low} to {high} was expected, {text} came")
+            value = numbers.low - 1
+        if not numbers.low <= value <= numbers.high:
+            raise argparse.ArgumentTypeError(f"must be {numbers}, got {text}")
         return value
 
     return parsed

@@ -1,30 +1,36 @@
-"""One frame of `render`: simulators in, its files out, all that can be written while the frame is traced."""
+"""One frame: simulators in, its files out, all that can be written while the frame is traced."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cloud.deskew import deskewed
+from ..cloud.merging import Merging
+from ..cloud.points import PointCloud
+from ..cloud.thinning import Thinned
 from ..files.atomic import named
-from .outputs import cloud_stream, dataset_stream, pulses_of_waveforms
+from ..labels.files import labels_stream
+from ..maths.trajectory import Course, pose_at
+from ..rendering.frame import check_frame
+from ..rendering.options import FrameOptions, Observers
+from ..rendering.simulator import Simulator
+from ..rendering.summary import Summary
+from ..scene.model import Scene, View
+from .light import AmbientImage, write_waveforms
+from .missed import missed_stream
+from .plan import Plan
+from .range_image import range_image_stream
+from .streams import cloud_stream, dataset_stream, pulses_of_waveforms
 
-if TYPE_CHECKING:
-    from ..cloud.points import PointCloud
-    from ..cloud.thinning import Thinned
-    from ..rendering.simulator import Simulator, Summary
-    from ..scene.model import Scene, View
-
-Append = Callable[["PointCloud"], None]
-Change = Callable[[int, "PointCloud"], "PointCloud"]
-Progress = Callable[[int], AbstractContextManager[Callable[[int], None] | None]]
+Append = Callable[[PointCloud], None]
+Change = Callable[[int, PointCloud], PointCloud]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,37 +38,33 @@ class FrameFiles:
     """One frame of one sensor, or of those whose clouds are merged.
 
     simulators  by label
-    files       what is to be written, by what it is
+    files       what is to be written, by what it is (`Plan.files`)
+    placed      whether the sensor stands elsewhere than the scene says
     """
 
-    arguments: argparse.Namespace
+    plan: Plan
     scene: Scene
     simulators: Mapping[str, Simulator]
-    number: int
+    frame: FrameOptions
     files: Mapping[str, Path]
+    placed: bool
     summary: Summary
 
-    def write(self, progress: Progress) -> None:
-        """Trace it into its files. ``progress`` gives, for so many pulses, what is told how many are done."""
-        from ..cloud.thinning import Thinned
-        from .light import AmbientImage, write_waveforms
-
+    def write(self, progress: Callable[[int, int], object] | None) -> None:
+        """Trace it into its files; ``progress`` is told (done, pulses) of each sensor."""
         picture = Thinned() if "picture" in self.files else None
         ambient = AmbientImage() if "ambient" in self.files else None
-        chunk = {"chunk": self.arguments.chunk} if self.arguments.chunk else {}
         with self._takers(picture) as takers:
             for simulator, take in zip(self._simulators, takers, strict=True):
-                with self._missed(simulator) as missed, progress(simulator.sensor.scanner.pulses) as told:
-                    simulator.stream(
-                        take, **self._which, **chunk, frame=self.arguments.frame, progress=told, missed=missed,
-                        ambient=ambient, summary=self.summary,
-                    )  # fmt: skip
+                with self._missed(simulator) as missed:
+                    told = Observers(progress=progress, missed=missed, ambient=ambient, summary=self.summary)
+                    simulator.stream(take, self.frame, told)
             since = time.perf_counter()
         if ambient is not None:
             ambient.save(self.files["ambient"], simulator.sensor)
         if "waveforms" in self.files:
-            chosen = pulses_of_waveforms(self.arguments, simulator.sensor)
-            write_waveforms(self.files["waveforms"], simulator.waveforms(chosen, **self._which))
+            chosen = pulses_of_waveforms(self.plan.outputs, simulator.sensor)
+            write_waveforms(self.files["waveforms"], simulator.waveforms(chosen, frame=self.frame))
         since = self.summary.spent("write", since)
         if picture is not None:
             self._draw(picture)
@@ -72,17 +74,10 @@ class FrameFiles:
     def _simulators(self) -> Sequence[Simulator]:
         return list(self.simulators.values())
 
-    @property
-    def _which(self) -> dict[str, Any]:
-        """The frame, for a simulator."""
-        return {"seed": self.arguments.seed, "number": self.number, "begin_s": self.arguments.begin}
-
     def _missed(self, simulator: Simulator) -> AbstractContextManager[Callable[..., None] | None]:
-        if "keep_missed" not in self.files:
+        if "missed" not in self.files:
             return nullcontext()
-        from .missed import missed_stream
-
-        return _named(self.files["keep_missed"], missed_stream(self.files["keep_missed"], simulator.sensor))
+        return _named(self.files["missed"], missed_stream(self.files["missed"], simulator.sensor))
 
     @contextmanager
     def _takers(self, picture: Thinned | None) -> Iterator[Sequence[Append]]:
@@ -95,7 +90,7 @@ class FrameFiles:
             if picture is not None:
                 raw.append(picture.append)
             routes = [route for route in ((self._as_seen(), raw), (self._deskewed(), still)) if route[1]]
-            if self.arguments.merge:
+            if self.plan.outputs.merge:
                 routes = [(self._merged(change), appended) for change, appended in routes]
 
             def taker(number: int) -> Append:
@@ -111,33 +106,27 @@ class FrameFiles:
 
     def _streams(self, key: str) -> Iterator[tuple[Path, AbstractContextManager[Append]]]:
         """The files of raw or of deskewed clouds, and what writes them."""
-        arguments = self.arguments
-        if arguments.dataset is not None:
-            if key == ("deskewed" if arguments.deskew else "output"):
+        outputs = self.plan.outputs
+        if outputs.dataset is not None:
+            if key == ("deskewed" if outputs.deskew else "output"):
                 label = next(iter(self.simulators))
-                yield self.files["output"], dataset_stream(arguments, label, self.number, self.scene)
+                yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
         elif key in self.files:
             points = sum(one.sensor.scanner.pulses * one.sensor.tdc.stops for one in self._simulators)
-            yield self.files[key], cloud_stream(arguments, self.files[key], points)
-            if arguments.labels is not None:
-                from ..labels.files import labels_stream
-
+            yield self.files[key], cloud_stream(self.plan, self.files[key], points)
+            if outputs.labels is not None:
                 path = self.files[f"{key}_labels"]
-                yield path, labels_stream(self.files[key], self.scene, format=arguments.labels)
+                yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
         if key == "output" and "range_image" in self.files:
-            from .range_image import range_image_stream
-
             yield self.files["range_image"], range_image_stream(self.files["range_image"])
 
     def _as_seen(self) -> Change:
         return lambda _, cloud: cloud
 
     def _deskewed(self) -> Change:
-        from ..cloud.deskew import deskewed
-        from ..rendering.frame import check_frame
-
+        number, begin_s = self.frame.number, self.frame.begin_s
         lengths_s = [
-            check_frame(self.scene, one.sensor.scanner, number=self.number, begin_s=self.arguments.begin)[1]
+            check_frame(self.scene, one.sensor.scanner, number=number, begin_s=begin_s)[1]
             for one in self._simulators
         ]
         return lambda number, cloud: deskewed(
@@ -146,10 +135,7 @@ class FrameFiles:
 
     def _merged(self, change: Change) -> Change:
         """Pieces that are changed so, as pieces of one cloud."""
-        from ..cloud.merging import Merging
-
-        frame = self.arguments.frame
-        empty = [one.empty(**self._which, frame=frame) for one in self._simulators]
+        empty = [one.empty(self.frame) for one in self._simulators]
         merging = Merging([change(number, one) for number, one in enumerate(empty)], list(self.simulators))
         return lambda number, cloud: merging.piece(number, change(number, cloud))
 
@@ -158,21 +144,18 @@ class FrameFiles:
 
         own = self._view(picture.cloud().frame_start_s)
         # Of several sensors, who sees what: their intensities may be amperes and cells.
-        colour_by = "sensor_index" if self.arguments.merge else "intensity"
+        colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
         view = dataclasses.asdict(own) if own else {}
         frame_picture(picture, self.files["picture"], colour_by=colour_by, **view)
 
     def _view(self, start_s: float) -> View | None:
         """The scene's view as it is in the frame of the points; None where it does not belong to what is seen."""
-        from ..maths.trajectory import Course, pose_at
-        from ..scene.model import View
-
         # It is that of its vehicle, which stands at the world's origin where none moves. It belongs to the scene's own
         # sensor where it stands, or to whatever rides on the vehicle that moves.
-        arguments, scene = self.arguments, self.scene
-        if arguments.frame == "sensor" or (scene.ego is None and (arguments.pose or arguments.rig)):
+        coordinates, scene = self.frame.coordinates, self.scene
+        if coordinates == "sensor" or (scene.ego is None and self.placed):
             return None
-        if scene.view is None or arguments.frame != "world":
+        if scene.view is None or coordinates != "world":
             return scene.view
         vehicle = pose_at(scene.ego or Course(), start_s)
         eye_m, target_m = vehicle.apply(np.array([scene.view.eye_m, scene.view.target_m])).tolist()

@@ -17,13 +17,12 @@ from ..maths.trajectory import Course, Motion, Riding, pose_at
 from ..scan import Scanner
 from ..scene.model import Scene
 from ..sensor.model import Sensor
+from .options import FrameOptions
 
 Matrix = np.ndarray[Any, Any]
 
 LARGEST_FLOAT32_M = 1000.0
 """Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
-
-COORDINATES = ("world", "vehicle", "sensor")
 
 PULSE_NUMBERS = 2**31
 """Scanners know their pulses by numbers below this."""
@@ -62,16 +61,15 @@ class Frame:
     _scanner: Scanner
 
     @classmethod
-    def of(
-        cls, scene: Scene, sensor: Sensor, world: World, *, number: int, begin_s: float, sensor_pose: Pose
-    ) -> Frame:
-        """Frame ``number`` of a run that begins at ``begin_s`` by the scene's clock.
+    def of(cls, scene: Scene, sensor: Sensor, world: World, asked: FrameOptions) -> Frame:
+        """The frame that is asked for; without a pose the sensor stands where the scene has it.
 
         Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
         """
-        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=begin_s)
-        start_s = begin_s + scanner_s
-        riding = motion_of(scene, sensor, sensor_pose)
+        number = asked.number
+        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=asked.begin_s)
+        start_s = asked.begin_s + scanner_s
+        riding = motion_of(scene, sensor, asked.pose or scene.sensor_pose)
         place = pose_at(riding, start_s)
         paths = None
         if scene.ego is not None or world.movers:

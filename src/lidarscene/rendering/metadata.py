@@ -11,12 +11,13 @@ from ..scene.model import Scene
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
 from .frame import Frame
+from .options import FrameOptions
 
 Matrix = np.ndarray[Any, Any]
 
 
-def metadata_of(scene: Scene, sensor: Sensor, now: Frame, *, seed: int, frame: str) -> dict[str, str]:
-    """Of a frame whose points are in this ``frame``."""
+def metadata_of(scene: Scene, sensor: Sensor, now: Frame, asked: FrameOptions) -> dict[str, str]:
+    """Of a frame that was asked for so; the key `frame` says in which coordinates its points are."""
     from .._version import __version__
 
     metadata = {
@@ -24,17 +25,17 @@ def metadata_of(scene: Scene, sensor: Sensor, now: Frame, *, seed: int, frame: s
         "version": __version__,
         "scene": scene.name,
         "sensor": sensor.name,
-        "seed": str(seed),
+        "seed": str(asked.seed),
         "intensity_unit": _intensity_unit(sensor),
-        "frame": frame,
+        "frame": asked.coordinates,
         "frame_number": str(now.number),
         "frame_start_s": repr(now.start_s),
         SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
     }
     if now.moves:
         metadata["ego_motion"] = "in the points"
-    if frame != "sensor":
-        goal = now.goal(frame)
+    if asked.coordinates != "sensor":
+        goal = now.goal(asked.coordinates)
         metadata["sensor_position_m"] = _text(goal.position_m)
         metadata["sensor_rotation"] = _text(goal.rotation)
     return metadata

@@ -3,42 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Unpack
 
 from ..errors import InputError
-from ..kernel.rays.trace import INTERACTIONS
 from ..kernel.world.build import World
 from ..maths.pose import Pose
 from ..scene.model import Scene
 from ..sensor.rig import Mounted
+from .options import TraceKeywords, TraceOptions
 from .simulator import Simulator
 
 
 def simulators(
     scene: Scene,
     sensors: Sequence[Mounted],
+    trace: TraceOptions | None = None,
     *,
     pose: Pose | None = None,
-    rays: int = 1,
-    interactions: int = INTERACTIONS,
-    background_rays: int | None = None,
+    **options: Unpack[TraceKeywords],
 ) -> Iterator[tuple[str, Simulator]]:
     """Label and simulator of each sensor; those of one wavelength share one compiled world.
 
-    pose  of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    rays, interactions, background_rays  as of `Simulator`
+    pose            of the vehicle, in the world or, of a scene in which it moves, in the ego frame
+    trace, options  as of `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
     for one in sensors:
         wavelength = one.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene,
-            one.sensor,
-            pose=vehicle @ one.pose,
-            world=worlds.get(wavelength),
-            rays=rays,
-            interactions=interactions,
-            background_rays=background_rays,
+            scene, one.sensor, trace, pose=vehicle @ one.pose, world=worlds.get(wavelength), **options
         )
         worlds.setdefault(wavelength, simulator.world)
         yield one.label, simulator

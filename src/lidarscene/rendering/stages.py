@@ -30,6 +30,7 @@ from ..scene.model import Scene
 from ..sensor.model import Sensor
 from .chunk import Chunk, Lit, Numbers, is_plain, left_out, needed_of, numbers_of, of_light
 from .frame import Frame, placements
+from .options import TraceOptions
 
 Places = Callable[[int], tuple[Placement, list[Placement] | None]]
 """Where the sensor and each mover are when pulses of so many rays leave, ray by ray; None: nothing moves."""
@@ -58,27 +59,18 @@ class Stages:
     sun: Any
 
     @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        sensor: Sensor,
-        world: World,
-        *,
-        rays: int,
-        interactions: int,
-        background_rays: int | None,
-    ) -> Stages:
+    def of(cls, scene: Scene, sensor: Sensor, world: World, how: TraceOptions) -> Stages:
         """For `Simulator`."""
         ambient = ambient_of(scene, sensor)
         air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
-        field = None if background_rays is None else field_of_view(sensor, background_rays)
+        field = None if how.background_rays is None else field_of_view(sensor, how.background_rays)
         return cls(
             world=world,
-            rays=rays,
-            interactions=interactions,
+            rays=how.rays,
+            interactions=how.interactions,
             sensor=transfer.opaque(sensor),
             ambient=transfer.opaque(ambient),
-            footprint=transfer.opaque(footprint(sensor.laser, rays, sensor.optics.halo)),
+            footprint=transfer.opaque(footprint(sensor.laser, how.rays, sensor.optics.halo)),
             field=transfer.opaque(field),
             air=transfer.opaque(air),
             sun=transfer.opaque(numbers_of(scene.sun.direction)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from ..maths.pose import Pose
 from .model import Sensor
@@ -24,7 +25,8 @@ class Mounted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """The sensors of a vehicle, each with a label of its own."""
+    """The sensors of a vehicle, each with a label of its own; ``files`` are those that it was read from."""
 
     name: str
     sensors: tuple[Mounted, ...]
+    files: tuple[Path, ...] = ()

@@ -81,10 +81,5 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
         except InputError as error:
             raise InputError(f'{path}: sensors[{index} "{one.label}"]: {error}') from None
         mounted.append(Mounted(label=one.label, sensor=found, pose=one.pose()))
-    return Rig(name=file.name or path.stem, sensors=tuple(mounted))
-
-
-def files_of_rig(path: Path) -> list[Path]:
-    """The rig file and the sensor files that it names."""
-    file = validated(RigFile, read_toml(path), str(path))
-    return [path, *(path.parent / one.sensor for one in file.sensors if one.sensor.endswith(".toml"))]
+    files = (path, *(path.parent / one.sensor for one in file.sensors if one.sensor.endswith(".toml")))
+    return Rig(name=file.name or path.stem, sensors=tuple(mounted), files=files)

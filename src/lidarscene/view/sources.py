@@ -20,6 +20,7 @@ from ..light.echoes import Ambient, Echoes
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
+from ..rendering.options import FrameOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
 from ..scene.model import Scene
@@ -137,14 +138,13 @@ class Live:
         *,
         sensor: str | None = None,
         overrides: Sequence[str] = (),
-        pose: Pose | None = None,
-        seed: int = 0,
+        frame: FrameOptions | None = None,
     ) -> None:
         """Compile the scene and render it once. Raises InputError and BackendError."""
-        self.scene, self.pose, self.seed = scene, pose, seed
+        self.scene, self.asked = scene, frame or FrameOptions()
         self.equipment = Equipment(scene, sensor or scene.sensor_name, overrides)
-        self._simulator = Simulator(scene, self.equipment.sensor, pose=pose)
-        self._first = self._simulator.render(seed=seed)
+        self._simulator = Simulator(scene, self.equipment.sensor, pose=self.asked.pose)
+        self._first = self._simulator.render(self.asked)
         self._origin = _origin_of(pose_at(self._simulator.motion).position_m)
         self.title = _title(self._first.metadata, scene.name)
 
@@ -156,7 +156,7 @@ class Live:
         }  # fmt: skip
         return stage_blob(
             told, scene=self.scene, wavelength_m=self.equipment.sensor.laser.wavelength_m,
-            origin=self._origin, camera=_camera(self._first, None if self.pose else self.scene),
+            origin=self._origin, camera=_camera(self._first, None if self.asked.pose else self.scene),
         )  # fmt: skip
 
     def frame(self, number: int) -> bytes:
@@ -167,8 +167,8 @@ class Live:
         """One frame with these settings."""
         scene, sensor = self.equipment.with_settings(settings)
         summary, since = Summary(), time.perf_counter()
-        simulator = Simulator(scene, sensor, world=self._simulator.world, pose=self.pose)
-        cloud = simulator.render(seed=self.seed, summary=summary)
+        simulator = Simulator(scene, sensor, world=self._simulator.world, pose=self.asked.pose)
+        cloud = simulator.render(self.asked, summary=summary)
         seconds = time.perf_counter() - since
         told = {
             "controls": [dataclasses.asdict(one) for one in self.equipment.controls(settings)],
@@ -182,11 +182,12 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient) -> Echoes:
         """Of the pulse of each point."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        now = Frame.of(scene, sensor, world, number=0, begin_s=0.0, sensor_pose=simulator.pose)
+        now = Frame.of(scene, sensor, world, self.asked)
         count = sensor.scanner.pulses
         light = light_of(
             world, sensor, ambient, sun=scene.sun.direction,
-            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count, seed=self.seed,
+            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count,
+            seed=self.asked.seed,
         )  # fmt: skip
         pulse = pulses_of(cloud, sensor.scanner)
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})

@@ -20,6 +20,7 @@ from typing import Any
 from ...light.beams import Beams
 from ...light.footprint import Aim
 from ...light.hits import Hits
+from ...light.limits import INTERACTIONS
 from ...maths.arrays import Array, is_drjit, xp
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
@@ -29,12 +30,6 @@ from .gaps import Draws, gap_share
 from .glints import returned
 from .meeting import Meeting, Moment
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
-
-INTERACTIONS = 3
-"""Default for the panes, mirrors and gaps on a path: through both windows of a car, and into the next car."""
-
-MOST_INTERACTIONS = 8
-"""Each interaction adds ray queries to the kernel, which take time to compile."""
 
 
 def trace(

@@ -17,7 +17,8 @@ from ...detection.returns import Outcome
 from ...kernel.world.build import World
 from ...maths.pose import Pose
 from ...outputs.report import OUTCOME_TEXT
-from ...rendering.simulator import DEFAULT_CHUNK, Simulator, Summary
+from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.simulator import Simulator, Summary
 from ...scene.model import Scene
 from ...sensor.model import Sensor
 from ..ranging.plane import Target, equal_range_illuminance_klux
@@ -52,7 +53,7 @@ class Bench:
         simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.pose)
         self._worlds[wavelength_m] = simulator.world
         seen, summary = _Seen(), Summary()
-        cloud = simulator.render(seed=self.seed, chunk=self.chunk, observer=seen, summary=summary)
+        cloud = simulator.render(seed=self.seed, chunk=self.chunk, points=seen, summary=summary)
         lost = {text: int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items() if o != Outcome.NO_SURFACE}
         return Observation(
             name=name, cloud=cloud, pulse=seen.pulse(), surfaces=seen.surfaces(), fired=summary.beams, lost=lost
@@ -60,7 +61,7 @@ class Bench:
 
 
 class _Seen:
-    """An `Observer`: gathers what it is told."""
+    """An observer of points: gathers what it is told."""
 
     def __init__(self) -> None:
         self._pulse: list[Matrix] = [np.zeros(0, np.uint32)]

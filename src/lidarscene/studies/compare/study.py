@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...maths.pose import Pose
-from ...rendering.simulator import DEFAULT_CHUNK
+from ...rendering.options import DEFAULT_CHUNK
 from ...scene.model import Scene
 from . import clouds
 from .data import groupings

@@ -1,0 +1,78 @@
+"""What a terminal is told: a command's answer, its one line of complaint, its notes; whatever letters it has."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
+
+OPTIONS = {
+    "path": "--output", "missed": "--keep-missed", "truth": "--no-truth", "begin_s": "--begin", "overrides": "--set",
+    "scene_overrides": "--scene-set",
+}  # fmt: skip
+"""Options by their names in Python, where it is not the same with dashes."""
+
+
+class Answer(NamedTuple):
+    """What a command says, and the code that the program ends with."""
+
+    text: str
+    code: int = 0
+
+
+def option(name: str) -> str:
+    """How the command line calls an option of the library."""
+    return OPTIONS.get(name, f"--{name.replace('_', '-')}")
+
+
+def say(text: str) -> None:
+    """Print a text, whatever the terminal's encoding. A reader that has gone (`| head`) is no mistake."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    shown = text.rstrip("\n").encode(encoding, "backslashreplace").decode(encoding)
+    try:
+        sys.stdout.write(shown + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        # Python writes what is left once more when it ends: to nowhere, then.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
+
+
+def complain(text: str) -> None:
+    """Say what went wrong."""
+    sys.stderr.write(f"lidarscene: error: {text}\n")
+
+
+def told(error: LidarSceneError) -> str:
+    """The message of an error, with the names that the command line has for options."""
+    text = error.told(option) if isinstance(error, OptionError) else str(error)
+    # How to get a back end takes several lines; everything else is told in one.
+    return text if isinstance(error, BackendError) else printable(text)
+
+
+def printable(text: str) -> str:
+    """In one line, whatever a file's name or a value holds."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+@contextmanager
+def notes() -> Iterator[None]:
+    """Options that change nothing are noted in one line each, when they are noticed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", OptionWarning)
+        others = warnings.showwarning
+
+        def show(message: Any, *about: Any, **more: Any) -> None:
+            if isinstance(message, OptionWarning):
+                sys.stderr.write(f"lidarscene: note: {printable(message.told(option))}\n")
+            else:
+                others(message, *about, **more)
+
+        warnings.showwarning = show
+        yield

@@ -1,0 +1,126 @@
+"""Outputs: every file that a frame becomes, declared once for the library and the command line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from ..errors import InputError, OptionError
+from ..formats.registry import DATASETS, FORMATS, LABELS, SUFFIXES, Format, format_of
+from ..rendering.options import Whole
+
+File = str | os.PathLike[str]
+
+ENDINGS = {
+    "missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz"),
+    "ambient": (".png", ".npz"), "waveforms": (".npz",),
+}  # fmt: skip
+"""How the names of the files beside a cloud end, by the options that name them."""
+
+SINGLE = ("missed", "range_image", "ambient", "waveforms")
+"""Of these, the files of one sensor's pulses."""
+
+FRAMES = Whole(1, 10_000)
+"""How many a run may have, by the four digits of their files' names."""
+
+FEW_PULSES = 9
+"""Of which there are waveforms if no others are asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Every file that a frame becomes.
+
+    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set
+    format       of the cloud, a key of `formats.registry.FORMATS`; None: what the name says, PLY in a folder
+    ascii        whether it is text instead of binary
+    truth        whether it has the columns of ground truth
+    labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
+    dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
+    deskew       whether there is a second cloud, without the sensor's own motion
+    merge        whether the sensors of a rig make one cloud
+    picture      a view of the cloud and its range image, .png or .svg
+    range_image  range, intensity and status by ring and azimuth, .png or .npz
+    missed       every pulse without an echo point, and why, .npz
+    ambient      background counts of every pulse, .png or .npz
+    waveforms    power on the detector and its signal against time, .npz
+    pulses       of these pulses of a frame, 0 for its first; None: a few, evenly
+    Of several frames or sensors each has files of its own: their labels and numbers are added to the names.
+    Raises InputError for options that do not go together.
+    """
+
+    KEYWORD: ClassVar[str] = "outputs"
+
+    path: File
+    _: KW_ONLY
+    format: str | None = None
+    ascii: bool = False
+    truth: bool = True
+    labels: str | None = None
+    dataset: str | None = None
+    deskew: bool = False
+    merge: bool = False
+    picture: File | None = None
+    range_image: File | None = None
+    missed: File | None = None
+    ambient: File | None = None
+    waveforms: File | None = None
+    pulses: Sequence[int] | None = None
+
+    def __post_init__(self) -> None:
+        for option, known in (("format", FORMATS), ("labels", LABELS), ("dataset", DATASETS)):
+            name = getattr(self, option)
+            if name is not None and name not in known:
+                raise OptionError(f"{{{option}}}: must be one of {{0}}, got {{1!r}}", ", ".join(known), name)
+        self._check_together()
+        for option, endings in ENDINGS.items():
+            file = self.beside(option)
+            if file is not None and file.suffix.lower() not in endings:
+                raise OptionError(
+                    f"{{{option}}} {{0}}: a name that ends in {{1}} was expected", file, " or ".join(endings)
+                )
+
+    def _check_together(self) -> None:
+        if self.merge:
+            for option in SINGLE:
+                if self.beside(option) is not None:
+                    raise OptionError(
+                        f"{{{option}}}: goes with the clouds of single sensors, not with {{merge}}"
+                    )
+        if self.dataset is not None:
+            for option in ("format", "labels"):
+                if getattr(self, option) is not None:
+                    raise OptionError(f"{{{option}}}: a data set has its own, leave it out with {{dataset}}")
+            for option in ("merge", "ascii"):
+                if getattr(self, option):
+                    raise OptionError(f"{{dataset}}: goes without {{{option}}}")
+        if self.pulses is not None and self.waveforms is None:
+            raise OptionError("{pulses} goes with {waveforms}")
+
+    @property
+    def place(self) -> Path:
+        """Where the cloud, or the folder of clouds, is to be."""
+        return Path(self.path)
+
+    def beside(self, option: str) -> Path | None:
+        """The file that one of ENDINGS names, if it is asked for."""
+        file = getattr(self, option)
+        return None if file is None else Path(file)
+
+    def format_of(self, *, folder: bool) -> Format:
+        """The format that is asked for by name or by the name of the file; that of a folder is PLY."""
+        if self.dataset is not None:
+            return FORMATS["kitti"]
+        if self.format is not None or folder:
+            return FORMATS[self.format or "ply"]
+        try:
+            return format_of(self.place)
+        except InputError:
+            raise OptionError(
+                "{path} {0}: a name that ends in one of {1} was expected, or {format}",
+                self.place,
+                ", ".join(SUFFIXES),
+            ) from None

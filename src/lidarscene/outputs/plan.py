@@ -1,0 +1,118 @@
+"""Plan: `Outputs`, how many frames and of what in; the names of all files out, checked before any work is done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import OptionError
+from ..files.atomic import require_writable
+from ..formats.registry import FORMATS, SUFFIXES, Format
+from ..labels.files import label_paths
+from ..labels.kitti_dataset import cloud_path
+from .options import ENDINGS, Outputs
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The files of a run.
+
+    frames  how many; None: one, whose cloud is a file and not in a folder
+    rig     whether there is a rig
+    """
+
+    outputs: Outputs
+    frames: int | None
+    rig: bool
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the path is a folder for the clouds."""
+        return (
+            self.frames is not None
+            or self.outputs.dataset is not None
+            or (self.rig and not self.outputs.merge)
+        )
+
+    @property
+    def format(self) -> Format:
+        """That of the clouds."""
+        return self.outputs.format_of(folder=self.is_folder)
+
+    def check(self, coordinates: str) -> None:
+        """Raise InputError for outputs that such a run cannot have, LidarSceneError where a package is missing."""
+        outputs, place = self.outputs, self.outputs.place
+        if outputs.merge:
+            if not self.rig:
+                raise OptionError("{merge} goes with {rig}")
+            if coordinates == "sensor":
+                raise OptionError(
+                    "{merge}: coordinates that all sensors have were expected, {coordinates} world or vehicle"
+                )
+        if self.is_folder and (place.name.lower().endswith(SUFFIXES) or place.is_file()):
+            asked = {
+                "frames": self.frames is not None,
+                "rig": self.rig,
+                "dataset": outputs.dataset is not None,
+            }
+            many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
+            raise OptionError(f"{{path}} {{0}}: with {many} a folder was expected", place)
+        chosen = self.format
+        if outputs.ascii and not chosen.text:
+            able = " and ".join(name for name, one in FORMATS.items() if one.text)
+            raise OptionError("{ascii}: {0} can be text", able)
+        chosen.require()
+
+    def files(self, label: str, number: int) -> dict[str, Path]:
+        """Files of one cloud by what they are: "output", "deskewed", "output_labels", ..., and the options of ENDINGS.
+
+        label  of the rig's sensor; "" for clouds of a single one, and for those that are merged
+        """
+        counted = "" if self.frames is None else f"{number:04d}"
+        files = self._clouds(label, number)
+        for option in ENDINGS:
+            path = self.outputs.beside(option)
+            if path is not None:
+                files[option] = path.with_name(
+                    "_".join(filter(None, (path.stem, label, counted))) + path.suffix
+                )
+        return files
+
+    def _clouds(self, label: str, number: int) -> dict[str, Path]:
+        """The cloud, its twin without motion, and the labels of both."""
+        outputs, path, suffix = self.outputs, self.outputs.place, self.format.suffix
+        if outputs.dataset is not None:
+            return {"output": cloud_path(outputs.dataset, path / label, number)}
+        if self.frames is not None:
+            path = path / label / f"frame_{number:04d}{suffix}"
+        elif label:
+            path = path / f"{label}{suffix}"
+        files = {"output": path}
+        if outputs.deskew:
+            stem = path.name[: -len(suffix)] if path.name.lower().endswith(suffix) else path.stem
+            files["deskewed"] = path.with_name(f"{stem}.deskewed{suffix}")
+        if outputs.labels is not None:
+            for key, cloud in list(files.items()):
+                for count, beside in enumerate(label_paths(cloud, format=outputs.labels), start=1):
+                    files[f"{key}_labels{count if count > 1 else ''}"] = beside
+        return files
+
+
+def check_writable(wanted: Sequence[Mapping[str, Path]]) -> None:
+    """Refuse what could not be written, before any work goes into it. Raises OutputError."""
+    for files in wanted:
+        for path in files.values():
+            require_writable(path)
+
+
+def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:
+    """Refuse to write over a file that is read. Raises InputError."""
+    for files in wanted:
+        for key, path in files.items():
+            if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
+                option = key if key in ENDINGS else "path"
+                raise OptionError(
+                    f"{{{option}}} {{0}}: is an input of this run, another name was expected", path
+                )

@@ -1,0 +1,56 @@
+"""Streams: clouds that come in pieces in; a file in a format, or a frame of a data set, out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..cloud.builder import CloudBuilder
+from ..cloud.points import PointCloud
+from ..detection.sampled_waveforms import check_pulses
+from ..labels.kitti_dataset import frame_stream
+from ..scene.model import Scene
+from ..sensor.model import Sensor
+from .options import FEW_PULSES, Outputs
+from .plan import Plan
+
+Append = Callable[[PointCloud], None]
+
+
+@contextmanager
+def cloud_stream(plan: Plan, path: Path, points: int) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as one; together, of so many points at most, where the format
+    needs them so.
+    """
+    outputs, chosen = plan.outputs, plan.format
+    options = {"ascii": True} if outputs.ascii else {}
+    if chosen.stream is not None:
+        with chosen.stream(path, **options) as append:
+            yield _kept(outputs, append)
+        return
+    builder = CloudBuilder(capacity=points)
+    yield _kept(outputs, builder.add)
+    PointCloud(**builder.fields()).save(path, format=outputs.format, **options)
+
+
+@contextmanager
+def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> Iterator[Append]:
+    """Write the clouds that are appended in the block as a frame of a data set."""
+    if outputs.dataset is None:
+        raise ValueError("dataset: one was expected")
+    with frame_stream(outputs.dataset, outputs.place / label, number, scene) as append:
+        yield _kept(outputs, append)
+
+
+def _kept(outputs: Outputs, append: Append) -> Append:
+    """Append what is asked for."""
+    return append if outputs.truth else (lambda cloud: append(cloud.without_truth()))
+
+
+def pulses_of_waveforms(outputs: Outputs, sensor: Sensor) -> Sequence[int]:
+    """The pulses that are asked for, or a few. Raises InputError."""
+    last = sensor.scanner.pulses - 1
+    few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]
+    chosen = check_pulses(outputs.pulses or few, sensor)
+    return [int(pulse) for pulse in chosen]
