@@ -1,4 +1,21 @@
-"""Scanners: pulse number in, direction, time and aperture out. One small module for each mechanism."""
+"""Scanners: where each pulse of a frame goes, and when.
+
+A scanner is a function of the pulse's number: direction, time, channel and aperture. So any part of a frame can be
+traced without the rest, and pulses need no memory. Each mechanism is a small module with its own geometry.
+
+base           what all scanners have in common
+raster         rows and columns, without a mechanism
+spinning       a rotating head of channels
+mirror_raster  lines by a fast mirror, one below the other by a slow one
+mirror_optics  where one or two mirrors send a beam
+polygon        a rotating polygon of facets
+lissajous      two resonant axes
+risley         rotating prisms
+flash          all directions at once
+pattern        a table of directions and times
+turns          how far something that rotates or swings has come
+aperture       how much of the receiver is left off the axis
+"""
 
 from .base import Scanner as Scanner
 from .flash import Flash as Flash
