@@ -62,7 +62,8 @@ class Quantity(Key):
 
     unit            in the file, a key of `UNITS`; None: the field's own
     gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several
-    whole           the file takes whole numbers only
+    whole           of an array: the file takes whole numbers only
+    least           how many numbers there are at least, where the field has several
     """
 
     unit: str | None = None
@@ -72,6 +73,7 @@ class Quantity(Key):
     lt: float | None = None
     le: float | None = None
     whole: bool = False
+    least: int = 0
 
     @property
     def bounds(self) -> dict[str, Any]:
