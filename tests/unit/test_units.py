@@ -1,7 +1,9 @@
 """Units of files, and tables of files that dataclasses declare."""
 
+import inspect
 import math
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import pytest
@@ -19,23 +21,52 @@ FACTORS = {
     "khz": 1e3, "mhz": 1e6, "na": 1e-9, "ua": 1e-6, "mrad": 1e-3,
 }  # fmt: skip
 ENDINGS = {"m": ("nm", "um", "mm", "km"), "s": ("ps", "ns", "us", "ms"), "hz": ("khz", "mhz"),
-           "a": ("na", "ua"), "rad": ("mrad", "deg")}  # fmt: skip
+           "a": ("na", "ua"), "rad": ("mrad", "deg"), "rad_s": ("deg_s",)}  # fmt: skip
 
 
 @pytest.mark.parametrize("value", [905.0, 3.0, 0.1, 7.3, 1e-3 / 3.0, -12.7, 55.7])
 def test_conversion(value: float) -> None:
     """A product with the decimal factor, to the last bit: some of these differ from the quotient by 1e9."""
     assert {unit: si(value, unit) for unit in FACTORS} == {u: value * factor for u, factor in FACTORS.items()}
-    assert si(value, "deg") == math.radians(value)
+    assert si(value, "deg") == si(value, "deg_s") == math.radians(value)
     assert si((value, 1.0), "ns") == (value * 1e-9, 1e-9)
     assert si(None, "ns") is None
 
 
 def test_units_are_those_of_the_names() -> None:
-    assert {*FACTORS, "deg"} == set(UNITS)
+    assert {*FACTORS, "deg", "deg_s"} == set(UNITS)
     assert {unit: ending for ending, units in ENDINGS.items() for unit in units} == {
         unit: ending for unit, (ending, _) in UNITS.items()
     }
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Made by `of`."""
+
+    all_s: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls, times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
+        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None, other: int = 0,
+    ) -> "Row":  # fmt: skip
+        """From lists."""
+        return cls((*times_s, *(more_s or ())))
+
+
+class RowFile(Table[Row]):
+    """Lists."""
+
+
+def test_lists_of_a_class_that_is_made_by_its_method() -> None:
+    assert validated(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
+    both = validated(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
+    assert both == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
+    with pytest.raises(InputError, match="times_ns: a list of at least 2 was expected"):
+        validated(RowFile, {"times_ns": [3.0]}, "file")
+    with pytest.raises(InputError, match=r"times_ns\[1\]: 1 or more was expected, 0.5 came"):
+        validated(RowFile, {"times_ns": [3.0, 0.5]}, "file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,8 +154,8 @@ def tables() -> list[type[Table[Any]]]:
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
 def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
     """To the last bit; a default that the file writes in another unit comes back from there."""
-    defaults = {field.name: field.default for field in fields(table.made)}
+    parameters = inspect.signature(getattr(table.made, "of", table.made)).parameters
     for field, (name, key) in table.keys.items():
         info = table.model_fields[name]
-        if not info.is_required() and defaults[field] is not MISSING:
-            assert key.in_si(info.default) == defaults[field], name
+        if not info.is_required() and parameters[field].default is not inspect.Parameter.empty:
+            assert key.in_si(info.default) == parameters[field].default, name

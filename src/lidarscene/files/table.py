@@ -86,6 +86,8 @@ def _type_in_file(hint: Any, key: Key) -> Any:
     number: Any = int if key.whole or int in (hint, *options) else float
     if key.bounds:
         number = Annotated[number, Field(**key.bounds)]
+    if typing.get_origin(hint) is tuple:  # of a fixed length
+        number = tuple[(number,) * len(options)]  # type: ignore[misc]
     if any(typing.get_origin(one) is Sequence for one in (hint, *options)):
         number = (
             Annotated[tuple[number, ...], Field(min_length=key.least)] if key.least else tuple[number, ...]
