@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test lint docs format bench lock clean
+.PHONY: car test test-all lint docs format bench bench-check lock clean
 .DELETE_ON_ERROR:
 
 car: $(READY)
@@ -16,6 +16,9 @@ car: $(READY)
 
 test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+test-all: test
+	$(BIN)/python tools/environments.py wheel lowest newest
 
 lint: $(READY)
 	$(BIN)/uv lock --check
@@ -33,6 +36,9 @@ format: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/run.py
+
+bench-check: $(READY)
+	$(BIN)/pytest -n 0 benchmarks
 
 lock: $(READY)
 	$(BIN)/uv lock --upgrade

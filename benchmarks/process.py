@@ -30,12 +30,12 @@ mark("import trimesh")
 from lidarscene.kernel.device.backend import mitsuba
 mi = mitsuba()
 mark("import mitsuba, load LLVM")
-from lidarscene.rendering import api; from lidarscene.cli import main as cli
+from lidarscene import load_scene, load_sensor; from lidarscene.cli import main as cli
 from lidarscene.formats import ply
 from lidarscene.rendering.simulator import Simulator
 mark("import lidarscene")
-scene = api.load_scene(sys.argv[1])
-sensor = api.load_sensor(scene.sensor_name)
+scene = load_scene(sys.argv[1])
+sensor = load_sensor(scene.sensor_name)
 mark("read files")
 simulator = Simulator(scene, sensor)
 mark("build the world")
@@ -79,10 +79,10 @@ BESIDES = ("--picture", "p.png", "--labels", "kitti", "--keep-missed", "m.npz")
 
 WHOLE = """
 import json, sys
-from lidarscene.rendering import api
+from lidarscene import load_scene, load_sensor
 from lidarscene.rendering.simulator import Simulator; from lidarscene.rendering.simulator import Summary
-scene = api.load_scene(sys.argv[1])
-simulator = Simulator(scene, api.load_sensor(scene.sensor_name, overrides=sys.argv[2:]))
+scene = load_scene(sys.argv[1])
+simulator = Simulator(scene, load_sensor(scene.sensor_name, overrides=sys.argv[2:]))
 summary = Summary()
 cloud = simulator.render(summary=summary)
 columns = {column.attribute: getattr(cloud, column.attribute) for column in cloud.columns}

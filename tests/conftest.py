@@ -11,6 +11,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from hypothesis import HealthCheck, settings
+from waiting import PATIENCE_S
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import open3d as open3d_door
@@ -21,6 +23,10 @@ os.environ["LIDARSCENE_CACHE"] = ""  # what an earlier run left must not decide 
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
+
+# Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make.
+settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
 REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
@@ -97,7 +103,7 @@ def run_python() -> RunPython:
         merged = OUTSIDE | {"PYTHONPATH": str(TESTS.parent / "src")} | environment
         kept = {name: value for name, value in merged.items() if value is not None}
         return subprocess.run(
-            [sys.executable, "-c", code], env=kept, capture_output=True, text=True, timeout=120
+            [sys.executable, "-c", code], env=kept, capture_output=True, text=True, timeout=PATIENCE_S
         )
 
     return run

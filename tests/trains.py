@@ -6,6 +6,7 @@ import numpy as np
 
 from lidarscene import load_sensor
 from lidarscene.detection import multi_echo
+from lidarscene.kernel.device import transfer
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import sampled
 from lidarscene.maths import random as noise
@@ -62,23 +63,23 @@ def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
     return range_m, power
 
 
-def on_device(light, mi):
-    """The same train on the device."""
+def on_device(light):
+    """The same train on the device, always at the same alignment: that would become part of the kernels."""
     upload = {
         "parts": tuple(
             replace(
-                part, range_m=mi.Float(part.range_m.astype(np.float32)),
-                peak_power_w=mi.Float(part.peak_power_w.astype(np.float32)),
+                part, range_m=transfer.from_numpy(part.range_m),
+                peak_power_w=transfer.from_numpy(part.peak_power_w),
             )
             for part in light.parts
         ),
-        "found": mi.Bool(light.found),
-        "background_power_w": mi.Float(light.background_power_w.astype(np.float32)),
+        "found": transfer.unsigned_numbers(light.found) != 0,
+        "background_power_w": transfer.from_numpy(light.background_power_w),
     }  # fmt: skip
     if light.volume is not None:
         air = light.volume
         upload["volume"] = replace(
-            air, scale=mi.Float(air.scale.astype(np.float32)), end_m=mi.Float(air.end_m.astype(np.float32))
+            air, scale=transfer.from_numpy(air.scale), end_m=transfer.from_numpy(air.end_m)
         )
     return replace(light, **upload)
 

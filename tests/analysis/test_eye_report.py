@@ -156,7 +156,7 @@ def test_options_that_do_not_fit() -> None:
     pulses=st.integers(1, 60),
     window=st.integers(1, 400),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_trains_against_counting(gaps: list[int], rest: int, pulses: int, window: int) -> None:
     """Rationale: the closed forms must be what counting a long list gives."""
     times = np.concatenate([[0], np.cumsum(gaps)]).astype(float)

@@ -16,8 +16,8 @@ APD = load_sensor("table1-apd")
 SIPM = load_sensor("table1-sipm")
 BOTH = pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
 
-# Nothing is random from run to run, and no test waits for hypothesis.
-steady = settings(derandomize=True, deadline=None, max_examples=40, database=None)
+# Nothing is random from run to run.
+steady = settings(derandomize=True, max_examples=40, database=None)
 
 
 def of(name, **changes):

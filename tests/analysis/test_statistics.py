@@ -136,10 +136,15 @@ def test_array_conditions(tail):
 
 
 @pytest.mark.parametrize("stops", [1, 3])
-@pytest.mark.parametrize("range_m", [None, 150.0, 340.0, 700.0])
-def test_false_points_per_frame(range_m, stops):
-    """Expected alarms among the points against counted ones: the sky, near, at the limit, beyond the window."""
-    sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}")
+@pytest.mark.parametrize(
+    ("range_m", "blanking_ns"),
+    [(None, 0), (150.0, 0), (340.0, 0), (700.0, 0), (None, 800), (150.0, 800), (150.0, 1200)],
+)
+def test_false_points_per_frame(range_m, blanking_ns, stops):
+    """Expected alarms among the points against counted ones: the sky, near, at the limit, beyond the window; with the
+    end of the blanking before and after the echo of 150 m, which comes after 1000 ns.
+    """
+    sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}", f"tdc.blanking_ns={blanking_ns}")
     shots = 150_000
     found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import PATIENCE_S
 
 from lidarscene.batch import cluster
 from lidarscene.cli import main
@@ -25,7 +26,8 @@ def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
     job_file.write_text(job_file.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml"]'))
     done = subprocess.run(
         [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True, timeout=100,
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True,
+        timeout=PATIENCE_S,
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
     assert [line.split()[:3] for line in done.stdout.splitlines()][1:4] == [
@@ -40,8 +42,12 @@ def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
 def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
-    """The dashboard's address, which answers, and a bar that counts to the last frame."""
+    """The dashboard's address, which answers, and a bar that counts to the last frame.
+
+    The dashboard ends with the last frame: its workers are held until it has answered.
+    """
     pytest.importorskip("bokeh")
+    psutil = pytest.importorskip("psutil")
     import pty
 
     ours, theirs = pty.openpty()
@@ -56,10 +62,17 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
         shown += part
         link = re.search(rb"dashboard +(http://127\.0\.0\.1:\d+/status)", shown)
         if link and answers is None:
-            with urllib.request.urlopen(link[1].decode(), timeout=60) as page:
-                answers = page.status
+            workers = psutil.Process(running.pid).children(recursive=True)
+            for worker in workers:
+                worker.suspend()
+            try:
+                with urllib.request.urlopen(link[1].decode(), timeout=PATIENCE_S) as page:
+                    answers = page.status
+            finally:
+                for worker in workers:
+                    worker.resume()
     os.close(ours)
-    assert running.wait(100) == 0, shown
+    assert running.wait(PATIENCE_S) == 0, shown
     assert answers == 200
     assert b"0/4" in shown
     assert b"4/4" in shown

@@ -1,17 +1,18 @@
 """`batch --scheduler ADDRESS`: a scheduler and workers of their own processes, as a user starts them by hand."""
 
+import contextlib
 import json
 import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import PATIENCE_S, wait_until
 
 from lidarscene.batch import cluster
 from lidarscene.batch.run import Progress, run_job
@@ -40,10 +41,7 @@ class Standing:
         self.folder, self.processes = folder, list[subprocess.Popen[bytes]]()
         about = folder / "scheduler.json"
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(about))
-        until = time.monotonic() + 60.0
-        while not about.exists() and time.monotonic() < until:
-            time.sleep(0.05)
-        time.sleep(0.05)  # until it is written
+        wait_until(lambda: _is_whole(about) or self.processes[0].poll() is not None)
         self.address = json.loads(about.read_text())["address"]
 
     def start(self, *command: str, first: Path | None = None) -> None:
@@ -70,6 +68,13 @@ class Standing:
         )
 
 
+def _is_whole(file: Path) -> bool:
+    """Whether it is there and written to its end."""
+    with contextlib.suppress(FileNotFoundError, json.JSONDecodeError):
+        return bool(json.loads(file.read_text()))
+    return False
+
+
 @contextmanager
 def standing(folder: Path) -> Iterator[Standing]:
     """A scheduler until the end of the block, and no process of it after."""
@@ -80,7 +85,7 @@ def standing(folder: Path) -> Iterator[Standing]:
         for process in reversed(one.processes):  # workers end their own processes
             process.terminate()
         for process in reversed(one.processes):
-            process.wait(60)
+            process.wait(PATIENCE_S)
 
 
 def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> None:

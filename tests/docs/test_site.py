@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from documentation import PAGES, ROOT, prose, text_of
+from waiting import PATIENCE_S
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 
@@ -18,7 +19,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
-        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=300,
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
     assert built.returncode == 0, built.stdout + built.stderr
     return folder

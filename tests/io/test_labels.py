@@ -441,6 +441,20 @@ def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
         assert two.points_on == 2 * one.points_on
 
 
+@pytest.mark.parametrize("sensors", [1, 2])
+def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
+    """0.2 s later everything that drives straight on is 0.2 s of its way farther, seen by one sensor or by two."""
+    cloud, scene = driving(motion_in="removed")
+    found = []
+    for start_s in ("0.0", "0.2"):
+        frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
+        found.append(labels.boxes(frame if sensors == 1 else merged([frame, frame], ["a", "b"]), scene))
+    for early, late in zip(*found, strict=True):
+        way_m = late.pose.position_m - early.pose.position_m
+        np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
+    assert np.linalg.norm(found[0][0].velocity_m_s) == pytest.approx(10.0)
+
+
 def test_ground_truth_is_that_of_the_frames_start() -> None:
     cloud, scene = driving(motion_in="in the points")
     crossing, parked = labels.boxes(cloud, scene, as_seen=False)

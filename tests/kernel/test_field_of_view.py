@@ -4,6 +4,7 @@ import dataclasses
 import math
 
 import chain
+import launches
 import numpy as np
 import pytest
 
@@ -94,17 +95,13 @@ def test_the_suns_disc_counts_once_and_hides_behind_walls():
 
 def test_a_second_scene_compiles_nothing():
     """Another number of pulses, another pose and sun."""
-    import drjit as dr
-
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
     simulator = Simulator(scene(half_wall(0.0)), sensor, background_rays=7)
-    simulator.render(seed=0, chunk=7 * 3000)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
+    with launches.launched() as before:
+        simulator.render(seed=0, chunk=7 * 3000)
+    with launches.launched() as later:
         simulator.render(seed=1, number=2, chunk=7 * 4000, pose=Pose.from_degrees(yaw_deg=1.0))
-        history = dr.kernel_history((dr.KernelType.JIT,))
-    assert history
-    assert all(kernel["cache_hit"] for kernel in history)
+    launches.assert_none_is_new(later, before)
 
 
 def test_chunks_do_not_show():

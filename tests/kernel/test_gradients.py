@@ -183,7 +183,7 @@ def test_what_a_converter_reports_has_none(mi):
     import drjit as dr
 
     equipped = chain.sensor("table1-apd")
-    light = trains.on_device(trains.train([[60.0, 60.5]], [[3e-7, 2e-7]]), mi)
+    light = trains.on_device(trains.train([[60.0, 60.5]], [[3e-7, 2e-7]]))
     scale = mi.Float(1.0)
     dr.enable_grad(scale)
     (part,) = light.parts

@@ -3,6 +3,7 @@
 import dataclasses
 
 import chain
+import launches
 import numpy as np
 import pytest
 
@@ -233,20 +234,16 @@ def test_chunks_do_not_show() -> None:
 
 def test_a_second_frame_compiles_nothing() -> None:
     """New places, another frame, another trajectory of everything: all of it is data."""
-    import drjit as dr
-
     sensor = chain.sensor("table1-apd", *SENSOR)
     scene = traffic()
     simulator = Simulator(scene, sensor)
-    simulator.render(seed=0, chunk=5000)
+    with launches.launched() as before:
+        simulator.render(seed=0, chunk=5000)
     faster = dataclasses.replace(scene, ego=dataclasses.replace(EGO, speed_m_s=11.0))
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
+    with launches.launched() as later:
         simulator.render(seed=1, begin_s=0.1, chunk=4000)
         Simulator(faster, sensor, world=simulator.world).render(seed=2)
-        launched = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-    assert launched
-    assert not [k for k in launched if not k["cache_hit"]]
+    launches.assert_none_is_new(later, before)
 
 
 def test_a_motion_that_ends_too_early_is_told() -> None:

@@ -50,7 +50,7 @@ def test_peak_memory_is_that_of_the_largest_moment(run_python: Any) -> None:
 def test_render_prints_it(
     mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A second frame launches kernels and compiles none."""
+    """Later frames of the same process launch kernels, and need none that is new."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
 
@@ -62,7 +62,7 @@ def test_render_prints_it(
     one = profile("-o", "a.ply")
     four = profile("-o", "a", "--frames", "4")
     assert four["kernels"]["launched"] > one["kernels"]["launched"] > 0
-    assert four["kernels"]["compiled"] == 0
+    assert four["kernels"]["compiled"] + four["kernels"]["from_disk"] == 0
     assert four["peak_memory_bytes"] is None or four["peak_memory_bytes"] > 1e7
     assert main.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
     text = capsys.readouterr().out.split("\nprofile\n")[1]

@@ -7,6 +7,7 @@ import weakref
 from pathlib import Path
 
 import chain
+import launches
 import numpy as np
 import pytest
 
@@ -48,28 +49,24 @@ def frames(simulator):
 def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(case, monkeypatch):
     """Of one simulator, against one that does without. No tolerance: they are the same.
 
-    Dr.Jit records once more where a number of lanes happens to be that of some array, as in these small scenes.
+    Dr.Jit records once more where a number of lanes happens to be that of some array, as in these small scenes; it then
+    launches the kernels that it has.
     """
-    import drjit as dr
-
     scene_name, sensor_name, overrides = CASES[case]
     scene = load_scene(SCENES / f"{scene_name}.toml")
     sensor = load_sensor(sensor_name, overrides=[*COARSE, *overrides])
     simulator = Simulator(scene, sensor)
-    found = []
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        for cloud in frames(simulator):
-            found.append(cloud)
-            if len(found) == 1:
-                recordings = simulator._chain.recordings
-                dr.kernel_history_clear()
-        launched = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-        dr.kernel_history_clear()
+    rendered = frames(simulator)
+    with launches.launched() as before:
+        found = [next(rendered)]
+    recordings = simulator._chain.recordings
+    with launches.launched() as ran:
+        found += rendered
     assert recordings
     later = simulator._chain.recordings
     assert all(0 < then <= now <= then + 2 for now, then in zip(later, recordings, strict=True)), later
-    assert len(launched) > 8
-    assert not [k for k in launched if not k["cache_hit"]]
+    assert len(ran) > 8
+    launches.assert_none_is_new(ran, before)
     monkeypatch.setattr(Chain, "repeats", False)
     plain = Simulator(scene, sensor, world=simulator.world)
     for ours, theirs in zip(found, frames(plain), strict=True):

@@ -5,7 +5,8 @@ from dataclasses import replace
 import chain
 import numpy as np
 import pytest
-from scipy.stats import ks_2samp, norm
+import trains
+from scipy.stats import ks_2samp, kstest, norm, spearmanr
 
 from lidarscene.detection import returns
 from lidarscene.detection.returns import Outcome, Status
@@ -101,6 +102,61 @@ def test_of_two_lidars_each_has_its_share():
     point = sensor.working_point(np.array([0.0]))
     strong = stop.amplitude[theirs] > point.signal(np.array([1e-4]))[0]
     assert abs(strong.mean() - 1.0 / 3.0) < SIGMAS * np.sqrt(2.0 / 9.0 / theirs.sum())
+
+
+def test_the_strongest_of_two_lidars_come_by_themselves():
+    """A converter that keeps the strongest: with mu = nu q T of each, exp(-2 mu) of the shots are quiet, and
+    (1 - exp(-mu))^2 have pulses of both, told apart by a median that is 40 dB stronger.
+    """
+    sensor = chain.sensor("table1-apd", "tdc.keep='strongest'", "tdc.stops=2", "tdc.threshold_to_noise=8")
+    shots, rate_hz = 20_000, 2e5
+    light = trains.train(np.full((shots, 1), 20.0), 0.0, background_w=0.0)
+    light = replace(light, interference=(lidar(rate_hz, 1e-6), lidar(rate_hz, 1e-2)))
+    stops = trains.detect(light, sensor, seed=5).stops
+    strong_a = float(sensor.working_point(np.zeros(1)).signal(np.array([1e-4]))[0])
+    seen = [stop.reported & (stop.status == Status.INTERFERENCE) for stop in stops]
+    none = 1.0 - np.exp(-rate_hz * sensor.tdc.window_s)
+    for found, expected in (
+        (~seen[0], (1.0 - none) ** 2),
+        # Of two that are kept the strongest comes from the strong lidar if there is one.
+        (
+            np.any([s & (stop.amplitude > strong_a) for s, stop in zip(seen, stops, strict=True)], axis=0),
+            none,
+        ),
+    ):
+        assert abs(found.mean() - expected) < SIGMAS * np.sqrt(expected * (1.0 - expected) / shots)
+
+
+@pytest.mark.parametrize("keep", ["first", "last"])
+def test_height_and_time_of_noise_alarms(keep):
+    """The excess over U is exponential with the mean sigma^2 / U, and knows nothing of the time: Kolmogorov and
+    Smirnov, and Spearman's ranks, at 1e-4 each.
+    """
+    sensor = chain.sensor("table1-apd", "tdc.threshold_to_noise=3.3", f"tdc.keep='{keep}'")
+    shots = 40_000
+    light = trains.train(np.full((shots, 1), 20.0), 0.0)
+    stop = trains.detect(light, sensor, seed=5).stops[0]
+    kept = stop.reported
+    assert 0.2 < kept.mean() < 0.9
+    point = sensor.working_point(light.background_power_w[:1])
+    level = sensor.threshold(point)[0]
+    excess = (stop.amplitude[kept] - level) * level / point.noise[0] ** 2
+    assert kstest(excess, "expon").pvalue > 1e-4
+    assert spearmanr(excess, stop.range_m[kept]).pvalue > 1e-4
+
+
+def test_width_of_another_lidars_pulse():
+    """As long as one of ours of that height: 2 sigma_p sqrt(2 ln(A / U)), to rounding."""
+    sensor = chain.sensor("table1-apd", "tdc.edges='both'")
+    light = empty(sensor, lidar(1e6))
+    stop = detected(sensor, light).stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    point = sensor.working_point(light.background_power_w[:1])
+    ratio = stop.amplitude[theirs] / sensor.threshold(point)[0]
+    assert theirs.sum() > 1000
+    np.testing.assert_allclose(
+        stop.width_s[theirs], 2.0 * trains.SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-15
+    )
 
 
 def test_an_early_pulse_hides_the_echo():

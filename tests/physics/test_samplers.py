@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 import trains
-from scipy.stats import chi2, norm
+from scipy.optimize import brentq
+from scipy.stats import chi2, kstest, norm
 from trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 
+from lidarscene.detection import returns
 from lidarscene.errors import InputError
+from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import sampling
+from lidarscene.physics.electronics import sampling, saturation
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 SHOTS = 20_000
@@ -37,6 +40,104 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
     signal = float(equipped.working_point(light.background_power_w[:1]).signal(np.array([power]))[0])
     return (stop.range_m - range_m)[kept], stop.amplitude[kept] / signal, width_s[kept]
+
+
+def alone(equipped, snr, road, *, seed=6, widths=False):
+    """One echo of this SNR at 100 m, many times, by either road: ranges and amplitudes, its power, working point,
+    and the widths if asked for.
+    """
+    power, every = trains.power_at_snr(equipped, snr), np.ones(SHOTS)
+    if road == "several":
+        stop = detect(train(100.0 * every[:, None], power), equipped, seed=seed).stops[0]
+    else:
+        light = Echoes(
+            found=every > 0.0, range_m=100.0 * every, peak_power_w=power * every,
+            background_power_w=trains.BACKGROUND_W * every,
+        )  # fmt: skip
+        pulse = np.arange(SHOTS, dtype=np.uint32)
+        stop = returns.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
+    kept = stop.reported & (stop.status == 0)
+    assert kept.mean() > 0.999  # a false alarm or two
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    found = stop.range_m[kept], stop.amplitude[kept], power, point
+    return (*found, stop.width_s[kept]) if widths else found
+
+
+def sigma_of(point, signal):
+    """(13) by hand."""
+    return np.sqrt(point.noise[0] ** 2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
+
+
+def deviate_at(equipped, point, level):
+    """z of s + z sigma(s) = U."""
+    return (equipped.threshold(point)[0] - level) / sigma_of(point, level)
+
+
+@pytest.mark.parametrize("road", ["one", "several"])
+@pytest.mark.parametrize(("name", "snr"), [("table1-apd", 30.0), ("table1-sipm", 20.0)])
+def test_noise_of_the_tdcs_amplitude(name, snr, road):
+    """A pole of bandwidth B keeps exp(-2 pi B t) of the edge's deviate for the peak, t later; the rest is new.
+
+    The raw range tells the edge's deviate of each shot: a level s = signal(P g(t)) was reached where s + z sigma(s)
+    = U. What the peak has beyond that must be standard normal and know nothing of z: Kolmogorov and Smirnov, and a
+    correlation, at 1e-4 each. B is 20 MHz, so that half of the deviate is kept.
+    """
+    equipped = sensor(name, "tdc.bandwidth_mhz=20", "tdc.walk='raw'")
+    range_m, amplitude, power, point = alone(equipped, snr, road)
+    early_s = (range_m - 100.0) / HALF_C
+    deviate = deviate_at(equipped, point, point.signal(power * np.exp(-0.5 * (early_s / SIGMA_S) ** 2)))
+    assert kstest(deviate, "norm").pvalue > 1e-4
+    peak = point.signal(np.array([power]))[0]
+    of_peak = (amplitude - peak) / sigma_of(point, peak)
+    kept = np.exp(-2.0 * math.pi * 20e6 * np.abs(early_s))
+    assert 0.3 < kept.mean() < 0.7
+    fresh = (of_peak - kept * deviate) / np.sqrt(1.0 - kept**2)
+    assert kstest(fresh, "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(fresh, deviate)[0, 1]) < norm.isf(0.5e-4) / math.sqrt(SHOTS)
+
+
+@pytest.mark.parametrize("road", ["one", "several"])
+@pytest.mark.parametrize(("name", "snr"), [("table1-apd", 12.0), ("table1-sipm", 12.0)])
+def test_noise_of_the_trailing_edge(name, snr, road):
+    """What the pole keeps of the first edge's deviate until the last one is in that; the rest is new.
+
+    The raw range tells the first deviate, range and width the place of the last edge and so its deviate. Half of the
+    time between them is taken as before the peak: both edges by the first one's level. Tests at 1e-4 as above.
+    """
+    equipped = sensor(name, "tdc.bandwidth_mhz=10", "tdc.walk='raw'", "tdc.edges='both'")
+    range_m, _, power, point, width_s = alone(equipped, snr, road, widths=True)
+    early_s = (range_m - 100.0) / HALF_C
+    first, last = (
+        deviate_at(equipped, point, point.signal(power * np.exp(-0.5 * (t / SIGMA_S) ** 2)))
+        for t in (early_s, early_s + width_s)
+    )
+    kept = np.exp(-2.0 * math.pi * 10e6 * 2.0 * np.abs(early_s))
+    assert 0.4 < kept.mean() < 0.8
+    fresh = (last - kept * first) / np.sqrt(1.0 - kept**2)
+    assert kstest(fresh, "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(fresh, first)[0, 1]) < norm.isf(0.5e-4) / math.sqrt(SHOTS)
+
+
+@pytest.mark.parametrize("road", ["one", "several"])
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_walk_that_the_amplitude_tells(name, road):
+    """Shot by shot: corrected less raw is how long before its peak a pulse of the measured height is at U.
+
+    Reference: t = sigma_p sqrt(2 ln(P / P_U)); of the APD the ratio of powers is that of the signals, of N free cells
+    it is ln(1 - s / N) / ln(1 - U / N). Tolerance: rounding.
+    """
+    raw_m, raw_amplitude, _, _ = alone(sensor(name, "tdc.walk='raw'"), 15.0, road)
+    equipped = sensor(name)
+    range_m, amplitude, _, point = alone(equipped, 15.0, road)
+    level = equipped.threshold(point)[0]
+    np.testing.assert_array_equal(raw_amplitude, amplitude)
+    ratio = amplitude / level
+    if name == "table1-sipm":
+        free = 400.0 - point.busy[0]
+        ratio = np.log1p(-amplitude / free) / np.log1p(-level / free)
+    np.testing.assert_allclose(
+        range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("snr", [30.0, 100.0, 300.0])
@@ -73,6 +174,42 @@ def test_the_centroid_is_unbiased(snr):
     assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(len(error))
     bound = HALF_C * sampling.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
     assert error.std() > bound
+
+
+@pytest.mark.parametrize("bandwidth_mhz", [50.0, 167.0])
+def test_noise_of_samples_in_a_row(bandwidth_mhz):
+    """A pole of bandwidth B keeps rho = exp(-2 pi B / rate) of a sample's noise for the next one.
+
+    Reference: the variance that samples with correlations rho^|i - j| and the weights g / sum(g^2) have, and the range
+    with the slope's weights; 6 % for 20 000 shots and samples that are cut at four pulse widths. White noise would be
+    off by 30 % and more.
+    """
+    snr, options = 200.0, [f"tdc.bandwidth_mhz={bandwidth_mhz}", *WHITE[1:], *ADC]
+    error_m, amplitude, _ = readings(snr, *options)
+    place = np.arange(-30, 31) * 1e-9 / SIGMA_S
+    pulse, slope = np.exp(-0.5 * place**2), place * np.exp(-0.5 * place**2)
+    rho = np.exp(-2.0 * math.pi * bandwidth_mhz * 1e6 * 1e-9) ** np.abs(
+        np.subtract.outer(np.arange(61), np.arange(61))
+    )
+    wanted = math.sqrt(pulse @ rho @ pulse) / (pulse @ pulse) / snr
+    assert wanted > 1.3 / math.sqrt(pulse @ pulse) / snr
+    assert amplitude.std() == pytest.approx(wanted, rel=0.06)
+    wanted_m = HALF_C * SIGMA_S * math.sqrt(slope @ rho @ slope) / (slope @ slope) / snr
+    assert error_m.std() == pytest.approx(wanted_m, rel=0.06)
+
+
+def test_width_that_samples_tell():
+    """Samples over the threshold, anywhere on the clock: on average rate times the time that the pulse is over it.
+
+    To five deviations of the mean, and 1 % for noise at the edges; each is a whole number of samples.
+    """
+    for snr in (30.0, 100.0):
+        _, _, width_s = readings(snr, *WHITE, *ADC)
+        wanted_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(snr / 7.0))
+        assert width_s.mean() == pytest.approx(
+            wanted_s, abs=5.0 * width_s.std() / math.sqrt(SHOTS) + 0.01 * wanted_s
+        )
+        np.testing.assert_allclose(width_s * 1e9, np.rint(width_s * 1e9), atol=1e-9)
 
 
 def test_quantisation_noise():
@@ -139,15 +276,88 @@ def test_levels_tell_a_broad_echo_from_a_tall_one():
     assert alone[0].mean() < -0.1
 
 
+@pytest.mark.parametrize(("name", "snr"), [("table1-apd", 50.0), ("table1-sipm", 20.0)])
 @pytest.mark.parametrize("walk", ["raw", "none"])
-def test_levels_without_walk_correction_are_the_tdc(walk):
-    """Raw and known walks are those of the first comparator, shot by shot."""
-    for one, other in zip(
-        readings(50.0, *LEVELS, f"tdc.walk='{walk}'")[:1],
-        readings(50.0, f"tdc.walk='{walk}'")[:1],
-        strict=True,
-    ):
-        np.testing.assert_allclose(one, other, atol=1e-9)
+def test_levels_without_walk_correction_are_the_tdc(walk, name, snr):
+    """Raw and known walks are those of the first comparator, shot by shot; a known one is that of a clean pulse."""
+    by_levels = readings(snr, *LEVELS, f"tdc.walk='{walk}'", name=name)[0]
+    alone_m = readings(snr, f"tdc.walk='{walk}'", name=name)[0]
+    np.testing.assert_allclose(by_levels, alone_m, atol=1e-9)
+    if walk == "none":
+        equipped = sensor(name)
+        point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+        ratio = trains.power_at_snr(equipped, snr) / point.power_w(equipped.threshold(point))[0]
+        raw_m = readings(snr, *LEVELS, "tdc.walk='raw'", name=name)[0]
+        np.testing.assert_allclose(
+            by_levels - raw_m, HALF_C * SIGMA_S * math.sqrt(2.0 * math.log(ratio)), atol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "recovery_s"), [("table1-sipm", None), ("table1-apd", None), ("table1-apd", 5e-9)]
+)
+def test_walk_that_the_levels_tell(name, recovery_s):
+    """Shot by shot: half of the width of an even pulse, also of a SiPM, whose cells saturate but whose edges pass a
+    level at the same power. Of a pulse that drains, what a clean one of this width is early by.
+
+    Reference: the width of a clean pulse (`width_at_level_s`, which a grid of 1 ps holds) solved for its peak by SciPy.
+    """
+    drains = (
+        [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
+    )
+    options = [*LEVELS, *drains]
+    snr = 20.0 if name == "table1-sipm" else 200.0
+    error_m, _, width_s = readings(snr, *options, name=name)
+    raw_m, _, _ = readings(snr, *options, "tdc.walk='raw'", name=name)
+    early_s = 0.5 * width_s
+    if recovery_s is not None:
+        equipped = sensor(name, *options)
+        point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+        level = equipped.threshold(point)[0]
+        error_m, raw_m, width_s = error_m[:200], raw_m[:200], width_s[:200]
+
+        def too_wide_s(overdrive, width_s):
+            return width_s - saturation.width_at_level_s(
+                level=level,
+                signal=level * np.exp(overdrive),
+                saturation=2e-6,
+                fwhm_s=FWHM_S,
+                recovery_s=recovery_s,
+            )
+
+        overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(one,), xtol=1e-12) for one in width_s])
+        assert np.exp(overdrives.mean()) * level > 4e-6  # they do clip
+        early_s = SIGMA_S * np.sqrt(2.0 * overdrives)
+        assert np.abs(early_s / (0.5 * width_s) - 1.0).min() > 0.05
+    # Of the table: bisection to 1e-7 of the overdrive.
+    np.testing.assert_allclose(error_m - raw_m, HALF_C * early_s, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("dip", "apart"), [(0.7, False), (0.3, True)])
+def test_samples_end_below_half_of_the_threshold(dip, apart):
+    """Two equal echoes with a dip between them, in thresholds: the window closes below a half and not above it.
+
+    Reference: the centroid of a waveform without noise at all phases of the clock, of all samples of the window that
+    are over the threshold or of those of the first echo. The threshold is 50 of the noise: half of it is 10 off the
+    dip. Tolerance: five deviations of the mean and 1 % of sigma_p.
+    """
+    snr = 1400.0
+    places = math.sqrt(8.0 * math.log(2.0 * snr / (50.0 * dip)))  # exp(-d^2 / 8) twice is the dip
+    error_m, _, _ = readings(
+        2.0 * snr, *WHITE, *ADC, "tdc.threshold_to_noise=50", "sampler.estimator='centroid'",
+        sub_echoes=((0.0, 0.5), (places * SIGMA_M, 0.5)),
+    )  # fmt: skip
+    crossing = -math.sqrt(2.0 * math.log(snr / 50.0))
+    spacing, width = 1e-9 / SIGMA_S, FWHM_S / SIGMA_S
+    centroids = []
+    for phase in (np.arange(500) + 0.5) / 500.0:
+        at = crossing - width + spacing * (phase + np.arange(25))
+        height = snr * (np.exp(-0.5 * at**2) + np.exp(-0.5 * (at - places) ** 2))
+        kept = (height >= 50.0) & ((at < 0.5 * places) | (not apart))
+        centroids.append((at * height)[kept].sum() / height[kept].sum())
+    assert (np.mean(centroids) < 0.01) == apart
+    tolerance = 5.0 * error_m.std() / math.sqrt(len(error_m)) + 0.01 * SIGMA_M
+    assert error_m.mean() == pytest.approx(np.mean(centroids) * SIGMA_M, abs=tolerance)
 
 
 def test_two_pulses_in_one_window_are_read_apart():
@@ -180,3 +390,15 @@ def test_mistakes_are_told(overrides, message):
         sensor("table1-apd", *overrides)
     assert message in str(told.value), str(told.value)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(("rate_mhz", "samples"), [(1e3 / 6.0, 5), (41e3, 985), (42625, 1024)])
+def test_rates_at_their_limits(rate_mhz, samples):
+    """One sample in a pulse of 6 ns is the least that is taken, 1024 in four pulse widths the most, ends included."""
+    adc = sensor("table1-apd", *ADC, f"sampler.rate_mhz={rate_mhz!r}").sampler
+    assert (adc.samples, adc.rate_hz) == (samples, rate_mhz * 1e6)
+    assert adc.room > samples
+    outside = rate_mhz + math.copysign(0.01, samples - 100)
+    if samples in (5, 1024):
+        with pytest.raises(InputError, match=r"sampler\.rate_mhz: at (least|most)"):
+            sensor("table1-apd", *ADC, f"sampler.rate_mhz={outside!r}")

@@ -197,6 +197,18 @@ def test_ranges_of_a_full_sipm(range_m):
     assert abs(bias_m["both"]) < 0.02
 
 
+def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
+    """Of N cells of which n are free: -ln(0.5 / n) N / PDE photons, twice the pulse's mean power; the same above."""
+    sensor = chain.sensor("table1-sipm")
+    point = sensor.working_point(np.array([2.5e-8]))
+    free = 400.0 - point.busy[0]
+    full_w = -np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S
+    for cells, power_w in ((free - 0.5, full_w), (free - 0.2, full_w), (free, full_w), (free - 1.0, None)):
+        told = point.told_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
+        expected = power_w or -np.log(1.0 / free) * full_w / -np.log(0.5 / free)
+        assert told == pytest.approx(expected, rel=1e-9)
+
+
 def test_width_of_noise_peaks():
     """Their mean is the time above the threshold over the number of crossings (Rice), to the first order in
     1 / TNR^2: 1 / 25 at TNR 5. And a trace of band-limited noise, crossing by crossing, to 5 %.

@@ -97,7 +97,7 @@ def test_no_light_through_no_filter() -> None:
 @given(
     centre=st.floats(400, 1900), width=st.floats(0.01, 90), order=st.floats(2, 60), value=st.floats(1e-3, 1e3)
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_flat_spectrum(centre: float, width: float, order: float, value: float) -> None:
     """Through a box: value times width, however narrow. Through another shape: value times its equivalent width."""
     light = flat(value)
@@ -109,7 +109,7 @@ def test_flat_spectrum(centre: float, width: float, order: float, value: float) 
 
 
 @given(low=st.floats(850, 940), first=st.floats(0.1, 60), more=st.floats(0.1, 60))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_bands_add_up_and_wider_is_more(low: float, first: float, more: float) -> None:
     """Rationale: the integral is exact, so two boxes side by side are one."""
     one = band("global", low + 0.5 * first, first)

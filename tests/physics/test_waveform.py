@@ -22,6 +22,7 @@ from lidarscene.physics.optics import pulse as pulse_shape
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 PICOSECOND_M = HALF_C * 1e-12
+FWHM_M = HALF_C * FWHM_S
 
 SENSORS = {
     "apd": ("table1-apd", "tdc.threshold_to_noise=3.5"),
@@ -306,6 +307,11 @@ def fog(scale_w, *, end_m):
     """A bump that rises within 3 m and falls as exp(-r / 10 m)."""
     range_m = np.linspace(0.0, 150.0, 3001)
     course = (range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 2) * np.exp(-range_m / 10.0)
+    return volume(course, scale_w, end_m)
+
+
+def volume(course, scale_w, end_m):
+    """Air of this course over the 3001 ranges up to 150 m."""
     shape = Table(course / course.max())
     return Volume(
         shape=shape, far_m=150.0, hump_m=hump_of(shape, 150.0),
@@ -336,6 +342,111 @@ def test_fog_trips_and_hides():
         if stops == 2:
             assert found.stops[1].source[0] == 0
             assert found.stops[1].true_range_m[0] == pytest.approx(60.0, abs=1e-3)
+
+
+def lights(light, air, range_m):
+    """Power at the times of these ranges of the surfaces, of the drops and of the fog, pulse by pulse, by hand."""
+    pulses = [
+        part.peak_power_w.reshape(-1, part.count)[:, :, None]
+        * np.exp(-0.5 * ((range_m - part.range_m.reshape(-1, part.count)[:, :, None]) / SIGMA_M) ** 2)
+        for part in light.parts
+    ]
+    end_m = air.end_m[:, None]
+    left = norm.sf((range_m - end_m) / SIGMA_M - (2.0 * 0.05 + 2.0 / end_m) * SIGMA_M)  # (T37)
+    spread = air.scale[:, None] * left * np.interp(range_m, np.linspace(0.0, 150.0, 3001), air.shape.values)
+    return *(part.sum(axis=1) for part in pulses), spread
+
+
+def upward(power, level):
+    """Bins at which a waveform comes over a level."""
+    return np.flatnonzero((power[1:] >= level) & (power[:-1] < level)) + 1
+
+
+def test_a_crossing_is_of_the_light_that_makes_it():
+    """Two surfaces and two drops in fog, of any brightness, over bins of 2 mm: take some of it away, does the crossing
+    stay?
+
+    Where the air alone crosses too, within sigma_p / 10, the point is the air's; where it does not within a pulse width
+    it is a surface's. In between, in less than one of ten, both have a part in it. Of what is the air's fog and drops
+    are told apart alike. The true range of fog is the crossing, of others up to 6 sigma_p behind it: 100 levels high
+    they come to 1e-5 of their peak there, where fog leaves that little to the level. Noise is 1e-4 of the level and
+    moves a crossing by less than sigma_p / 50.
+    """
+    random, count = np.random.default_rng(12), 400
+    equipped, _, full = two_boards(1.0)
+    equipped = at_level(replace(equipped, tdc=replace(equipped.tdc, stops=8)), 0.05, full)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    level_w = float(np.ravel(point.power_w(equipped.threshold(point)))[0])
+    walls_m, drops_m = random.uniform(7.5, 30.0, (2, count, 2))
+    walls_w, drops_w = level_w * 10.0 ** random.uniform(-1.0, 2.0, (2, count, 2))
+    walls_m[::3] = random.uniform(7.5, 12.0, (len(walls_m[::3]), 2))
+    drops_w *= random.uniform(size=(count, 1)) < 0.5
+    end_m = walls_m.max(axis=1)
+    drops_w[drops_m > end_m[:, None]] = 0.0
+    bins_m = np.linspace(0.0, 150.0, 3001)
+    course = np.exp(-bins_m / 20.0) / (1.0 + np.exp((7.0 - bins_m) / 0.7))
+    top = 10.0 ** random.uniform(-0.5, 1.0, count)
+    top = np.where(np.abs(top - 1.0) < 0.1, 2.0 * top, top)  # a flat top at the level is crossed anywhere
+    air = volume(course, level_w * top, end_m)
+    light = train(walls_m, walls_w, volume=air)
+    light = replace(light, parts=(*light.parts, *train(drops_m, drops_w).parts))
+    found = detect(light, equipped)
+    range_m = np.arange(0.0, 40.0, 0.002)
+    by_kind = {"surface": 0, "drop": 0, "fog": 0}
+    judged = crossings = 0
+    for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):
+        of_air, even = (range_m[upward(one, level_w)] for one in (drops + spread, spread))
+        every = range_m[upward(walls + drops + spread, level_w)]
+        stops = [stop for stop in found.stops if stop.reported[pulse]]
+        assert [float(stop.range_m[pulse]) for stop in stops] == pytest.approx(every, abs=0.02 * SIGMA_M)
+        for crossing, stop in zip(every, stops, strict=True):
+
+            def apart(others, crossing=crossing):
+                return np.abs(others - crossing).min(initial=math.inf)
+
+            crossings += 1
+            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M:
+                continue
+            judged += 1
+            source, true_m = int(stop.source[pulse]), float(stop.true_range_m[pulse])
+            if apart(of_air) >= FWHM_M:
+                by_kind["surface"] += 1
+                assert stop.status[pulse] == Status.ECHO
+                assert source in (0, 1)
+                assert crossing < true_m < crossing + 6.0 * SIGMA_M
+                continue
+            assert stop.status[pulse] == Status.WEATHER
+            assert source in (-1, 2, 3)
+            if apart(even) < 0.1 * SIGMA_M:
+                by_kind["fog"] += 1
+                assert source == -1
+                assert true_m == pytest.approx(crossing, abs=0.02 * SIGMA_M)
+            elif apart(even) > FWHM_M:
+                by_kind["drop"] += 1
+                assert source in (2, 3)
+                assert crossing < true_m < crossing + 6.0 * SIGMA_M
+    assert judged > 0.9 * crossings
+    assert min(by_kind.values()) > 30
+
+
+def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():
+    """Two surfaces on fog that brightens to the right. Where noise lets the first pass and finds the valley behind it
+    over the level, fog alone rises in that valley, and what makes the crossing is the second.
+    """
+    equipped, count = sensor("table1-apd", "tdc.threshold_to_noise=6", "tdc.walk='raw'"), 2000
+    power = power_at_snr(equipped, 6.0)
+    course = np.exp(-((np.linspace(0.0, 150.0, 3001) - 14.0) ** 2) / 18.0)
+    air = volume(course, np.full(count, 0.3 * power), np.full(count, 11.1))
+    light = train(np.full((count, 2), (10.0, 11.1)), np.full((count, 2), power), volume=air)
+    range_m = np.arange(10.2, 10.9, 0.001)
+    one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
+    watts = sampled(one, equipped, range_m / HALF_C)[0][0]
+    valley_m = range_m[np.argmin(watts)]
+    first = detect(light, equipped).stops[0]
+    there = first.reported & (np.abs(first.range_m - valley_m) < 0.005)
+    assert there.sum() > 100
+    assert np.all(first.status[there] == Status.ECHO)
+    assert np.all(first.source[there] == 1)
 
 
 def test_fog_ends_at_the_surface():

@@ -70,6 +70,39 @@ def test_frames_close(name):
     np.testing.assert_array_equal(scanner.channel(pulse), scanner.channel(following))
 
 
+CHANNELS = {
+    # pulses that follow each other on one channel, and channels before it starts anew; by hand from scanners.py
+    "raster": (101, 21),
+    "mirror_step": (120, 41),
+    "lissajous": (1, 1),
+    "polygon": (750, 4),
+    "polygon_backwards": (750, 4),
+    "mid40": (1, 1),
+    "six_beams": (1, 6),
+    "flash": (61, 41),
+    "pattern": (1, 3),
+}
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_channels_follow_each_other(name):
+    """Reference: a count of the pulses of a frame and a half."""
+    scanner, (each, channels) = ALL[name](), CHANNELS[name]
+    pulse = np.arange(scanner.pulses * 3 // 2, dtype=np.uint32)
+    within = np.arange(len(pulse)) % scanner.pulses if name in CLOSING else np.arange(len(pulse))
+    np.testing.assert_array_equal(scanner.channel(pulse), within // each % channels)
+
+
+def test_a_facet_is_a_channel():
+    """The elevation of a line is about 2 b cos i of the facet's own tilt b: the channel tells which."""
+    scanner = ALL["polygon"]()
+    _, elevation = scanner.angles(frame(scanner))
+    channel = scanner.channel(frame(scanner))
+    for number, tilt_deg in enumerate((-4.0, -1.0, 2.0, 5.0)):
+        middle = np.median(np.degrees(elevation[channel == number]))
+        assert middle == pytest.approx(2.0 * tilt_deg * math.cos(40.0 * DEG), abs=0.1)
+
+
 def test_a_frame_that_does_not_close_goes_on():
     """1808 cycles of the VLP-16 are 0.09 degrees short of a turn; the next frame starts there."""
     scanner = scanners.vlp16()

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import table_1
+from documentation import says
 from scipy.constants import c
 from scipy.stats import kstest, norm
 
@@ -62,6 +63,9 @@ def test_share_of_the_sky_that_has_a_false_point(frame):
     assert 0.05 < expected < 0.1
     error = math.sqrt(expected * (1.0 - expected) / beams)
     assert abs(of_the_sky(cloud).sum() / beams - expected) < SIGMAS * error + 1e-4
+    says("gallery.md", "an oncoming car sends {} pulses a second", RATE_HZ)
+    says("gallery.md", "{} of four exceed the threshold", round(4.0 * tripping_hz() / RATE_HZ))
+    says("gallery.md", "1 - exp(-nu q T), {} % in a window of {} us", 100.0 * expected, 1e6 * WINDOW_S)
 
 
 def test_false_points_know_nothing_of_our_clock(frame):
@@ -102,6 +106,7 @@ def test_echoes_that_come_after_a_false_point_are_hidden(frame):
     hidden = np.sum(outcomes == Outcome.HIDDEN)
     assert expected > 50
     assert abs(hidden - expected) < SIGMAS * math.sqrt(expected)
+    says("gallery.md", "hide {} in 1000", 1e3 * hidden / echoes.sum())
 
 
 def test_headlights_in_the_ambient_counts(frame):

@@ -14,6 +14,7 @@ from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
+from lidarscene.formats.columns import NAMES as NAMES_OF
 
 NAMES: dict[str, tuple[str, ...]] = {
     "sensor_names": ("roof", "left"),
@@ -100,6 +101,23 @@ def test_position_is_single_or_double() -> None:
 def test_what_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         small_cloud(**changes)
+
+
+@pytest.mark.parametrize("attribute", ["body", "class_id", "material", "sensor_index"])
+def test_indices_at_their_limits(attribute: str) -> None:
+    """-1 has no name and every name its number: the last of each is taken, the next one is not."""
+    last = len(NAMES[NAMES_OF[attribute]]) - 1
+    for index in (-2, -1, 0, last, last + 1):
+        if attribute == "sensor_index" and index < 0:  # unsigned
+            continue
+        among_others = {attribute: np.array([0, 0, index, 0, 0, 0, 0])}
+        if -1 <= index <= last:
+            assert getattr(small_cloud(**among_others), attribute)[2] == index
+            continue
+        with pytest.raises(
+            ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"
+        ):
+            small_cloud(**among_others)
 
 
 def test_names_are_optional() -> None:

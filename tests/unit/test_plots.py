@@ -11,7 +11,7 @@ import pytest
 
 from lidarscene.cloud import pixels
 from lidarscene.cloud.builder import CloudBuilder
-from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, splat
+from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beams, splat
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.figures import pictures
@@ -323,3 +323,12 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(
     assert drawn == [
         (label, int((numbers == labels.index(label)).sum())) for label in ("right", "left", "roof")
     ]
+
+
+def test_a_row_without_beams_stays_empty() -> None:
+    """Rows at 0, 1, 2, 4 and 5 degrees are six of one step, the fourth without a point; by hand."""
+    elevation, azimuth = np.meshgrid(np.radians([0.0, 1.0, 2.0, 4.0, 5.0]), np.radians(np.arange(40.0)))
+    found = cells_of_beams(azimuth.ravel(), elevation.ravel(), np.ones(azimuth.size, np.uint8))
+    np.testing.assert_allclose(found.elevation_deg, np.arange(7) - 0.5, atol=1e-9)
+    assert (found.point[3] == NOTHING).all()
+    assert (np.delete(found.point, 3, axis=0) != NOTHING).all()

@@ -13,13 +13,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from waiting import PATIENCE_S
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe",
 )  # fmt: skip
-PATIENCE_S = 60.0
 
 
 def executable() -> str | None:
@@ -45,7 +46,7 @@ class Chromium:
         os.close(write)
         self.messages: list[str] = []
         self._number = 0
-        self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
         self._session = ""
         page = next(t for t in self._send("Target.getTargets")["targetInfos"] if t["type"] == "page")
@@ -124,6 +125,7 @@ class Chromium:
         os.write(self._write, json.dumps(message).encode() + b"\0")
         while True:
             answer = self._answers.get(timeout=PATIENCE_S)
+            assert answer is not None, f"{method}: Chromium has ended"
             if answer["id"] == self._number:
                 assert "error" not in answer, (method, answer["error"])
                 return dict(answer["result"])
@@ -138,6 +140,7 @@ class Chromium:
                 else:
                     self._note(message)
         os.close(self._read)
+        self._answers.put(None)
 
     def _note(self, event: dict[str, Any]) -> None:
         told = event["params"]

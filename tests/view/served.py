@@ -12,8 +12,9 @@ from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+from waiting import PATIENCE_S
+
 SOURCE = Path(__file__).parents[2] / "src"
-PATIENCE_S = 60
 
 
 @dataclass

@@ -12,8 +12,8 @@ from typing import Any
 
 from ..errors import LidarSceneError
 
-PATIENCE_S = 10
-"""How long a scheduler may take to answer."""
+PATIENCE_S = 30
+"""How long a scheduler may take to answer: as long as Dask itself waits for it."""
 
 LOCAL = {
     # What scheduler and workers do beside the work takes 7 % of two cores if they look so often as by default.
@@ -25,6 +25,9 @@ LOCAL = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**30,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,  # the most that glibc takes
     "distributed.nanny.pre-spawn-environ.RAYON_NUM_THREADS": 1,  # of what compresses LAZ
+    # A worker that dies is started anew. By default Dask gives it up after 15 s, for good, though a busy machine takes
+    # longer to start it; and a job without workers waits for ever.
+    "distributed.deploy.lost-worker-timeout": "1d",
 }
 """Settings of Dask for workers of this machine."""
 

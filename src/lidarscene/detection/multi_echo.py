@@ -36,10 +36,10 @@ def detect(train: EchoTrain, sensor: Sensor, *, seed: Array, pulse: Array) -> De
     point = sensor.working_point(train.background_power_w)
     converter = _Converter(
         sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(train, sensor),
-        seed=seed, pulse=pulse,
+        seed=seed, pulse=pulse, surfaces=train.surfaces,
     )  # fmt: skip
     found = converter.search()
-    strongest = converter.strongest(train.surfaces)
+    strongest = converter.strongest()
     stops = converter.with_alarms(found.stops, train.interference, *strongest)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
@@ -61,8 +61,27 @@ class _Found:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Brightest:
+    """Of some sub-echoes at a place.
+
+    number  of the brightest
+    slope   how steeply the light of all of them rises
+    mean    their mean place by light
+    """
+
+    number: Array
+    slope: Array
+    mean: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Converter(Shots):
-    """Comparator and TDC over the waveforms of some pulses."""
+    """Comparator and TDC over the waveforms of some pulses.
+
+    surfaces  how many sub-echoes, the first ones, are of surfaces
+    """
+
+    surfaces: int
 
     def key(self, time_s: Array, amplitude: Array) -> Array:
         """The larger, the rather a crossing is kept."""
@@ -102,7 +121,7 @@ class _Converter(Shots):
         ready = (place - last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
         stops = _grouped(values)
-        new = self._stop(rise, trip, taken & self._may_keep(crossing_s, stops), place, crossing_s)
+        new = self._stop(rise, trip, taken & self._may_keep(crossing_s, stops), place, in_valley, crossing_s)
         return (
             ops.where(rise.found, trip.tripped, high),
             tripped | edge,
@@ -135,13 +154,19 @@ class _Converter(Shots):
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
     def _stop(
-        self, rise: Rise, trip: comparator.Trip, taken: Array, place: Array, crossing_s: Array
+        self,
+        rise: Rise,
+        trip: comparator.Trip,
+        taken: Array,
+        place: Array,
+        in_valley: Array,
+        crossing_s: Array,
     ) -> State:
         """What the converter would report of a crossing; not taken, it has the lowest key."""
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
         key = ops.where(taken, self.key(crossing_s, reading.amplitude), _EMPTY)
-        source, true_range = self._source(rise.peak)
+        source, true_range = self._source(rise, place, in_valley)
         return (
             key, crossing_s, reading.reported_s, reading.amplitude, reading.width_s,
             self.snr(trip.signal), trip.probability, source, true_range,
@@ -151,29 +176,48 @@ class _Converter(Shots):
         """(19) or (27)."""
         return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
 
-    def _source(self, place: Array) -> tuple[Array, Array]:
-        """Number of the sub-echo that gives most light at a place, and the mean range by that light; -1 for the air."""
+    def _source(self, rise: Rise, place: Array, in_valley: Array) -> tuple[Array, Array]:
+        """Number of the sub-echo that makes a crossing, and its true range; -1 for the even light of the air.
+
+        It is of the air if the air's light rises more steeply there than that of the surfaces: fog that trips the
+        comparator may rise on to the peak of a surface far behind, and a surface may trip it on top of brighter fog.
+        Near the peak, where nothing rises any more, and in the valley what rises between them counts.
+        """
         ops, wave = self.ops, self.wave
-        strongest, number, total, moment = ops.full(place, -1.0), ops.full(place, 0), 0.0, 0.0
-        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
-            ahead = centre - place
-            part = height * ops.exp(-0.5 * ahead * ahead)
+        surface = self._brightest(rise.peak, 0, self.surfaces)
+        if wave.volume is None:
+            return surface.number, wave.range_m(surface.mean)
+        between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
+        edge = ops.where(in_valley, between, ops.minimum(place, between))
+        particle = self._brightest(edge, self.surfaces, len(wave.centres))
+        slope, of_surfaces = wave.at(edge)[1], self._brightest(edge, 0, self.surfaces).slope
+        of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
+        range_m = wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean))
+        number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
+        return number, ops.maximum(
+            range_m, 0.0
+        )  # air right before the lens trips it while the pulse still leaves
+
+    def _brightest(self, place: Array, first: int, end: int) -> _Brightest:
+        """Of some sub-echoes, at a place."""
+        ops, wave = self.ops, self.wave
+        strongest, number, total, slope = ops.full(place, -1.0), ops.full(place, 0), ops.full(place, 0.0), 0.0
+        for k in range(first, end):
+            ahead = wave.centres[k] - place
+            part = wave.heights[k] * ops.exp(-0.5 * ahead * ahead)
             number = ops.where(part > strongest, k, number)
             strongest = ops.maximum(part, strongest)
-            total, moment = total + part, moment + part * ahead
+            total, slope = total + part, slope + part * ahead
         lit = total > 0.0
-        mean = wave.range_m(place + ops.where(lit, moment / ops.where(lit, total, 1.0), 0.0))
-        if wave.volume is None:
-            return number, mean
-        of_air = wave.at(place)[0] > 2.0 * total
-        return ops.where(of_air, -1, number), ops.where(of_air, wave.range_m(place), mean)
+        mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
+        return _Brightest(number=number, slope=slope, mean=mean)
 
-    def strongest(self, surfaces: int) -> tuple[Array, Array]:
+    def strongest(self) -> tuple[Array, Array]:
         """Number and range of each pulse's strongest sub-echo of a surface."""
         ops, wave = self.ops, self.wave
         number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
         place = ops.full(wave.origin_m, 0.0)
-        for k, (centre, height) in enumerate(zip(wave.centres[:surfaces], wave.heights, strict=False)):
+        for k, (centre, height) in enumerate(zip(wave.centres[: self.surfaces], wave.heights, strict=False)):
             number = ops.where(height > highest, k, number)
             place = ops.where(height > highest, centre, place)
             highest = ops.maximum(height, highest)
@@ -233,7 +277,7 @@ class _Converter(Shots):
         kept = ops.full(self.wave.origin_m, False)
         for key, _, reported_s, amplitude, width_s, snr, probability, source, true_range, status in stops:
             used = key > _EMPTY
-            of_air = (status == int(Status.ECHO)) & ((source < 0) | (source >= train.surfaces))
+            of_air = (status == int(Status.ECHO)) & ((source < 0) | (source >= self.surfaces))
             status = ops.where(of_air, int(Status.WEATHER), status)
             kept = kept | (used & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)

@@ -57,9 +57,10 @@ class Returns:
     Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
 
     snr, detection_probability  (n,) as there; 0 for a false alarm
-    source                      (n,) number of the sub-echo that gives most of it, -1: the air; the pulse's strongest
-                                for a false alarm
-    true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak
+    source                      (n,) number of the sub-echo that makes it, -1: the air; the pulse's strongest for a
+                                false alarm
+    true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak; of the air where its
+                                light tripped the comparator
     """
 
     reported: Array

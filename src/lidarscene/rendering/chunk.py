@@ -28,13 +28,17 @@ Numbers = Callable[[], Matrix]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Some pulses after all stages, on the device; by pulse unless ``order`` says otherwise."""
+    """Some pulses after all stages, on the device; by pulse unless ``order`` says otherwise.
+
+    twice  the two lanes are one and the same pulse
+    """
 
     pulse: Any
     paths: Sequence[Hits]
     detection: Detection
     goes_on: Any = None
     order: Order | None = None
+    twice: bool = False
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""

@@ -23,7 +23,7 @@ from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.model import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Order, Placing, all_of, left_out, numbered, of_every_pulse
+from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
 from .frame import COORDINATES, Frame, check_frame, motion_of
 from .metadata import metadata_of
 from .stages import Chain, Stages
@@ -306,14 +306,11 @@ class Simulator:
         lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
         if lanes is None:
             return []
-        lanes, twice = collect.more_than_one(lanes)
-        pulse = collect.gathered(part.pulse, lanes)
+        several = collect.more_than_one(lanes)
+        pulse = collect.gathered(part.pulse, several)
         whole = self._chain(now, pulse, pulse.numpy, seed)
-        if twice is not None:
-            whole = left_out(whole.pulse, whole.paths, whole.detection, twice)
-            transfer.start(whole.arrays())
         transfer.wait()
-        return [whole]
+        return [replace(whole, twice=several is not lanes)]
 
     def waveforms(
         self,
@@ -352,9 +349,12 @@ class Simulator:
         kept = [one for one in found if one is not None]
         if not kept:
             return np.zeros(0, np.uint32), None
-        ordered = found[0] is not None and len(kept) == 1
-        columns = transfer.columns(collect.one_by_one(kept[0]) if ordered else collect.by_pulse(kept))
+        # Whether any pulse went on must not decide: the first chunk where it is otherwise would compile kernels.
+        alone = parts[0].goes_on is None
+        columns = transfer.columns(collect.one_by_one(kept[0][0]) if alone else collect.by_pulse(kept))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
+        count = sum(number for _, number in kept)
+        columns = {name: values[:count] for name, values in columns.items()}
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         pulse = columns["time_s"]
@@ -364,23 +364,30 @@ class Simulator:
             columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
 
-    def _on_device(self, part: Chunk, placing: Placing) -> dict[str, Any] | None:
-        """`collect.columns` of some pulses; None without any points."""
-        lanes = collect.kept_lanes(part.detection, None if part.order is None else part.order.device_lane)
-        if lanes is None:
+    def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int] | None:
+        """`collect.columns` of some pulses, and the number of their points; None without any."""
+        lane_of = None if part.order is None else part.order.device_lane
+        found = collect.kept_lanes(part.detection, lane_of, twice=part.twice)
+        if found is None:
             return None
-        return collect.columns(
+        lane, stop, count = found
+        columns = collect.columns(
             world=self.world, sensor=self._stages.sensor, pulse=part.pulse, paths=part.paths, rays=self.rays,
-            detection=part.detection, air_classes=self._air_classes, lanes=lanes,
+            detection=part.detection, air_classes=self._air_classes, lanes=(lane, stop),
             turn=placing.turn, shift=placing.shift,
         )  # fmt: skip
+        return columns, count
 
     def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
         """`collect.surfaces` of a chunk; empty without any."""
-        on_device = collect.surfaces(
-            world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection
-        )
-        return {} if on_device is None else transfer.columns(on_device)
+        found = collect.surfaces(
+            world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection,
+            twice=part.twice,
+        )  # fmt: skip
+        if found is None:
+            return {}
+        columns, count = found
+        return {name: values[:count] for name, values in transfer.columns(columns).items()}
 
     def _frame(self, number: int, begin_s: float, pose: Pose | None) -> Frame:
         return Frame.of(

@@ -23,6 +23,7 @@ from ...errors import BackendError
 OLDEST = 17
 PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # where Dr.Jit reads it
 WHEEL = "karellen-llvm-core"  # LLVM as a wheel, for Linux on x86_64
+PATIENCE_S = 120  # with a program that is asked: it takes 0.1 s, and far longer on a machine that is busy
 
 _NAME = re.compile(
     r"libLLVM(-(?P<dashed>\d+(\.\d+)*))?(\.(?P<mac>\d+(\.\d+)*))?\.(so|dylib)(\.(?P<so>\d+(\.\d+)*))?"
@@ -135,7 +136,7 @@ def ask_version(path: str) -> tuple[int, ...]:
 
     try:
         answer = subprocess.run(
-            [sys.executable, "-I", "-S", "-c", _ASK, path], capture_output=True, text=True, timeout=30
+            [sys.executable, "-I", "-S", "-c", _ASK, path], capture_output=True, text=True, timeout=PATIENCE_S
         )
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         raise BackendError(f"its version cannot be asked ({error})") from None
@@ -219,7 +220,9 @@ def _in_linker_cache(machine: str) -> Iterator[str]:
     import subprocess
 
     try:
-        cache = subprocess.run(["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=10).stdout
+        cache = subprocess.run(
+            ["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=PATIENCE_S
+        ).stdout
     except (OSError, subprocess.TimeoutExpired):
         return
     for line in cache.splitlines():

@@ -31,6 +31,9 @@ ABSENT: dict[str, Any] = {
 }
 """Columns that only some worlds or sensors have, and what they hold in the others."""
 
+OF_WAYS = ("interactions", "ghost")
+"""Those that only the pulses have which go on."""
+
 
 def lanes_where(flag: Any) -> Any:
     """(k,) lanes at which a flag is set, or None if none is."""
@@ -40,16 +43,13 @@ def lanes_where(flag: Any) -> Any:
     return None if dr.width(lanes) == 0 else lanes
 
 
-def more_than_one(lanes: Any) -> tuple[Any, Any]:
-    """The lanes, a single one twice, and then which of the two to leave out, or None: Dr.Jit takes an array of one for
-    a number, and would compile all stages again for it. The second counts, so that what it says is written last.
+def more_than_one(lanes: Any) -> Any:
+    """The lanes, a single one twice: Dr.Jit takes an array of one for a number, and would compile all that follows
+    again for it. By numpy, because this too would be a kernel.
     """
     import drjit as dr
 
-    mi = mitsuba()
-    if dr.width(lanes) > 1:
-        return lanes, None
-    return dr.gather(mi.UInt32, lanes, dr.zeros(mi.UInt32, 2)), dr.arange(mi.UInt32, 2) == 0
+    return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
 def gathered(values: Any, lanes: Any) -> Any:
@@ -70,10 +70,14 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
     return found
 
 
-def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | None:
-    """(k,) lane and stop number of every reported return, by pulse and then by stop, or None if k is 0.
+def kept_lanes(
+    detection: Detection, lane_of: Any = None, *, twice: bool = False
+) -> tuple[Any, Any, int] | None:
+    """Lane and stop number of every reported return, by pulse and then by stop, and how many they are, or None without
+    any. A single return is there twice (see `more_than_one`).
 
     lane_of  (n,) lane of each pulse where lanes are not by pulse
+    twice    the two lanes are one pulse: its returns are there twice
     """
     import drjit as dr
 
@@ -83,10 +87,12 @@ def kept_lanes(detection: Detection, lane_of: Any = None) -> tuple[Any, Any] | N
     if lane_of is not None:
         reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
     index = dr.compress(_interleaved(reported))
-    if dr.width(index) == 0:
+    count = dr.width(index) // (2 if twice else 1)
+    if count == 0:
         return None
+    index = more_than_one(index)
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
-    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop
+    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -157,7 +163,7 @@ def columns(
     pulse        (n,) pulse numbers of the chunk's lanes
     paths, rays  what the rays of each pulse met, lane = pulse lane * rays + ray
     air_classes  class of light of the air, and of each sub-echo of the air, or None in clear air
-    lanes        from `kept_lanes`
+    lanes        and numbers of the stops, from `kept_lanes`
     turn         nine numbers, row by row, and shift three: sensor frame to the frame of the points
     """
     import drjit as dr
@@ -233,22 +239,28 @@ def one_by_one(columns: dict[str, Any]) -> dict[str, Any]:
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
-def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Several `columns` as one, by pulse, `one_by_one`; returns of one pulse are all of one part, and in order."""
+def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
+    """Several `columns` as one, by pulse, `one_by_one`; returns of one pulse are all of one part, and in order.
+    `OF_WAYS` are always there, so that one part alone needs no other kernels.
+
+    parts  each with the number of its points, which may be there twice
+    """
     import drjit as dr
 
     mi = mitsuba()
-    pulses = [columns["time_s"] for columns in parts]
+    pulses = [columns["time_s"] for columns, _ in parts]
     dr.eval(*pulses)
-    places = [transfer.unsigned_numbers(place) for place in _merged([one.numpy() for one in pulses])]
-    count = sum(dr.width(place) for place in places)
-    known = {name: values for columns in reversed(parts) for name, values in columns.items()}
+    merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
+    total = sum(count for _, count in parts)
+    kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
+    kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}
     joined = {
-        name: dr.empty(mi.Float, 3 * count) if name == "xyz_m" else dr.empty(type(values), count)
-        for name, values in known.items()
+        name: dr.empty(mi.Float, 3 * total) if name == "xyz_m" else dr.empty(kind, total)
+        for name, kind in kinds.items()
     }
     # Part by part: what is written into one array twice is written by two kernels.
-    for columns, place in zip(parts, places, strict=True):
+    for (columns, _), numbers in zip(parts, merged, strict=True):
+        place = transfer.unsigned_numbers(np.resize(numbers, dr.width(columns["time_s"])))
         for name, room in joined.items():
             if name == "xyz_m":
                 for axis, values in enumerate(columns[name]):
@@ -266,9 +278,10 @@ def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
 
 
 def surfaces(
-    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection
-) -> dict[str, Any] | None:
-    """Every pulse of a chunk that met a surface, kept or not, on the device, not yet computed; None if none did.
+    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection, twice: bool
+) -> tuple[dict[str, Any], int] | None:
+    """Every pulse of a chunk that met a surface, kept or not, on the device, not yet computed, and how many they are;
+    None if none did. A single one is there twice, as in `kept_lanes`.
 
     pulse, outcome (an `Outcome`), snr and detection_probability, and the truth by attribute of PointCloud: of a pulse
     of several sub-echoes that of the strongest.
@@ -276,8 +289,10 @@ def surfaces(
     import drjit as dr
 
     lane = dr.compress(detection.outcome != int(Outcome.NO_SURFACE))
-    if dr.width(lane) == 0:
+    count = dr.width(lane) // (2 if twice else 1)
+    if count == 0:
         return None
+    lane = more_than_one(lane)
 
     def of_lane(values: Any) -> Any:
         return dr.gather(type(values), values, lane)
@@ -285,7 +300,7 @@ def surfaces(
     source = None if detection.source is None else of_lane(detection.source)
     ends = _Ends.of(paths, rays, lane, source)
     body = _where_known(world.face_body, ends.face)
-    return {
+    columns = {
         "pulse": of_lane(pulse),
         "outcome": of_lane(detection.outcome),
         "snr": of_lane(detection.snr),
@@ -296,6 +311,7 @@ def surfaces(
         "body": body,
         "class_id": _where_known(world.body_class, body),
     }
+    return columns, count
 
 
 def _where_known(table: Any, index: Any) -> Any:

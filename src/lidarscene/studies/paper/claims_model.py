@@ -131,8 +131,8 @@ def _apd() -> list[Claim]:
 def _response() -> list[Claim]:
     few = [float(sipm.fired_cells_published(photons=200.0, pde=p, cells=100.0)) for p in (0.1, 0.6)]
     linear = [n / (200.0 * p) for n, p in zip(few, (0.1, 0.6), strict=True)]
-    # 10 % below the straight line, 1 - exp(-u) = 0.9 u, is at u = 0.2152.
-    reach = [0.2152 * cells / 0.22 for cells in (100.0, 400.0)]
+    # 10 % below the straight line, 1 - exp(-u) = 0.9 u, is at u = 0.21456.
+    reach = [0.21456 * cells / 0.22 for cells in (100.0, 400.0)]
     dark = sipm_counts().dark
     free = [
         100.0 - float(sipm.fired_cells_published(photons=b, pde=0.22, cells=100.0))

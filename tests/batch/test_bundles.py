@@ -1,0 +1,67 @@
+"""How many frames go out at once, without a cluster: by hand, and a job given out to its end."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from lidarscene.batch.run import BUNDLES_FOR_EACH, _Given
+
+
+def share(left: int, *, threads: int, frame_s: float) -> int:
+    return _Given.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), left)
+
+
+@pytest.mark.parametrize(
+    ("frame_s", "threads", "left", "frames"),
+    [
+        (1.0, 4, 10**6, 1),  # a second of work
+        (0.25, 4, 10**6, 4),
+        (0.021, 4, 10**6, 47),
+        (0.005, 4, 10**6, 100),  # never more than 100
+        (1e-9, 4, 10**6, 100),
+        (30.0, 4, 10**6, 1),  # never less than one
+        (0.02, 4, 200, 25),  # near the end half of what each thread would get
+        (0.02, 4, 80, 10),
+        (0.02, 1, 80, 40),
+        (0.02, 4, 15, 1),
+        (0.02, 4, 1, 1),
+    ],
+)
+def test_share_by_hand(frame_s: float, threads: int, left: int, frames: int) -> None:
+    assert share(left, threads=threads, frame_s=frame_s) == frames
+
+
+@pytest.mark.parametrize("threads", [1, 3, 16])
+def test_no_thread_waits_long_for_the_last_bundle(threads: int) -> None:
+    """Rationale: what is given out last is what the others wait for. Whatever is left, a bundle is half of a thread's
+    even part of it at most, or a single frame; and bundles become smaller to the end.
+    """
+    left, before = 5000, 100
+    while left:
+        frames = share(left, threads=threads, frame_s=1e-3)
+        assert 1 <= frames <= before
+        assert frames == 1 or frames <= 0.5 * left / threads
+        left, before = left - frames, frames
+    assert before == 1
+
+
+def test_each_thread_has_one_bundle_waiting() -> None:
+    given = SimpleNamespace(bundles={}, _count=lambda: 3)
+    for number in range(2 * 3):
+        assert not _Given.is_enough(given)
+        given.bundles[number] = []
+    assert _Given.is_enough(given)
+    assert BUNDLES_FOR_EACH == 2
+
+
+def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
+    """Three frames in 0.6 s: 0.2 s each, and five of these are a second."""
+    future = SimpleNamespace(key="render-1", cancelled=lambda: False, status="finished")
+    given = SimpleNamespace(
+        bundles={"render-1": ["a", "b", "c"]}, _waiting=iter([(future, (["", "broken", ""], 0.6))]),
+        _frame_s=1.0, _count=lambda: 4,
+    )  # fmt: skip
+    assert _Given.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
+    assert given.bundles == {}
+    assert given._frame_s == pytest.approx(0.2)
+    assert _Given.share(given, 1000) == 5

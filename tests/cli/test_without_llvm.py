@@ -1,0 +1,50 @@
+"""A machine without LLVM: one error with what to type, exit code 3, nothing written; and a report of doctor."""
+
+import pytest
+
+RUN = """
+import sys
+from lidarscene.cli.main import main
+from lidarscene.kernel.device import llvm
+for place in ("environment", "wheel", "system"):
+    setattr(llvm, "_in_" + place, lambda: iter({found}))
+sys.exit(main({argv}))
+"""
+MACHINES = {
+    "no library at all": (None, [], "no LLVM library found; try: "),
+    "a path to nothing": ("/nowhere/libLLVM.so", [], "=/nowhere/libLLVM.so: no such file; try: "),
+    "only an old one": (None, ["{folder}/libLLVM-15.so.1"], "no LLVM 17 or newer found; try: "),
+}
+
+
+@pytest.fixture(params=MACHINES)
+def lidarscene(request, run_python, tmp_path):
+    """The command line on such a machine in a process of its own, and what it must tell."""
+    path, found, told = MACHINES[request.param]
+    found = [name.format(folder=tmp_path) for name in found]
+    for name in found:
+        open(name, "w").close()
+
+    def run(*argv: str):
+        code = RUN.format(found=found, argv=argv)
+        return run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None, CUDA_VISIBLE_DEVICES="")
+
+    return run, told
+
+
+def test_render_is_one_error(lidarscene, wall: str, tmp_path) -> None:
+    run, told = lidarscene
+    ran = run("render", str(tmp_path / wall), "-o", str(tmp_path / "new" / "out.ply"))
+    assert (ran.returncode, ran.stdout) == (3, "")
+    assert ran.stderr.startswith("lidarscene: error: no usable Mitsuba back end\n")
+    assert ran.stderr.count(told) == 1
+    assert "Traceback" not in ran.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_doctor_reports(lidarscene) -> None:
+    run, told = lidarscene
+    ran = run("doctor")
+    assert (ran.returncode, ran.stderr) == (1, "")
+    assert told in ran.stdout
+    assert ran.stdout.endswith("lidarscene cannot trace rays here\n")

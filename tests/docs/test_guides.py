@@ -1,0 +1,393 @@
+"""Numbers of the guides: counts, defaults and limits against the code's own constants, and what a short sum gives."""
+
+import argparse
+import ast
+import math
+import re
+from typing import get_args
+
+import numpy as np
+import pytest
+from documentation import PLAIN, README, ROOT, prose, row_says, says, table, text_of
+from test_docs import ARCHITECTURE, MODELS
+
+from lidarscene import catalog, load_sensor
+from lidarscene.cli import main
+from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
+from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.sampled_waveforms import SAMPLES_PER_FWHM
+from lidarscene.formats import e57, las, osi, ply
+from lidarscene.formats.columns import COLUMNS
+from lidarscene.kernel.rays import onward, trace
+from lidarscene.labels import files
+from lidarscene.maths import random
+from lidarscene.maths.paths import STEP_S
+from lidarscene.maths.trajectory import LARGEST_STEP_RAD
+from lidarscene.outputs import range_image
+from lidarscene.physics import eye_safety
+from lidarscene.physics.electronics import sipm
+from lidarscene.physics.optics import sunlight
+from lidarscene.physics.weather import particles, precipitation
+from lidarscene.rendering.simulator import DEFAULT_CHUNK
+from lidarscene.scene import meshes, motion
+from lidarscene.sensor import readout
+from lidarscene.sensor.file import MOST_STOPS
+from lidarscene.studies.catalogue import points_per_second
+from lidarscene.studies.compare import clouds
+from lidarscene.studies.eye_safety import exposure
+from lidarscene.studies.eye_safety.report import TIME_BASE_S
+from lidarscene.studies.field_of_view import figures, pattern, reach, spacing, study
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.axes import CONDITIONS
+from lidarscene.studies.ranging.plane import RangeStatus, Target
+
+# --- the command line -------------------------------------------------------------------------------
+
+
+def options(command: str) -> dict[str, argparse.Action]:
+    """The options of one command by name."""
+    (chosen,) = [a for a in main._parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    return {name: action for action in chosen.choices[command]._actions for name in action.option_strings}
+
+
+def default(command: str, option: str) -> float:
+    """Of an option, as `-h` says."""
+    action = options(command)[option]
+    (told,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
+    assert action.default in (None, float(told))
+    return float(told)
+
+
+def test_defaults_of_range() -> None:
+    said = ["distance", "illuminance", "sun-angle", "reflectivity", "incidence", "transmittance"]
+    distance, klux, sun, rho, incidence, tau = (default("range", f"--{name}") for name in said)
+    says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
+    says(
+        "range.md",
+        "`--illuminance` ({} klux), `--sun-angle` ({} degrees), `--reflectivity` ({}), `--incidence` ({})",
+        klux,
+        sun,
+        rho,
+        incidence,
+    )
+    says("range.md", "`--transmittance` ({} one way at any range", tau)
+    says("range.md", "`--to`, `--n` ({}), `--log`", default("range", "--n"))
+    target = Target()
+    assert (target.illuminance_klux, target.reflectivity, target.transmittance) == (klux, rho, tau)
+    for name, _, axis, _ in table("range.md", "`--over` | unit"):
+        bounds = CONDITIONS.get(name.split("`")[1])
+        if (bounds and bounds.unit != "deg") or "incidence" in name:
+            row_says([axis], bounds.start, bounds.stop)
+    says("range.md", "{} a decade", plane._STEPS_PER_DECADE)
+    words = [
+        (int(status), word.upper().split(" ")[0] or "FOUND")
+        for status, word, *_ in table("range.md", "status | word")
+    ]
+    assert words == [(status, status.name.split("_")[0]) for status in RangeStatus]
+
+
+def test_defaults_of_fov() -> None:
+    assert default("fov", "--cell") == study.CELL_DEG
+    says("fov.md", "is the size of the cells, {} degrees unless given", study.CELL_DEG)
+    says(
+        "fov.md",
+        "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
+        default("fov", "--reflectivity"),
+        default("fov", "--illuminance"),
+    )
+    says("fov.md", "coloured by time (the first {})", figures.DOTS)
+    says(
+        "fov.md",
+        "Pulses of {} times the longest time count (at most {} million)",
+        pattern.LONG,
+        pattern.MOST_PULSES / 1e6,
+    )
+    says("fov.md", "follow each other within {} ms are one visit", 1e3 * pattern.DWELL_S)
+    says("fov.md", "exact, for {} of them evenly taken", spacing.QUERIES)
+    says("fov.md", "vehicle's frame, {} m square", 2.0 * reach.GROUND_M)
+    (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("here")]
+    assert len(row) == len(study.TIMES_S) + 1
+    assert f"default {','.join(f'{t:g}' for t in study.TIMES_S)}" in (options("fov")["--time"].help or "")
+    assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
+        " | ".join(f"{t:.1f}" for t in study.TIMES_S)
+    ]
+
+
+def test_defaults_of_render_and_batch() -> None:
+    says("theory.md", "(`interactions`, {} unless told)", default("render", "--interactions"))
+    says("limits.md", "through at most {} panes and mirrors unless told", default("render", "--interactions"))
+    assert default("render", "--interactions") == trace.INTERACTIONS
+    says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
+    says("view.md", "(`--seed`, {} unless given)", default("view", "--seed"))
+    from lidarscene.batch import cluster, run, work
+    from lidarscene.cli.batch import MOST_LINES
+
+    says("batch.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
+    says("batch.md", "on the error stream (the first {})", MOST_LINES)
+    says("batch.md", "keeps its last {} compiled worlds", work.KEPT)
+    assert run.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
+    # The file above it: scenes, sensors, frames, seeds, trajectories, and three keys that are swept.
+    lists = (2, 2, 10, 2, 2, 2, 2, 2)
+    says("batch.md", "Those are " + " x ".join(["{}"] * 8) + " = {} frames", *lists, math.prod(lists))
+
+
+# --- counts -----------------------------------------------------------------------------------------
+
+
+def test_counts() -> None:
+    says("architecture.md", "the kept points, {} columns", len(COLUMNS))
+    kinds = {name for name, model in MODELS.items() if "type" in model.model_fields}
+    scanners = [n for n in kinds if "jitter_mrad" in MODELS[n].model_fields]
+    says("limits.md", "by [{} kinds](scanners.md) of mechanics", len(scanners))
+    says("your_own.md", "{} mechanisms are [there](scanners.md)", len(scanners) - 1)  # a table is none
+
+
+def test_conventions() -> None:
+    stages = {name: getattr(random, name) for name in vars(random) if name.startswith("STAGE_")}
+    says(
+        "conventions.md",
+        "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
+        "{} trailing edges of a multi-level TDC, "
+        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
+        *(stages[f"STAGE_{name}"] for name in (
+            "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
+            "AMBIENT", "PARTICLES", "GAPS",
+        )),
+    )  # fmt: skip
+    assert len(stages) == 10
+    says(
+        "conventions.md",
+        "(`detection.returns.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
+        Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
+    )  # fmt: skip
+    says(
+        "quick_start.md", "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
+        Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
+    )  # fmt: skip
+    rows = table("conventions.md", "value | outcome")
+    assert [(int(row[0]), row[1].upper().replace(" ", "_")) for row in rows] == [(o, o.name) for o in Outcome]
+    says("conventions.md", "{} samples to the pulse's width", SAMPLES_PER_FWHM)
+    says("conventions.md", "600 steps of 0.2 degrees are {} columns", 600 + 1)
+    # By Box and Muller, of the least uniform, 2^-32.
+    says("conventions.md", "(up to {} sigma)", math.sqrt(2.0 * 32.0 * math.log(2.0)))
+    says("conventions.md", "with {} rounds (Salmon", 20)
+    says("conventions.md", "text of more than {} characters", ply.LONGEST_TEXT)
+    says("conventions.md", "In text files infinity is {}.", float(ply.LARGEST))
+    says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
+    says("conventions.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
+    says("conventions.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
+    says("conventions.md", "listening time after each pulse; 4 us is {} m", 0.5 * 4e-6 * 299_792_458.0)
+    says("conventions.md", "to {} in four", readout.MOST_SAMPLES)
+    says("conventions.md", "for eye safety; up to {} it is a point", 1e3 * eye_safety.SMALLEST_SOURCE_RAD)
+
+
+def test_formats() -> None:
+    says("formats.md", "steps of {} um, {} km around the sensor", 1e6 * las.STEP_M, 1e-3 * las.REACH_M)
+    says("limits.md", "LAS rounds positions to {} um", 1e6 * las.STEP_M)
+    says("formats.md", "`channel` as `ring` up to {}", 2**16 - 1)
+    says("formats.md", "all, exact, infinity as {}", float(e57.LARGEST))
+    says("formats.md", "`number_of_returns` end at {}", las.MOST_RETURNS)
+    says(
+        "formats.md",
+        "A picture of more than {} million points shows every {}rd, {}th",
+        MOST_POINTS / 2**20,
+        FACTOR,
+        FACTOR**2,
+    )
+    says("formats.md", "OSI {}, with a", float(f"{osi.VERSION[0]}.{osi.VERSION[1]}"))
+    says(
+        "formats.md",
+        "({} by {} pixels, {} pixels of focal length)",
+        *files.PICTURE_PX,
+        files.CAMERA[0, 0],
+    )
+    says(
+        "formats.md",
+        "in steps of {} cm (it ends at {} m)",
+        100.0 * range_image.RANGE_STEP_M,
+        (2**16 - 1) * range_image.RANGE_STEP_M,
+    )
+    shares = sorted(100.0 * share for share, _ in files.VISIBILITY)[1:]
+    says("formats.md", "bins are below {}, {}, {} percent", *shares)
+    says("formats.md", "`occluded` is {} from {} percent, {} from {}", 0, shares[2], 1, shares[0])
+    size = sum(np.dtype("float32" if c.attribute == "xyz_m" else c.dtype).itemsize for c in COLUMNS)
+    says("formats.md", "some {} bytes a point and more", 10.0 * round(size / 10.0))
+
+
+def test_motion_and_limits() -> None:
+    says("motion.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
+    says("architecture.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
+    miss = STEP_S**2 / 8.0
+    says("motion.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
+    says("motion.md", "{} µm for an arc at 30 m/s and 30 °/s", 1e6 * miss * 30.0 * math.radians(30.0))
+    says(
+        "motion.md",
+        "{} mm for a point that turns ten times a second",
+        1e3 * miss * (2.0 * math.pi * 10.0) ** 2,
+    )
+    flight = 2.0 * 200.0 / 299_792_458.0
+    says("motion.md", "{} µs to 200 m and back are {} µm at 30 m/s", 1e6 * flight, 1e6 * flight * 30.0)
+    says("motion.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
+    says(
+        "motion.md",
+        "yaw rates reach {} °/s and speeds {} km/s",
+        motion.LARGEST_YAW_RATE_DEG_S,
+        1e-3 * motion.LARGEST_SPEED_M_S,
+    )
+    says("architecture.md", "cut into pieces of {} m", meshes.LARGEST_EDGE_M)
+    says("architecture.md", "Rays start {} mm off a surface", 1e3 * onward.START_OFFSET_M)
+    says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
+    assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
+    assert "A frame is traced 2^20 pulses at a time" in text_of(ARCHITECTURE)
+    assert pytest.approx(1 / 20) == clouds.LEAST_SHARED  # "a twentieth of its pulses"
+
+
+def test_particles() -> None:
+    means = particles.MEAN_HITS
+    says(
+        "theory.md",
+        "down to a Lambda of one (of {}, {} or {} where not four but {}, {} or {} are drawn",
+        *(means[n] for n in (8, 16, 32)),
+        8,
+        16,
+        32,
+    )
+    mean = means[4]
+    more = 1.0 - sum(math.exp(-mean) * mean**k / math.factorial(k) for k in range(5))
+    says(
+        "theory.md",
+        "A pulse with more than four above the cut, one in {}",
+        pytest.approx(1.0 / more, abs=5.0),
+    )
+    lost = sum((k - 4) * math.exp(-mean) * mean**k / math.factorial(k) for k in range(5, 60))
+    says("theory.md", "loses its weakest: {} % of those above the cut", 100.0 * lost / mean)
+    says(
+        "weather.md",
+        "{} R^0.63 dB/km, which is the fit",
+        round(precipitation.rain_extinction_per_m(rate_mm_h=1.0) * 1e4 / math.log(10.0), 2),
+    )
+    ratios = [
+        100.0
+        * (
+            1.0
+            - precipitation.rain_extinction_carbonneau_per_m(rate_mm_h=r)
+            / precipitation.rain_extinction_per_m(rate_mm_h=r)
+        )
+        for r in (1.0, 100.0)
+    ]
+    says("weather.md", "1.076 R^0.67, is {} to {} % lower", *sorted(ratios))
+    says(
+        "weather.md",
+        "The lidar ratio is an estimate: {} sr",
+        precipitation.snow_lidar_ratio_sr(wavelength_m=500e-9),
+    )
+
+
+def test_sun_in_the_field_of_view() -> None:
+    says("theory.md", "\\beta = {}^\\circ", math.degrees(sunlight.SUN_RADIUS_RAD))
+    field = 1e-4 / 0.03
+    power = sunlight.sun_disc_power_w(
+        sun_irradiance_w_m2=29.4,
+        sun_angle_rad=0.0,
+        field_rad=field,
+        aperture_m2=math.pi * 0.025**2,
+        efficiency=0.7986,
+    )
+    says("theory.md", "that is {} mW against", 1e3 * power)
+    says("theory.md", "(phi = 3.3 mrad, the disc {})", 1e3 * sunlight.SUN_RADIUS_RAD)
+    assert pytest.approx(0.797, abs=5e-4) == sipm.MOST_TELLING_SHARE
+
+
+# --- sensors ----------------------------------------------------------------------------------------
+
+
+def test_sensors() -> None:
+    rate = points_per_second(load_sensor("vlp-16"))
+    says("sensors.md", "(VLP-16: {} for", rate)
+    says("fov.md", "A VLP-16 by its manual: {} pulses a second", rate)
+    shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
+    assert sorted(shown) == catalog.names("sensors")
+    os1 = load_sensor("os1-128").scanner
+    says(
+        "sensors.md",
+        "| {} beams at once, {} columns",
+        os1.lasers,
+        os1.cycles,
+    )
+
+
+def test_one_laser_at_a_time() -> None:
+    scanner = load_sensor("hdl-32e").scanner
+    (step_us,) = np.unique(np.round(1e6 * np.diff(np.sort(scanner.firing_s)), 6))
+    says("sensors.md", "one laser at a time every {} us", step_us)
+    fields = {
+        "livox-mid-40": "speeds of HELIOS++, {} degrees for 38.4",
+        "livox-avia": "six beams of HELIOS++, {} x {} degrees for 70.4 x 77.2",
+        "livox-horizon": "fitted to the field of {} x {} degrees",
+    }
+    for name, words in fields.items():
+        scanner = load_sensor(name).scanner
+        angles = scanner.angles(np.arange(10 * scanner.pulses, dtype=np.uint32))
+        across = np.degrees([np.ptp(np.asarray(angle)) for angle in angles])
+        says("sensors.md", words, *(pytest.approx(a, abs=0.2) for a in across[: words.count("{}")]))
+
+
+# --- eye safety -------------------------------------------------------------------------------------
+
+
+def test_eye_safety() -> None:
+    says("eye_safety.md", "The time base is {} s (4.3 e", TIME_BASE_S)
+    says("eye_safety.md", "Of {} places for the eye", exposure._PLACES + 1)
+    for nm, ti in ((1050, 5e-6), (1400, 13e-6)):
+        assert eye_safety.grouping_time_s(wavelength_m=1e-9 * (nm - 1)) == ti
+    says("eye_safety.md", "| T_i | {} us up to {} nm, {} us up to {} nm |", 5, 1050, 13, 1400)
+    says(
+        "eye_safety.md",
+        "Wavelengths outside {} to {} nm are refused",
+        1e9 * eye_safety.RETINA_M[0],
+        1e9 * eye_safety.LONGEST_WAVELENGTH_M,
+    )
+    energy = eye_safety.class_1_energy_j
+    for nm, told in (
+        (905, "| 400-1050 | {} C6 below 10 ps | {} C4 C6 below 5 us | {} t^0.75 C4 C6 below T2 |"),
+        (1064, "| 1050-1400 | {} C6 C7 below 10 ps | {} C6 C7 below 13 us | {} t^0.75 C6 C7 below T2 |"),
+    ):
+        c4 = eye_safety.c4(wavelength_m=1e-9 * nm)
+        at = {t: energy(wavelength_m=1e-9 * nm, duration_s=t, source_rad=0.0) for t in (5e-12, 1e-6, 1e-2)}
+        first = at[5e-12]
+        says(
+            "eye_safety.md",
+            told,
+            first,
+            at[1e-6] / (c4 if nm == 905 else 1.0),
+            at[1e-2] / 1e-2**0.75 / (c4 if nm == 905 else 1.0),
+        )
+
+
+def test_every_choice_of_fog_is_named() -> None:
+    kinds = MODELS["WeatherFile"].model_fields["fog"].annotation
+    told = re.findall(r'fog = "(\w+)"` \|', text_of(README.parent / "docs" / "weather.md"))
+    assert set(told) == set(get_args(get_args(kinds)[0]))
+
+
+UNITS = {"ps": 1e-12, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "nm": 1e-9, "mrad": 1e-3, "mm": 1e-3}
+
+
+@pytest.mark.parametrize("header", ["nm | shortest", "factor |", "viewer |"])
+def test_limits_of_the_standard(header: str) -> None:
+    """Every constant of the three tables stands in the module that computes with them, in its units."""
+    source = (ROOT / "src" / "lidarscene" / "physics" / "eye_safety.py").read_text(encoding="utf-8")
+    tree = ast.walk(ast.parse(source))
+    written = {
+        node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+    }
+    assert math.isclose((5e-3 / 0.2) ** 2, 625e-6)  # where alpha_max begins to grow
+    for row in table("eye_safety.md", header):
+        cells = re.sub(r"625 us|\(3/8\)|10 \* ", "", " ".join(row[1:]))
+        for number, unit in re.findall(rf"(?<![\w.^])({PLAIN}) ?(ps|ns|us|ms|nm|mrad|mm)?\b", cells):
+            at = float(number) * UNITS.get(unit, 1.0)
+            scales = (1.0, 1e-9, 1e-3) if not unit or unit == "nm" else (1.0,)
+            near = any(
+                math.isclose(at * k, w) or math.isclose(float(number), w) for k in scales for w in written
+            )
+            assert near, f"{number} {unit} of {row[0]}"

@@ -1,0 +1,370 @@
+"""Numbers in the sentences of the documentation, against what the code computes, to the digits printed.
+
+`says(page, words, ...)` finds the words on the page, once, and compares the number in place of each `{}`. Figures of
+time and memory are measured, not computed: the page dates them and names the command.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from documentation import says
+
+from lidarscene import load_sensor
+from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import apd, mcintyre, saturation, sipm, sipm_response, tdc
+from lidarscene.physics.optics import air, dielectrics, pulse, radiometry, receiver
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.paper import case
+from lidarscene.studies.paper.case import TABLE_1, apd_lidar, range_m, sipm_counts, sipm_derived, sipm_printed
+from lidarscene.studies.paper.errata import closed_forms
+from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging.plane import Target
+
+APD, SIPM = apd_lidar(), load_sensor("table1-sipm")
+LIGHT = plane.echoes_of_plane(APD, TABLE_1, 100.0)
+
+
+# --- theory -----------------------------------------------------------------------------------------
+
+
+def test_light_and_air() -> None:
+    says("theory.md", "Its energy is {} P_t t_FWHM", pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=1.0))
+    says("theory.md", "Air at sea level is slower by 2.9e-4, {} mm at 100 m", 2.9e-4 * 100e3)
+    says("theory.md", "({} % in Table 1, at any range)", 100.0 * TABLE_1.transmittance)
+    alpha = {
+        model: air.extinction_from_visibility_per_m(visibility_m=23e3, wavelength_m=905e-9, model=model)
+        for model in ("kruse", "kim")
+    }
+    assert alpha["kruse"] == pytest.approx(alpha["kim"], rel=5e-3)
+    says("theory.md", "{} per metre at 905 nm and 23 km", alpha["kim"])
+    field = receiver.field_of_view_half_angle_rad(detector_radius_m=1e-4, focal_length_m=0.03)
+    says("theory.md", "whose half angle is {} mrad at Table 1", 1e3 * field)
+    says("theory.md", "At Table 1 (phi = {} mrad, the disc 4.65)", 1e3 * field)
+    says(
+        "theory.md",
+        "with phi = {} mrad (Table 1) starts to lose light below r_A / phi = {} m",
+        1e3 * field,
+        0.025 / field,
+    )
+    says("theory.md", "is nearer than r_A f / r_PD ({} m at Table 1)", 0.025 * 0.03 / 1e-4)
+    window_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=APD.tdc.window_s)
+    says("theory.md", "the listening window not ({} us is {} m)", 1e6 * APD.tdc.window_s, window_m)
+
+
+def test_retro_reflector() -> None:
+    fall = (math.cos(math.radians(30.0)) / math.cos(math.radians(4.0))) ** 3.61
+    says("theory.md", "which takes 250 at 4 degrees to {} at 30 degrees", 250.0 * fall)
+    says("theory.md", "is at {} degrees to it at 6 m", math.degrees(0.02 / 6.0))
+    says("limits.md", "beside its laser is {} degrees off at 6 m", math.degrees(0.02 / 6.0))
+
+
+def test_sipm_of_table_1() -> None:
+    energy = pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=1.0)
+    says("theory.md", "for its energy, {} % less than a Gaussian's", 100.0 * (energy - 1.0))
+    cells = SIPM.detector
+    says("theory.md", "pulse and dead time are both {} ns at Table 1", 1e9 * cells.dead_time_s)
+    assert cells.dead_time_s == SIPM.laser.pulse_fwhm_s
+    floor_klux = 0.023
+    for klux, acts in ((floor_klux - 5e-4, True), (floor_klux + 5e-4, False)):
+        light = plane.echoes_of_plane(SIPM, Target(illuminance_klux=klux), 100.0)
+        point = SIPM.working_point(light.background_power_w)
+        assert (TABLE_1_TNR * float(point.noise[0]) < 1.0) == acts, klux
+    says("theory.md", "With Table 1 it acts below {} klux", floor_klux)
+    ratio = {}
+    for klux in (100.0, 1.0):
+        p = []
+        for counting in ("gaussian", "binomial"):
+            sensor = load_sensor("table1-sipm", overrides=[f"detector.counting='{counting}'"])
+            light = plane.echoes_of_plane(sensor, Target(illuminance_klux=klux), 100.0)
+            point = sensor.working_point(light.background_power_w)
+            p.append(float(point.false_alarm_probability(sensor.threshold(point))[0]))
+        ratio[klux] = p[1] / p[0]
+    says("theory.md", "twice at 100 klux and {} times at 1 klux", pytest.approx(ratio[1.0], rel=0.05))
+    assert round(ratio[100.0]) == 2
+
+
+TABLE_1_TNR = 5.0
+
+
+def test_edge() -> None:
+    light = plane.echoes_of_plane(APD, TABLE_1, 50.0)
+    point = APD.working_point(light.background_power_w)
+    level = float(APD.threshold(point)[0] / point.signal(light.peak_power_w)[0])
+    walk_s = pulse.leading_edge_time_s(level=level, fwhm_s=6e-9)
+    says("theory.md", "is the walk error: {} m at 50 m", 0.5 * SPEED_OF_LIGHT_M_S * walk_s)
+    share, line = edge(5.0)
+    says("theory.md", "At TNR 5 sigma_0 is {} % of U", 100.0 / 5.0)
+    says("theory.md", "sigma(U) is {} %: the edge", 100.0 * share)
+    short = 100.0 * (1.0 / line - 1.0)
+    says(
+        "theory.md", "the straight line is {} to {} % short in deviation", math.floor(short), math.ceil(short)
+    )
+    says("validation.md", "then {} to {} % above the straight line's", math.floor(short), math.ceil(short))
+    says("validation.md", "the level moves by {} % ({} % without", 100.0 * share, 100.0 / 5.0)
+
+
+def edge(tnr: float) -> tuple[float, float]:
+    """sigma(U) / U, and the deviation by the straight line over that of the model (the page's own example)."""
+    sensor = load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr}"])
+    light = plane.echoes_of_plane(sensor, TABLE_1, 50.0)
+    point = sensor.working_point(light.background_power_w)
+    level, peak = float(sensor.threshold(point)[0]), float(point.signal(light.peak_power_w)[0])
+    own = {"noise": float(point.noise[0]), "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    z = np.linspace(-4.9, 4.9, 20_001)
+    weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    time_s = pulse.leading_edge_time_s(
+        level=tdc.crossing_level(threshold=level, deviate=z, **own) / peak, fwhm_s=6e-9
+    )
+    model = np.sqrt((weight * (time_s - (weight * time_s).sum()) ** 2).sum())
+    slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=6e-9)
+    sigma = float(tdc.noise_at_level(level=level, **own))
+    return sigma / level, sigma / slope / float(model)
+
+
+def test_false_alarms() -> None:
+    p_false = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
+    rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=167e6)
+
+    def rice(tnr: float) -> float:
+        return float(tdc.rice_rate_hz(threshold=tnr, noise=1.0, bandwidth_hz=167e6))
+
+    says("theory.md", "{} times as often at TNR 5:", rice(5.0) / rate)
+    says("theory.md", "up to {} times rarer than those of band-limited noise", rice(5.0) / rate)
+    says("limits.md", "band-limited noise crosses up to {} times as often", rice(5.0) / rate)
+    equal = math.sqrt(25.0 + 2.0 * math.log(rice(5.0) / rate))
+    says("theory.md", "TNR {} by Rice has the alarms of TNR 5 by (10)", equal)
+
+
+def test_errata() -> None:
+    derived, printed = closed_forms(as_printed=False), closed_forms(as_printed=True)
+    counts, noise = sipm_counts(), case.apd_noise()
+    short = 100.0 * (1.0 - 2.0**-0.25)
+    says(
+        "theory.md", "{} % too short; with the row above {} % too long ({} for {} m)",
+        short, 100.0 * (printed[0] / derived[0] - 1.0), printed[0], derived[0],
+    )  # fmt: skip
+    says(
+        "theory.md", "with the first row {} % too long ({} for {} m)",
+        100.0 * (printed[1] / derived[1] - 1.0), printed[1], derived[1],
+    )  # fmt: skip
+    parts = {
+        "multiplied_variance_a2": noise.multiplied_a2, "unmultiplied_variance_a2": noise.unmultiplied_a2,
+        "excess_noise_index": 0.3,
+    }  # fmt: skip
+    best, equal = float(apd.best_gain(**parts)), float(apd.gain_of_equal_noise(**parts))
+    gains = (2.0 / 0.3, best, equal, noise.snr(best), noise.snr(equal), noise.snr(80.0), APD.detector.gain)
+    says(
+        "theory.md",
+        "factor {}; gain {}, not {}; SNR at 100 m {}, not {} ({} at the gain {} of the table)",
+        *gains,
+    )
+    says("paper.md", "2/x = {} times; best gain {}, equality at {}", *gains[:3])
+    share = float(
+        sipm.busy_share_steady_state(
+            photons=counts.background_photons, pde=0.22, cells=400.0, dark_count_rate_hz=0.0, dead_time_s=6e-9
+        )
+    )
+    variance = sipm.busy_variance_steady_state(busy_share=share, cells=400.0)
+    says(
+        "theory.md",
+        "| {} busy cells, {} derived; variance {} and {} |",
+        counts.busy,
+        400.0 * share,
+        counts.variance,
+        variance,
+    )
+    says("theory.md", "| {} m, {} m derived |", range_m(sipm_printed()), range_m(sipm_derived()))
+    says("theory.md", "| {} % of the photons, PDE / 2N |", 100.0 * 0.22 / 800.0)
+    energy = pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=1.0)
+    says("theory.md", "a Gaussian has {} times that | {} % of the photons", energy, 100.0 * (energy - 1.0))
+    dark = [range_m(s, illuminance_klux=0.0) for s in (sipm_printed(), sipm_derived())]
+    says("theory.md", "| {} m at 0 lux, {} m with the floor |", *dark)
+
+
+def test_tails() -> None:
+    k = mcintyre.ionisation_ratio(gain=80.0, excess_noise=80.0**0.3)
+    says("theory.md", "F = 80^0.3 means k = {}", k)
+    per_s = LIGHT.background_power_w[0] / APD.laser.photon_energy_j * 0.7
+    per_s += APD.detector.bulk_dark_current_a / ELEMENTARY_CHARGE_C
+    primaries = per_s * mcintyre.resolution_time_s(bandwidth_hz=167e6)
+    says("theory.md", "With {} primaries in a resolution time", primaries)
+    tail = {
+        name: {
+            one: statistics.false_alarm_probability(APD, Target(illuminance_klux=klux), tail=one)
+            for one in statistics.TAILS
+        }
+        for name, klux in (("bright", 100.0), ("dim", 10.0))
+    }
+    times = tail["bright"]["exact"] / tail["bright"]["gaussian"]
+    says("theory.md", "the Gaussian has {} times too few alarms", times)
+    says("theory.md", "has {} times too few at Table 1 (`tail", times)
+    says("limits.md", "the APD's avalanche has {} times as many", times)
+    equal = 5.0
+    while (
+        statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact")
+        > tail["bright"]["gaussian"]
+    ):
+        equal += 0.05
+    says("theory.md", "and TNR {} is needed for the alarms that (9) promises", pytest.approx(equal, abs=0.05))
+    off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
+    assert 0.4 < off[0.5] < 0.6
+    says(
+        "theory.md",
+        "The saddle point is {} % low with 24 primaries, {} % with 2.4",
+        100 * off[24.0],
+        100 * off[2.4],
+    )
+    assert float(tail["dim"]["exact"]) > 600 * tail["dim"]["gaussian"]
+
+
+def with_threshold(tnr: float) -> Sensor:
+    return load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr}"])
+
+
+def saddle_point(primaries: float) -> float:
+    """Its share of error at worst, from one to eight standard deviations, with Table 1's avalanche and amplifier."""
+    numbers = {"primaries": primaries, "gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
+    sigma = math.hypot(311.0, 80.0 * math.sqrt(primaries * 80.0**0.3))
+    return max(
+        1.0
+        - mcintyre.tail_probability(excess=k * sigma, **numbers)
+        / mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
+        for k in (1.0, 3.0, 5.0, 8.0)
+    )
+
+
+def test_saturation() -> None:
+    light = plane.echoes_of_plane(APD, Target(reflectivity=0.8), 20.0)
+    point = APD.working_point(light.background_power_w)
+    signal, level = float(point.signal(light.peak_power_w)[0]), float(APD.threshold(point)[0])
+    bias = saturation.walk_bias_m(threshold=level, signal=signal, saturation=50e-6, fwhm_s=6e-9)
+    says(
+        "theory.md",
+        "a wall of 80 % at 20 m has {} times that and is reported {} m too near",
+        signal / 50e-6,
+        abs(bias),
+    )
+    h = 5.0 + np.random.default_rng(1).exponential(1.0 / 5.0, 100_000)
+    width = tdc.excursion_width_s(threshold=5.0, height=h, bandwidth_hz=167e6)
+    says("theory.md", "{} ns in the mean at TNR 5 and 167 MHz", 1e9 * float(np.mean(width)))
+
+
+def test_panes() -> None:
+    r60 = [dielectrics.fresnel_reflectance(cos_incidence=0.5, index=n) for n in (1.5,)]
+    mean = float(dielectrics.pane_reflectance(surface=r60[0], internal=1.0))
+    cos_t = math.sqrt(1.0 - 0.75 / 2.25)
+    across = ((0.5 - 1.5 * cos_t) / (0.5 + 1.5 * cos_t)) ** 2
+    along = ((1.5 * 0.5 - cos_t) / (1.5 * 0.5 + cos_t)) ** 2
+    apart = 0.5 * sum(2.0 * r / (1.0 + r) for r in (across, along))
+    says("theory.md", "the mean of the two panes would mirror {} % and not {}", 100.0 * apart, 100.0 * mean)
+    water = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
+    says("theory.md", "p = 1 - (1 - R_d) / n^2, {} for water", water)
+    wet, dry = (catalogue_material(name).at(905e-9)["reflectivity"] for name in ("asphalt_wet", "asphalt"))
+    says("theory.md", "{} instead of {} at 905 nm", wet, dry)
+    says("theory.md", "adds tau / pi times its 0.005 sr, {} % of the sun", 100.0 * 0.505 / math.pi * 0.005)
+
+
+def test_two_boards() -> None:
+    sigma_m = 0.5 * SPEED_OF_LIGHT_M_S * 6e-9 / math.sqrt(8.0 * math.log(2.0))
+    says("theory.md", "are apart from {} m on at best", 2.0 * sigma_m)
+    d = math.sqrt(8.0 * math.log(4.0))
+    says("theory.md", "from {} m on if the level is at half of one echo's peak", d * sigma_m)
+
+
+# --- the guides -------------------------------------------------------------------------------------
+
+
+def test_sipm_page() -> None:
+    whole = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1e3)
+    same = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1.0)
+    says("sipm.md", "has all of its light in it, {} times what (24) has", whole)
+    says("sipm.md", "a pulse as long as tau has {} times", same)
+    says("sipm.md", "worth {} % of a weak echo", 100.0 * (1.0 - 1.0 / same))
+    low, high = 0.1, 10.0
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        more = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=middle, dead_time_s=1.0) > 1.0
+        low, high = (middle, high) if more else (low, middle)
+    says("sipm.md", "(24) counts right at FWHM = {} tau only", low)
+    p = {}
+    for photons in (686.093, 50.0):
+        exact = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
+        power = photons * exact.laser.photon_energy_j / exact.detector.dead_time_s
+        point = exact.working_point(np.array([power]))
+        share = photons * 0.22 / 400.0 / (1.0 + photons * 0.22 / 400.0)
+        p[photons] = (
+            float(point.false_alarm_probability(exact.threshold(point))[0]),
+            float(sipm_response.binomial_skewness(share=share, cells=400.0)),
+        )
+    gaussian = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
+    says(
+        "sipm.md", "P_f at TNR 5: {} by (9), {} exactly at 686 background photons (skewness {}), {} at 50 ({})",
+        gaussian, *p[686.093], *p[50.0],
+    )  # fmt: skip
+
+
+def test_paper_page() -> None:
+    found = [
+        sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)
+    ]
+    says(
+        "paper.md",
+        "200 photons on 100 cells give {} % of linear at 10 %, {} % at 60 %",
+        *(100.0 * f for f in found),
+    )
+    ranges = {
+        k: [range_m(s, illuminance_klux=k) for s in (sipm_printed(), sipm_derived())] for k in (100.0, 1.0)
+    }
+    more = {k: 100.0 * (b / a - 1.0) for k, (a, b) in ranges.items()}
+    says(
+        "paper.md", "{} % of range at 100 klux from busy cells alone, {} % at 1 klux", more[100.0], more[1.0]
+    )
+    limit = ranges[100.0][0]
+    near, far = (case.snr_at(sipm_printed(), limit * k) for k in (1.0 / 1.01, 1.01))
+    says("paper.md", "SiPM R^{} at its limit", math.log(far / near) / (2.0 * math.log(1.01)))
+    equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
+    says("paper.md", "equal ranges at {} klux", equal)
+    says("paper.md", "| below {} klux |", equal)
+    says("paper.md", "dark counts of {} a dead time", 400 * 2007.0 * 6e-9)
+    comparisons = tdc.comparisons(window_s=4e-6, bandwidth_hz=100e6)
+    p_correct = tdc.correct_probability(
+        p_false=tdc.false_alarm_probability(threshold=5.0, noise=1.0), p_detect=0.5, comparisons=comparisons
+    )
+    says("paper.md", "P_correct of {} %", 100.0 * p_correct)
+    radii = np.arange(30.0, 60.0, 0.5)
+    best = radii[int(np.argmax([range_m(sipm_printed(f"optics.aperture_radius_mm={a}")) for a in radii]))]
+    says("paper.md", "has a best radius, {} mm at 100 klux", best)
+    rough = {
+        (d, k): float(
+            sipm.snr_approximate(
+                signal_photons=c.signal_photons, background_photons=c.background_photons, pde=c.pde
+            )
+        )
+        / case.snr_at(sipm_printed(), d, illuminance_klux=k)
+        for d, k in ((limit, 100.0), (100.0, 100.0), (900.0, 1.0))
+        for c in [sipm_counts(distance_m=d, illuminance_klux=k)]
+    }
+    bound = closed_forms(as_printed=False)[1]
+    says(
+        "paper.md", "{} % in SNR and {} % in range at the limit, a factor {} at 100 m, {} % at 1 klux",
+        100.0 * (rough[limit, 100.0] - 1.0), 100.0 * (bound / limit - 1.0), rough[100.0, 100.0],
+        100.0 * abs(rough[900.0, 1.0] - 1.0),
+    )  # fmt: skip
+    says(
+        "limits.md",
+        "is the paper's approximation, {} % off in SNR at the limit",
+        100.0 * (rough[limit, 100.0] - 1.0),
+    )
+
+
+def test_range_page() -> None:
+    equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
+    says(
+        "range.md", "`crossing at {} klux: table1-apd rises above table1-sipm, {} m`",
+        equal, range_m(apd_lidar(), illuminance_klux=equal),
+    )  # fmt: skip
+    says("range.md", "`table1-apd: maximum range {} m, where SNR {}`", range_m(apd_lidar()), 5.0)
+    steady = plane.equal_range_illuminance_klux(apd_lidar(), sipm_derived(), TABLE_1)
+    says("compare.md", "({}) klux for the paper's APD and SiPM".replace("({})", "{}"), steady)

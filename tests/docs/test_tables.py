@@ -1,0 +1,308 @@
+"""The tables of the documentation, cell by cell against what the code computes, to the digits printed."""
+
+import ast
+import math
+import re
+import tomllib
+from functools import cache
+
+import pytest
+from documentation import ROOT, row_says, says, table, text_of, told, value_of
+from scipy.stats import norm
+
+from lidarscene import catalog, load_sensor
+from lidarscene.files import pvlib
+from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.physics.electronics import sipm, tdc
+from lidarscene.physics.optics import solar_spectrum
+from lidarscene.scene.weather import Weather
+from lidarscene.studies import catalogue
+from lidarscene.studies.eye_safety.report import eye_safety_report
+from lidarscene.studies.paper import case
+from lidarscene.studies.paper.case import TABLE_1, apd_lidar, range_m, sipm_counts, sipm_derived, sipm_printed
+from lidarscene.studies.paper.errata import closed_forms
+from lidarscene.studies.ranging import plane
+
+# --- validation -------------------------------------------------------------------------------------
+
+
+@cache
+def literals(file: str) -> set[float]:
+    """Every number that is written in a test file: as it is, and what a percentage of it would be."""
+    written = {
+        float(node.value)
+        for node in ast.walk(ast.parse(text_of(ROOT / file)))
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
+    }
+    words = {
+        float(n.replace("_", ""))
+        for n in re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text_of(ROOT / file))
+    }
+    return {round(k * n, 12) for n in written for k in (1.0, 100.0)} | words
+
+
+@pytest.mark.parametrize("row", table("validation.md", "check |"), ids=lambda row: row[0][:40])
+def test_tolerances_are_those_of_the_tests(row: list[str]) -> None:
+    """Every tolerance on the page is a number in one of the named test files."""
+    files = re.findall(r"`(tests/[\w/]+\.py)", row[1])
+    written = set().union(*map(literals, files))
+    first = re.split("[;:]|a false alarm rate", row[2])[0]
+    for number in re.findall(r"(?<![\w.(-])\d+(?:\.\d+)?(?:e-?\d+)?", first):
+        assert round(float(number), 12) in written, f"{number} of '{row[0]}' is not in {files}"
+
+
+def test_numbers_of_the_reference() -> None:
+    found = {row[0]: row[1] for row in table("validation.md", "quantity | value")}
+    apd, printed = apd_lidar(), sipm_printed()
+    light = plane.echoes_of_plane(apd, TABLE_1, 100.0)
+    counts = sipm_counts()
+    signal = printed.working_point(light.background_power_w).signal(light.peak_power_w)[0]
+    p_false = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
+    comparisons = tdc.comparisons(window_s=4e-6, bandwidth_hz=100e6)
+    p_correct = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
+    share = sipm.busy_share_steady_state(
+        photons=counts.background_photons, pde=0.22, cells=400.0, dark_count_rate_hz=0.0, dead_time_s=6e-9
+    )
+    floored = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
+    ranges = {
+        name: [range_m(sensor, illuminance_klux=klux) for klux in (100.0, 50.0, 10.0, 1.0)]
+        for name, sensor in (("APD", apd), ("SiPM", printed))
+    }
+    expected = {
+        "photon energy at 905 nm": (apd.laser.photon_energy_j,),
+        "P_rs (8)": (light.background_power_w[0],),
+        "P_r (5), 100 m": (light.peak_power_w[0],),
+        "SNR (19), APD, 100 m": (case.snr_at(apd, 100.0),),
+        "(22)-(24) at 100 m": (counts.background_photons, counts.busy, counts.signal_photons, signal),
+        "SNR (27), SiPM, 100 m": (case.snr_at(printed, 100.0),),
+        "R_max at 100, 50, 10, 1 klux, APD": tuple(ranges["APD"]),
+        "R_max at 100, 50, 10, 1 klux, SiPM": tuple(ranges["SiPM"]),
+        "illuminance of equal ranges": (plane.equal_range_illuminance_klux(apd, printed, TABLE_1),),
+        "P_f (9) at TNR 5": (p_false,),
+        "P_correct (10)": (p_correct,),
+        "closed forms, derived": closed_forms(as_printed=False),
+        "busy cells in steady state, variance": (
+            400.0 * share,
+            sipm.busy_variance_steady_state(busy_share=share, cells=400.0),
+        ),
+        "range in the dark without and with the floor": (
+            range_m(printed, illuminance_klux=0.0),
+            2600.0,  # a bound, which the test has
+        ),
+    }
+    assert range_m(floored, illuminance_klux=0.0) < 2600.0
+    says("validation.md", "a false alarm rate of {} per comparison", 2.0 * norm.sf(4.0))
+    assert set(found) - set(expected) == {
+        "size of the errata in (29), (30)",  # held exactly by its test
+        "claims of Fig. 6",  # no numbers
+    }
+    for quantity, computed in expected.items():
+        row_says([found[quantity]], *computed)
+    says("validation.md", "**{} m, not 414.434 m.**", ranges["APD"][1])
+    says("validation.md", "(19) gives {} m by three", ranges["APD"][1])
+
+
+# --- the catalogue ----------------------------------------------------------------------------------
+
+
+def test_materials() -> None:
+    rows = table("materials.md", "Material |")
+    assert [row[0].strip("`") for row in rows] == catalog.names("materials")
+    for row in rows:
+        data = tomllib.loads(text_of(catalog.path_of("materials", row[0].strip("`"))))
+        material = catalogue_material(row[0].strip("`"))
+        assert row[1:3] == [data["description"], data["bsdf"]]
+        shown = [f"{material.at(nm * 1e-9)['reflectivity']:.3f}" for nm in (905, 1550)]
+        assert row[3:5] == shown, row[0]
+        if "transmittance" in data:
+            row_says([row[6]], *(material.at(nm * 1e-9)["transmittance"] for nm in (905, 1550)))
+
+
+def test_wavelengths_of_materials() -> None:
+    """Every file has these five, which the page names in two places."""
+    nm = []
+    for name in catalog.names("materials"):
+        data = tomllib.loads(text_of(catalog.path_of("materials", name)))
+        if isinstance(data["reflectivity"], list):
+            nm.append([row["wavelength_nm"] for row in data["reflectivity"]])
+    assert nm
+    assert all(one == nm[0] for one in nm)
+    says("materials.md", "the wavelengths {}, {}, {}, {} and {} nm", *nm[0])
+    says("materials.md", "interpolated linearly to the {} wavelengths", len(nm[0]))
+    says("theory.md", "A green leaf reflects {} % at 905 nm and lets {} % through", *leaf(905))
+    says("theory.md", "at 1550 nm {} and {} (`leaf`)", *leaf(1550))
+
+
+def leaf(nm: float) -> tuple[float, float]:
+    values = catalogue_material("leaf").at(1e-9 * nm)
+    return 100.0 * values["reflectivity"], 100.0 * values["transmittance"]
+
+
+@cache
+def checked(name: str) -> catalogue.Check:
+    return catalogue.check(name)
+
+
+def test_published_against_simulated() -> None:
+    """The rows that are shown, in the words of `catalog check`; precisions to the own error of its draws."""
+    for name, quantity, published, simulated in table("sensors.md", "sensor | quantity"):
+        one = checked(name.strip("`"))
+        kind, condition = quantity.split(", ", 1)
+        candidates = (one.precision_m,) if kind == "precision" else (one.range_m, *one.also)
+        (found,) = [c for c in candidates if c.condition.startswith(condition)]
+        assert found.published is not None
+        assert found.simulated is not None
+        unit = 0.01 if simulated.endswith(" cm") else 1.0
+        row_says([published], found.published / unit)
+        row_says([simulated], found.simulated / unit)
+
+
+def test_beams_of_the_catalogue() -> None:
+    for names, printed, _ in table("sensors.md", "name | azimuth x elevation"):
+        for name in re.findall(r"`([\w-]+)`", names):
+            laser = load_sensor(name).laser
+            told = [laser.divergence_rad]
+            if " x " in printed:
+                told.append(laser.divergence_elevation_rad)
+            if "from" in printed:
+                told.append(laser.exit_diameter_m)
+            row_says([printed], *(1e3 * float(one) for one in told))
+    shown = re.findall(
+        r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation"))
+    )
+    wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
+    assert sorted(shown) == wide
+
+
+def test_white_on_the_scales_of_intensity() -> None:
+    for names, white, above, _ in table("theory.md", "sensors | white"):
+        for name in re.findall(r"`([\w-]+)`", names):
+            scale = load_sensor(name).intensity
+            row_says([white], scale.white_value)
+            if "%" not in above:
+                row_says([above], scale.white_value + 1.0, 255.0)
+
+
+# --- weather ----------------------------------------------------------------------------------------
+
+DECIBEL = 10.0 / math.log(10.0)
+
+
+def weather_of(words: str) -> Weather:
+    if words.startswith("`fog"):
+        return Weather(fog=words.split('"')[1])
+    rate = float(re.findall(r"(\d+) mm/h", words)[0])
+    if words.startswith("rain"):
+        return Weather(rain_mm_h=rate)
+    return Weather(snow_mm_h=rate, snow=words.split()[0])
+
+
+@pytest.mark.parametrize("row", table("weather.md", "weather | 905"), ids=lambda row: row[0])
+def test_weather(row: list[str]) -> None:
+    weather = weather_of(row[0])
+    computed: list[float] = []
+    for nm in (905, 1550):
+        (medium,) = weather.media(1e-9 * nm)
+        alpha = medium.extinction_per_m
+        computed += [alpha, 1e3 * DECIBEL * alpha, alpha / medium.backscatter_per_m_sr]
+    visibility_m = 3.912 / weather.extinction_at_per_m(550e-9)
+    computed.append(1e-3 * visibility_m if row[-1].endswith("km") else visibility_m)
+    row_says(row[1:], *computed)
+
+
+# --- SiPM -------------------------------------------------------------------------------------------
+
+
+def test_ranges_of_the_sipm() -> None:
+    in_time = load_sensor("table1-sipm", overrides=["detector.statistics='time_domain'"])
+    for row in table("sipm.md", "klux | (27)"):
+        klux = float(row[0])
+        row_says(
+            row,
+            klux,
+            *(range_m(s, illuminance_klux=klux) for s in (sipm_printed(), sipm_derived(), in_time)),
+        )
+
+
+# --- the sun ----------------------------------------------------------------------------------------
+
+
+def test_sun() -> None:
+    pytest.importorskip("pvlib")
+    spectra = {name: pvlib.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
+    for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
+        spectrum = spectra[name.split("`")[1]]
+        row_says([w_m2], solar_spectrum.total_irradiance_w_m2(spectrum))
+        row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))
+    for name, width in table("sun.md", "spectrum | box"):
+        box_m = solar_spectrum.implied_box_width_m(
+            spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4
+        )
+        row_says([width], 1e9 * box_m)
+
+    def mean(nm: float, width: float = 20.0) -> float:
+        """W/m2/nm at 100 klux, of `global`."""
+        box = solar_spectrum.box_filter(centre_m=1e-9 * nm, width_m=1e-9 * width)
+        return float(solar_spectrum.irradiance_at_100_klux_w_m2(spectra["global"], box)) / width
+
+    (row,) = table("sun.md", "nm | 850")
+    row_says(row[1:], *(mean(nm) for nm in (850, 905, 940, 1064, 1550)))
+    says("sun.md", "the spectrum is {} % above its mean", 100.0 * (mean(905, 0.01) / mean(905) - 1.0))
+    says(
+        "sun.md",
+        "With {} W/m2/nm, the mean over {} nm alone, it would be {} nm",
+        mean(905),
+        20,
+        29.4 / mean(905),
+    )
+    says("sun.md", "{} W/m2/nm around 885 nm", mean(885))
+    says("sun.md", "With a 20 nm box the same sensor would see {} W/m2", 20.0 * mean(905))
+
+
+# --- eye safety -------------------------------------------------------------------------------------
+
+
+def test_eye_safety_of_table_1() -> None:
+    still, moved = (
+        {c.name: c for c in report.criteria if c.viewer == "eye"}
+        for report in (
+            eye_safety_report(load_sensor("table1-apd"), scanned=scanned) for scanned in (False, True)
+        )
+    )
+    rows = {row[0]: row[1:] for row in table("eye_safety.md", "| limit")}
+    for name, unit in (("single pulse", 1e9), ("pulse train", 1e9), ("average power", 1e3)):
+        one, other = still[name], moved[name]
+        c5 = [float(c.detail.split()[2]) for c in (one, other) if c.detail.startswith("C5")]
+        limits = [unit * one.limit]
+        if c5:
+            limits += [c5[0], unit * other.limit, c5[1]]
+        row_says(rows[name], *limits, one.margin, other.margin)
+    powers = [
+        eye_safety_report(load_sensor("table1-apd"), scanned=scanned).class_1_peak_power_w
+        for scanned in (False, True)
+    ]
+    says("eye_safety.md", "at rest or scanned: {} W and {} W of peak power", *powers)
+    laser = still["single pulse"].emission
+    says("eye_safety.md", "has {} nJ in a pulse and {} mW in the mean", 1e9 * laser, 1e3 * 50e3 * laser)
+
+
+# --- what the tests themselves say ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("page", "words", "file"),
+    [
+        ("validation.md", "the slope formula is held at TNR {} and {}", "tests/physics/test_timing.py"),
+        ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/physics/test_timing.py"),
+        ("sipm.md", "1 to {} photons | 4 standard errors at {} shots", "tests/analysis/test_sipm_events.py"),
+        ("sipm.md", "the table against the equation | {} % |", "tests/analysis/test_sipm_events_in_render.py"),
+        ("sipm.md", "numpy against the device | {} of the SNR", "tests/kernel/test_sipm_time_domain.py"),
+        ("motion.md", "{} pulses against {} scenes, ranges and angles to {}", "tests/kernel/test_motion.py"),
+        ("fov.md", "those of a k-d tree, to {} degrees", "tests/analysis/test_fov.py"),
+        ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/test_mie.py"),
+    ],
+)  # fmt: skip
+def test_numbers_of_tests(page: str, words: str, file: str) -> None:
+    """What a page says of a test is written in that test."""
+    for number in told(page, words):
+        assert round(value_of(number)[0], 12) in literals(file), f"{page}: {number} is not in {file}"

@@ -1,0 +1,44 @@
+"""Kernels that Dr.Jit launches, and which of them an earlier block of code did not: those were compiled for it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+Kernel = dict[str, Any]
+
+
+@contextmanager
+def launched() -> Iterator[list[Kernel]]:
+    """The kernels of our formulas that are launched in this block; the list is filled when it ends."""
+    import drjit as dr
+
+    found: list[Kernel] = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.sync_thread()
+        dr.kernel_history_clear()
+        yield found
+        dr.sync_thread()
+        found += dr.kernel_history((dr.KernelType.JIT,))
+
+
+def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:
+    """Kernels that were compiled or loaded in between: neither the first run of a test nor a later one, neither the
+    cache on disk nor another test of this process can hide one.
+
+    Dr.Jit calls a kernel from the disk a hit too (`cache_hit`), so `cache_disk` has to be asked as well; and what it
+    has in memory may be of another test, so that only what ``before`` launched is known.
+    """
+    known = {kernel["hash"] for kernel in before}
+    return [
+        kernel
+        for kernel in later
+        if not kernel["cache_hit"] or kernel["cache_disk"] or kernel["hash"] not in known
+    ]
+
+
+def assert_none_is_new(later: Sequence[Kernel], before: Sequence[Kernel]) -> None:
+    """Fails with the number of operations and lanes of each kernel that is; and where none was launched at all."""
+    assert before
+    assert later
+    missed = [(kernel["operation_count"], kernel["size"]) for kernel in new(later, before)]
+    assert not missed, f"of {len(later)} kernels these are new (operations, lanes): {missed}"

@@ -1,0 +1,261 @@
+#!/usr/bin/env python3
+"""Environments that are not the one of `make`: `make test-all` runs all of these checks, .ci/run the first.
+
+    wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
+             releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder
+    lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
+    newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says
+
+Run it with the Python of .venv, which has uv and lidarscene: the formats that need an extra come from there.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from lidarscene import __version__
+from lidarscene.formats.registry import FORMATS
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT = ROOT / "out" / "environments"
+UV = shutil.which("uv", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}") or "uv"
+LOWEST = ("--resolution", "lowest-direct")
+LOWEST_PYTHON = "3.11"  # as requires-python of pyproject.toml
+NOT_OURS = ("LIDARSCENE_", "DRJIT_", "PYTHON", "VIRTUAL_ENV", "UV_PROJECT", "MAKE", "MFLAGS")
+COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
+ON_LLVM = {"LIDARSCENE_VARIANT": "llvm_ad_mono"}
+# What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
+PART = (
+    "tests/unit", "tests/io", "tests/catalog", "tests/batch/test_work.py", "tests/cli/test_cli.py",
+    "tests/cli/test_outputs.py", "tests/kernel/test_plain_meshes.py", "tests/scan/test_render.py",
+)  # fmt: skip
+# Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
+OLD = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")
+
+
+def main() -> None:
+    """The checks that are named, in the order given."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("checks", nargs="+", choices=("wheel", "lowest", "newest"))
+    for name in parser.parse_args().checks:
+        {"wheel": check_wheel, "lowest": check_lowest, "newest": check_newest}[name]()
+        say(f"{name}: done")
+
+
+# --- the suite in an environment of its own ----------------------------------------------------------
+
+
+def check_lowest() -> None:
+    """Everything that pyproject.toml names, extras and tools of the tests too, at its lowest bound."""
+    python = made(KEPT / "lowest", LOWEST_PYTHON)
+    install = ("pip", "install", "--quiet", "--python", python, *LOWEST)
+    uv(*install, "--all-extras", "--group", "dev", "--requirements", "pyproject.toml", "--editable", ".")
+    run_part("lowest bounds", python, *OLD)
+
+
+def check_newest() -> None:
+    """What uv.lock says on the newest Python; open3d, which is optional, where there is a wheel of it."""
+    newest = newest_python()
+    if not newest:
+        return
+    python = made(KEPT / "newest", newest)
+    sync = ("sync", "--quiet", "--locked", "--python", python)
+    target = {"UV_PROJECT_ENVIRONMENT": str(KEPT / "newest")}
+    if uv(*sync, check=False, **target):
+        say("once more without open3d, which is optional")
+        uv(*sync, "--no-install-package", "open3d", "--no-install-package", "libusb-package", **target)
+    run_part("newest Python", python)
+
+
+def run_part(name: str, python: str, *options: str) -> None:
+    """A working back end first: without one the tests would be skipped, not fail."""
+    with tempfile.TemporaryDirectory() as home:
+        environment = clean(home)
+        say(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
+        must(
+            run([python, "-m", "lidarscene", "doctor"], ROOT, environment),
+            0,
+            "lidarscene can trace rays here",
+        )
+        pytest = [python, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *options, *PART]
+        if subprocess.run(pytest, cwd=ROOT, env=environment, check=False).returncode:
+            raise SystemExit(f"environments: {name}: the tests failed: {' '.join(pytest)}")
+
+
+# --- the wheel in an empty environment ---------------------------------------------------------------
+
+
+def check_wheel() -> None:
+    """Build it as it is published, and use it with only what it asks for."""
+    with tempfile.TemporaryDirectory() as folder:
+        uv("build", "--quiet", "--out-dir", folder)  # the sdist, and the wheel from the sdist
+        (wheel,) = Path(folder).glob("*.whl")
+        kinds = [("newest releases", sys.executable, ()), ("lowest bounds", LOWEST_PYTHON, LOWEST)]
+        if newest := newest_python():
+            kinds.append(("newest Python", newest, ()))
+        for number, (name, version, options) in enumerate(kinds):
+            home = Path(folder) / str(number)
+            python = made(home / "env", version)
+            uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
+            say(f"wheel: {name}: {output(python, '--version')}")
+            use(home, python)
+
+
+def use(home: Path, python: str) -> None:
+    """Every kind of command, what an extra is needed for, and a machine without LLVM."""
+    folder = home / "elsewhere"
+    for name in ("scenes", "assets"):
+        shutil.copytree(ROOT / name, folder / name)
+    environment = clean(str(home))
+
+    def lidarscene(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+        return run([str(Path(python).with_name("lidarscene")), *arguments], folder, environment | more)
+
+    where = (
+        "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
+    )
+    must(run([python, "-c", where], folder, environment), 0, str(home / "env"))
+    must(lidarscene("--version"), 0, f"lidarscene {__version__}")
+    must(lidarscene("catalog"), 0, "table1-apd")
+    must(lidarscene("catalog", "materials", "asphalt"), 0, "reflectivity")
+    json.loads(must(lidarscene("schema", "scene"), 0, "$defs"))
+    must(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
+    must(lidarscene("doctor"), 0, "lidarscene can trace rays here")
+    for scene in ("range", "car"):
+        told = must(
+            lidarscene("render", f"scenes/{scene}.toml", "-o", f"{scene}.ply", "--json", *COARSE), 0, ""
+        )
+        if json.loads(told)["points"] == 0 or not (folder / f"{scene}.ply").read_bytes().startswith(b"ply"):
+            raise SystemExit(f"environments: {scene}.toml: no cloud of points came out: {told}")
+    must(lidarscene("render", "scenes/range.toml", "-o", "a.ply", "--picture", "a.png", *COARSE), 0, "a.png")
+    must(lidarscene("view", "scenes/range.toml", "--save", "view.html", *COARSE), 0, "view.html")
+
+    for name, extra in {name: one.extra for name, one in FORMATS.items() if one.extra}.items():
+        ran = lidarscene("render", "scenes/range.toml", "-o", "a", "--format", name, *COARSE)
+        one_line(ran, 1, f"try: pip install 'lidarscene[{extra}]'")
+    one_line(lidarscene("batch", "scenes/job.toml", "-o", "job"), 1, "try: pip install 'lidarscene[batch]'")
+    sun = "sun = { place = [48.0, 11.0], time = 2026-06-21T12:00:00Z, illuminance_klux = 100 }\n"
+    wall = '[[bodies]]\nname = "wall"\nprimitive = "plane"\nsize_m = [4, 4]\nmaterial = "concrete"\n'
+    (folder / "sun.toml").write_text(sun + wall)
+    one_line(lidarscene("render", "sun.toml", "-o", "a.ply"), 1, "try: pip install 'lidarscene[sun]'")
+
+    gone = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"} | ON_LLVM
+    without_llvm(lidarscene, "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file; try: ", **gone)
+    uv("pip", "uninstall", "--quiet", "--python", python, "karellen-llvm-core")
+    if lidarscene("doctor", **ON_LLVM).returncode == 0:
+        say("the system has an LLVM of its own: a machine without one was not tried")
+    else:
+        without_llvm(lidarscene, "found; try: ", **ON_LLVM)
+
+
+def without_llvm(lidarscene, told: str, **environment: str) -> None:
+    """One error, exit code 3, nothing written; doctor's whole report all the same; what traces nothing works."""
+    for command in (
+        ("render", "scenes/range.toml", "-o", "new/a.ply"),
+        ("view", "scenes/range.toml", "--save", "b.html"),
+    ):
+        must(lidarscene(*command, **environment), 3, told, error=True)
+    report = must(lidarscene("doctor", **environment), 1, told)
+    if not report.rstrip().endswith("lidarscene cannot trace rays here"):
+        raise SystemExit(f"environments: doctor does not end with its verdict:\n{report}")
+    must(lidarscene("range", "table1-apd", **environment), 0, "table1-apd")
+
+
+def one_line(ran: subprocess.CompletedProcess[str], code: int, told: str) -> None:
+    """An error of one line, and nothing else."""
+    if must(ran, code, told, error=True).count("\n") != 1:
+        raise SystemExit(f"environments: more than one line: {ran.stderr}")
+
+
+def must(ran: subprocess.CompletedProcess[str], code: int, told: str, *, error: bool = False) -> str:
+    """What it printed, if this is how it ended and what it said, and it said nothing in the wrong place."""
+    right, wrong = (ran.stderr, ran.stdout) if error else (ran.stdout, ran.stderr)
+    begins = "lidarscene: error: " if error else ""
+    if ran.returncode != code or told not in right or not right.startswith(begins) or wrong:
+        raise SystemExit(
+            f"environments: {' '.join(ran.args)}\nended with {ran.returncode}, expected {code} and {told!r}\n"
+            f"--- stdout\n{ran.stdout}--- stderr\n{ran.stderr}"
+        )
+    return right
+
+
+# --- Pythons and processes ---------------------------------------------------------------------------
+
+
+def newest_python() -> str:
+    """$PYTHON_NEWEST, or the newest Python here that is newer than this one; "" (and a line) if there is none."""
+    if wanted := os.environ.get("PYTHON_NEWEST"):
+        return wanted
+    best = max(installed(), default=((0, 0), ""))
+    if best[0] <= sys.version_info[:2]:
+        say(
+            f"no Python newer than {sys.version_info[0]}.{sys.version_info[1]} here: skipped; try PYTHON_NEWEST=..."
+        )
+        return ""
+    return best[1]
+
+
+def installed() -> Iterator[tuple[tuple[int, int], str]]:
+    """The Pythons that uv finds, and pyenv's, which it cannot find where none of them is chosen."""
+    listed = subprocess.run(
+        [UV, "python", "list", "--only-installed", "--output-format", "json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    paths = [one["path"] for one in json.loads(listed.stdout or "[]") if one["implementation"] == "cpython"]
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    for path in [*paths, *map(str, pyenv.glob("versions/3.*/bin/python"))]:
+        if path:
+            major, minor = output(path, "-c", "import sys; print(*sys.version_info[:2])").split()
+            yield (int(major), int(minor)), path
+
+
+def made(folder: Path, python: str) -> str:
+    """The Python of a new environment, in the place of any that is there."""
+    uv("venv", "--quiet", "--clear", "--python", python, str(folder))
+    return str(
+        next(path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists())
+    )
+
+
+def uv(*arguments: str, check: bool = True, **environment: str) -> int:
+    """Run uv in the repository."""
+    code = subprocess.run([UV, *arguments], cwd=ROOT, env=os.environ | environment, check=False).returncode
+    if check and code:
+        raise SystemExit(f"environments: uv {' '.join(arguments)}: ended with {code}")
+    return code
+
+
+def clean(home: str) -> dict[str, str]:
+    """The environment of this process without what chooses a back end, a cache or modules; HOME is `home`."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(NOT_OURS)}
+    return kept | {"HOME": home, "USERPROFILE": home}
+
+
+def run(command: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run it to its end, with what it printed."""
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600,
+        check=False,
+    )  # fmt: skip
+
+
+def output(*command: str) -> str:
+    """What a command prints."""
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def say(text: str) -> None:
+    """Tell what goes on."""
+    print(f"environments: {text}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
