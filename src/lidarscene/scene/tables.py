@@ -185,6 +185,22 @@ class BodyFile(PoseFile):
         return self
 
 
+class LampsFile(FileModel):
+    """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
+
+    kind: Literal["lamps"]
+    irradiance_w_m2: NotNegative = Field(description="of the surfaces, in the sensor's band")
+
+
+class LidarsFile(Table[Interferer]):
+    """[[interference]] kind = "lidar": pulses of another lidar, at random times, in every direction alike."""
+
+    kind: Literal["lidar"]
+
+
+AnyInterferenceFile = Annotated[LampsFile | LidarsFile, Field(discriminator="kind")]
+
+
 class SceneFile(FileModel):
     """A whole scene file."""
 
@@ -213,22 +229,6 @@ class SceneFile(FileModel):
         if self.base_materials and self.base is None:
             raise ValueError("base_materials came without base")
         return self
-
-
-class LampsFile(FileModel):
-    """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
-
-    kind: Literal["lamps"]
-    irradiance_w_m2: NotNegative = Field(description="of the surfaces, in the sensor's band")
-
-
-class LidarsFile(Table[Interferer]):
-    """[[interference]] kind = "lidar": pulses of another lidar, at random times, in every direction alike."""
-
-    kind: Literal["lidar"]
-
-
-AnyInterferenceFile = Annotated[LampsFile | LidarsFile, Field(discriminator="kind")]
 
 
 def lamps_w_m2(files: Sequence[LampsFile | LidarsFile]) -> float:
