@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
 from ..maths.pose import direction_from_angles
+from ..maths.units import Quantity
 from ..maths.vectors import Vector, angles_of
 
 Matrix = np.ndarray[Any, Any]
@@ -60,6 +61,22 @@ class Scanner(Protocol):
         """(n,) float64 emission time from the first pulse of frame 0."""
 
 
+Jitter = Annotated[
+    Array | None,
+    Quantity("mrad", gt=0, about="standard deviation of the pointing on each axis across the beam"),
+]
+Encoder = Annotated[
+    Array | None,
+    Quantity(
+        "deg",
+        name="encoder_step_deg",
+        gt=0,
+        about="of the encoders on the mechanism; the reported angles are rounded to it",
+    ),
+]
+Rotation = Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive is counter-clockwise seen from above")]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mechanism:
     """Base of the scanners: mechanical angles, and optics that make directions of them.
@@ -70,8 +87,8 @@ class Mechanism:
     The beam leaves where the mechanism is; the sensor believes its encoders, which round to the nearest step.
     """
 
-    jitter_rad: Array | None = None
-    encoder_rad: Array | None = None
+    jitter_rad: Jitter = None
+    encoder_rad: Encoder = None
 
     @property
     def line_pulses(self) -> int | None:

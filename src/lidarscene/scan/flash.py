@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
 
@@ -34,22 +36,29 @@ LARGEST_HEIGHT = {
 """h of a beam at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
 
 
+Count = Annotated[int, Quantity(ge=1, le=2**24)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flash(Mechanism):
     """Pixels row by row from the top, each row from the left as seen from the sensor.
 
     pitch       of the pixels over the focal length
     projection  a key of LARGEST_HEIGHT
-    falloff     "pupil" or "pupil_and_pixel": what the aperture's share holds
     frame_rate_hz  flashes per second
     """
 
-    columns: int
-    rows: int
+    columns: Count
+    rows: Count
     pitch: Array
     frame_rate_hz: float
-    projection: str = "rectilinear"
-    falloff: str = "pupil"
+    projection: Annotated[
+        Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], Key()
+    ] = "rectilinear"
+    falloff: Annotated[
+        Literal["pupil", "pupil_and_pixel"],
+        Key(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
+    ] = "pupil"
 
     @property
     def pulses(self) -> int:

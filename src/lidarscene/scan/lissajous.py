@@ -8,12 +8,14 @@ of that length repeats, any other one goes on where the last one ended.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism
+from .base import Encoder, Jitter, Matrix, Mechanism
 from .mirror_optics import Mirrors
 from .turns import Turns
 
@@ -38,13 +40,13 @@ class Lissajous(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: float,
+        frame_hz: Annotated[float, Quantity(gt=0)],
         mirrors: Mirrors,
         frequency_hz: tuple[float, float],
         phase_rad: tuple[float, float],
         turn_rad: tuple[float, float],
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Lissajous:
         """From frequencies, phases and amplitudes, each of azimuth and elevation."""
         azimuth, elevation = (

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
 from .mirror_optics import Mirrors
@@ -30,17 +32,21 @@ class MirrorRaster(Mechanism):
               are those around its middle, so that less of its amplitude is seen with a smaller duty
     """
 
-    columns: int
-    rows: int
+    columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24)]
+    rows: Annotated[int, Quantity(name="lines", ge=1, le=2**24)]
     mirrors: Mirrors
     fast_turn_rad: Array
     slow_turn_rad: Array
     rate_hz: float
-    fast: str = "azimuth"
-    waveform: str = "sawtooth"
-    slow: str = "step"
-    line_duty: Array = 1.0
-    frame_duty: Array = 1.0
+    fast: Annotated[Literal["azimuth", "elevation"], Key(about="the turn that scans a line")] = "azimuth"
+    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], Key()] = "sawtooth"
+    slow: Annotated[Literal["step", "ramp"], Key()] = "step"
+    line_duty: Annotated[Array, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = (
+        1.0
+    )
+    frame_duty: Annotated[
+        Array, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")
+    ] = 1.0
 
     @property
     def pulses(self) -> int:

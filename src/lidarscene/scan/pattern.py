@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
-from .base import GivenAngles, Matrix, in_frame
+from .base import Encoder, GivenAngles, Jitter, Matrix, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,8 +33,8 @@ class Pattern(GivenAngles):
         time_s: Matrix,
         channel: Matrix | None = None,
         frame_s: float,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Pattern:
         """From columns of one length, times rising from 0 and below ``frame_s``."""
         return cls(

@@ -17,13 +17,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
-from .base import Matrix, Mechanism, in_frame
+from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,15 +57,34 @@ class Polygon(Mechanism):
         cls,
         *,
         rate_hz: float,
-        rotation_hz: float,
-        tilt_rad: Sequence[float],
-        duty: float,
-        incidence_rad: float,
-        side: str,
-        inradius_m: float | None = None,
+        rotation_hz: Rotation,
+        tilt_rad: Annotated[
+            Sequence[float],
+            Quantity(
+                "deg",
+                name="facet_tilt_deg",
+                ge=-40,
+                le=40,
+                least=3,
+                about="of each facet against the axis, in the order in which they pass; positive looks up",
+            ),
+        ],
+        duty: Annotated[
+            float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")
+        ] = 1.0,
+        incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0),
+        side: Annotated[Literal["left", "right"], Key()] = "left",
+        inradius_m: Annotated[
+            float | None,
+            Quantity(
+                "mm",
+                gt=0,
+                about="from the axis to the facets; without it the facets cut nothing off the aperture",
+            ),
+        ] = None,
         lens_radius_m: float | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Polygon:
         """As many facets as tilts; pulses leave during ``duty`` of the time that a facet has."""
         facets = len(tilt_rad)

@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
+from ..maths.units import Quantity
 from ..maths.vectors import Vector, refracted
-from .base import Matrix, Mechanism
+from .base import Encoder, Jitter, Matrix, Mechanism
 from .turns import Turns
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -71,15 +73,24 @@ class Risley(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: float,
+        frame_hz: Annotated[float, Quantity(gt=0)],
         angle_rad: Sequence[float],
         index: Sequence[float],
         rotation_hz: Sequence[float],
         phase_rad: Sequence[float],
         tilted: Sequence[str],
-        beam_elevation_rad: Sequence[float] | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        beam_elevation_rad: Annotated[
+            Sequence[float] | None,
+            Quantity(
+                "deg",
+                ge=-45,
+                le=45,
+                least=1,
+                about="of each laser before the prisms; one along the axis if left out",
+            ),
+        ] = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Risley:
         """From lists by wedge, the first one next to the laser. Positive rotation goes from y (left) to z (up)."""
         wedges = tuple(

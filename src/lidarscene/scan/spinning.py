@@ -12,13 +12,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
 from ..maths.pose import direction_from_angles
+from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism, in_frame
+from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
@@ -48,23 +50,43 @@ class Spinning(Mechanism):
     def of(
         cls,
         *,
-        rotation_hz: float,
-        cycle_s: float | None,
-        cycles_per_turn: int | None,
-        elevation_rad: Sequence[float],
-        azimuth_rad: Sequence[float],
-        firing_s: Sequence[float],
+        rotation_hz: Rotation,
+        cycle_s: Annotated[
+            float | None, Quantity("us", gt=0, about="from cycle to cycle, if clocked by time")
+        ] = None,
+        cycles_per_turn: Annotated[
+            int | None,
+            Quantity(
+                name="columns_per_turn",
+                ge=1,
+                le=2**24,
+                about="cycles in a turn, if clocked by the encoder",
+            ),
+        ] = None,
+        elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)],
+        azimuth_rad: Annotated[
+            Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)
+        ] = None,
+        firing_s: Annotated[
+            Sequence[float] | None,
+            Quantity(
+                "us",
+                name="firing_time_us",
+                ge=0,
+                about="after the start of the cycle; all at once if left out",
+            ),
+        ] = None,
         start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
-        start_azimuth_rad: float = 0.0,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Spinning:
         """From the lists of the lasers, in any order; the numbers of `channel` are places in these lists.
 
-        rotation_hz      positive is counter-clockwise seen from above
-        cycle_s          clocked by time, or
-        cycles_per_turn  clocked by the encoder, so that frames close exactly; one of the two is None
+        One of ``cycle_s`` and ``cycles_per_turn`` is None; with the latter frames close exactly.
         """
+        azimuth_rad = azimuth_rad or (0.0,) * len(elevation_rad)
+        firing_s = firing_s or (0.0,) * len(elevation_rad)
         period_s = 1.0 / abs(rotation_hz)
         if cycles_per_turn is not None:
             cycle_s = period_s / cycles_per_turn

@@ -22,7 +22,7 @@ from ..sensor.file import LARGEST_COORDINATE_M
 from . import meshes
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .mesh_cache import SubMesh
-from .model import Ball, Body, Part, Scene, Sky, View
+from .model import Ball, Body, Part, Scene
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
@@ -132,14 +132,14 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         bodies=tuple(bodies),
         materials=surfaces.materials,
         sun=file.sun.build(),
-        sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(file.weather.build()),
+        sky=file.sky.in_si(),
+        air=file.air.build(file.weather.in_si()),
         lamps_w_m2=lamps_w_m2(file.interference),
         interferers=interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
-        view=View(**file.picture.model_dump()) if file.picture else None,
+        view=file.picture.in_si() if file.picture else None,
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )

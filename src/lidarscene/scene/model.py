@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..materials.material import Material
 from ..maths.arrays import frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
+from ..maths.units import Key, Quantity
 from ..physics.optics import air
 from .weather import Weather
 
@@ -76,9 +77,9 @@ class Sun:
     surface that faces it.
     """
 
-    azimuth_rad: float = 0.0
-    elevation_rad: float = math.radians(45.0)
-    illuminance_klux: float = 100.0
+    azimuth_rad: Annotated[float, Quantity("deg")] = 0.0
+    elevation_rad: Annotated[float, Quantity("deg", ge=-90, le=90)] = math.radians(45.0)
+    illuminance_klux: Annotated[float, Quantity(ge=0)] = 100.0
 
     @property
     def direction(self) -> Matrix:
@@ -90,7 +91,7 @@ class Sun:
 class Sky:
     """Uniform sky; ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
 
-    diffuse_share: float = 0.0
+    diffuse_share: Annotated[float, Quantity(ge=0)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,23 +118,23 @@ class Air:
 class Interferer:
     """Another lidar, whose pulses reach the receiver at random times, whichever way it looks.
 
-    rate_hz          mean rate of the pulses that do
-    irradiance_w_m2  median of their peaks, in the sensor's band, at the receiver's aperture
-    spread_db        standard deviation of ten times the decimal logarithm of the peak
+    spread_db  of ten times the decimal logarithm of the peak
     """
 
-    rate_hz: float
-    irradiance_w_m2: float
-    spread_db: float = 6.0
+    rate_hz: Annotated[float, Quantity(ge=0, about="mean rate of the pulses that reach the receiver")]
+    irradiance_w_m2: Annotated[
+        float, Quantity(gt=0, about="median of their peaks, at the receiver's aperture, in its band")
+    ]
+    spread_db: Annotated[float, Quantity(ge=0.1, le=40, about="standard deviation of the peaks' level")] = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
     """Where pictures of the scene are taken from: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
-    eye_m: tuple[float, float, float]
-    target_m: tuple[float, float, float]
-    fov_deg: float = 60.0
+    eye_m: Annotated[tuple[float, float, float], Key()]
+    target_m: Annotated[tuple[float, float, float], Key()]
+    fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="across")] = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,11 +5,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 from ..maths.arrays import Array
+from ..maths.units import Key, Quantity
 from ..physics.weather import fog, precipitation
 from ..physics.weather.precipitation import Sizes
 
+FogKind = Literal[
+    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
+]
 DEFAULT_FOG = "moderate_advection"
 """Kind of a fog of which only the visibility is known."""
 
@@ -39,16 +44,15 @@ class Weather:
     fog               name in `physics.weather.fog.TYPES`, with the density published for it; None for none, or for the
                       default kind where a visibility is given
     fog_visibility_m  meteorological visibility, to which the number of droplets is scaled
-    rain_mm_h         rain rate
-    snow_mm_h         snow rate, of water
-    snow              "dry" or "wet"
     """
 
-    fog: str | None = None
-    fog_visibility_m: float | None = None
-    rain_mm_h: float = 0.0
-    snow_mm_h: float = 0.0
-    snow: str = "dry"
+    fog: Annotated[
+        FogKind | None, Key(about="kind, as dense as published unless fog_visibility_km is given")
+    ] = None
+    fog_visibility_m: Annotated[float | None, Quantity("km", ge=0.005, le=50)] = None
+    rain_mm_h: Annotated[float, Quantity(ge=0, le=300)] = 0.0
+    snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water")] = 0.0
+    snow: Annotated[Literal["dry", "wet"], Key()] = "dry"
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
         """Extinction coefficient at a laser wavelength, of all together."""
