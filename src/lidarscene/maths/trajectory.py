@@ -173,7 +173,7 @@ class Spline:
             or len(self.poses) < 2
             or not (np.diff(self.time_s) > 0.0).all()
         ):
-            raise ValueError("a spline must have two poses or more, at rising times")
+            raise ValueError("must be two poses or more, at rising times")
         object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses))
 
     @property

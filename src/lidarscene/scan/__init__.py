@@ -1,4 +1,8 @@
-"""Scanners: pulse number in, direction, time and aperture out. One small module for each mechanism."""
+"""Scanners: pulse number in; direction, time and aperture out. One small module for each mechanism.
+
+A real pattern is not an even grid: mirrors bend it, facets cut the aperture, encoders round the reported angles. So
+each mechanism is modelled by its own geometry.
+"""
 
 from .base import Scanner as Scanner
 from .flash import Flash as Flash

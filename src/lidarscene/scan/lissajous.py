@@ -1,8 +1,10 @@
 """Resonant Lissajous scanner: both turns are sines, of one mirror or of two.
 
-a(t) = A sin(2 pi f_a t + phi_a) in azimuth and e(t) = E sin(2 pi f_e t + phi_e) in elevation, both mechanical; what
-the reflection makes of them, and the aperture, is in `mirrors`. The pattern closes after 1 / gcd(f_a, f_e); a frame
-of that length repeats, any other one goes on where the last one ended.
+a(t) = A sin(2 pi f_a t + phi_a) in azimuth and e(t) = E sin(2 pi f_e t + phi_e) in elevation, both mechanical.
+Reflection and aperture are in `scan.mirror_optics`. The pattern repeats after 1 / gcd(f_a, f_e); a frame of that
+length repeats, any other one continues where the last ended.
+
+Symbols: f frequency, phi phase, A and E amplitudes, zero to peak.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from .turns import Turns
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lissajous(Mechanism):
-    """Pulses at an even rate; ``pulses`` of them are a frame. Made by `of`.
+    """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `of`.
 
     azimuth_turn_rad, elevation_turn_rad  mechanical amplitudes, zero to peak
     """

@@ -1,9 +1,8 @@
 """Rotating head: a bank of lasers, each at its own elevation, turned about the vertical axis and fired in turn.
 
-The head carries lasers and receivers together, so the receiver always faces its beam: A(theta_r) = A(0).
-
-The sensor's x axis is azimuth 0. In a cycle every laser fires once, at its time after the cycle's start, while the
-head goes on turning; a beam's azimuth is the head's at that very moment plus the laser's own.
+In a cycle every laser fires once, at its own time, while the head keeps turning; a beam's azimuth is the head's at
+that moment plus the laser's own. That shear is visible in the cloud. The head carries lasers and receivers together,
+so the receiver always faces its beam: A(theta_r) = A(0). The sensor's x axis is azimuth 0.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ _TWO_PI = 2.0 * math.pi
 class Spinning(Mechanism):
     """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `of`.
 
-    Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (what the head turns
-    from the cycle's start to the firing), channel (number of the laser as it was given), start_m (x, y, z of the
-    laser's exit in the head, or None).
+    Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
+    the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
+    exit in the head, or None).
     """
 
     cycles: int
@@ -81,7 +80,7 @@ class Spinning(Mechanism):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Spinning:
-        """From the lists of the lasers, in any order; the numbers of `channel` are places in these lists.
+        """From the lists of the lasers, in any order; numbers of `channel` are places in these lists.
 
         One of ``cycle_s`` and ``cycles_per_turn`` is None; with the latter frames close exactly.
         """
@@ -131,7 +130,7 @@ class Spinning(Mechanism):
         return self.lasers
 
     def _place(self, pulse: Array) -> tuple[Array, Array]:
-        """Cycle of each pulse, and its laser's place in the firing order."""
+        """Cycle of each pulse, and the laser's place in the firing order."""
         number = xp(pulse).int32(pulse)
         cycle = number // self.lasers
         return cycle, number - cycle * self.lasers
@@ -156,12 +155,12 @@ class Spinning(Mechanism):
         return self._azimuth_elevation(pulse, self._read(pulse)[0])
 
     def channel(self, pulse: Array) -> Array:
-        """Number of the laser, as given."""
+        """Number of the laser as given."""
         ops = xp(pulse)
         return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
 
     def offset_m(self, pulse: Array) -> Vector | None:
-        """The laser's exit, turned with the head."""
+        """The laser's exit, turned with the head; None if all are at the origin."""
         if self.start_m is None:
             return None
         ops, place = xp(pulse), self._place(pulse)[1]
@@ -171,6 +170,6 @@ class Spinning(Mechanism):
         return cos * x - sin * y, sin * x + cos * y, z
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """By the firing table."""
+        """Times from the firing table."""
         cycle, place = in_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])
