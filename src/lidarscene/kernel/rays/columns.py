@@ -36,7 +36,7 @@ ABSENT: dict[str, Any] = {
 """Columns that only some worlds or sensors have, with their value in all others."""
 
 OF_WAYS = ("interactions", "ghost")
-"""Those that only the pulses have which go on."""
+"""Columns that only pulses have which go on through panes, mirrors or gaps."""
 
 
 def lanes_where(flag: Any) -> Any:
@@ -48,13 +48,11 @@ def lanes_where(flag: Any) -> Any:
 
 
 def more_than_one(lanes: Any) -> Any:
-    """Return at least two lanes: the given ones, or a single one twice.
-
-    Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for
-    it. The copy is made by numpy, because on the device it would be one more kernel.
-    """
+    """Return at least two lanes: the given ones, or a single one twice."""
     import drjit as dr
 
+    # Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for
+    # it. The copy is made by NumPy, because on the device it would be a kernel, too.
     return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
@@ -79,9 +77,10 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
 def kept_lanes(
     detection: Detection, lane_of: Any = None, *, twice: bool = False
 ) -> tuple[Any, Any, int] | None:
-    """Return (k,) lane and (k,) stop number of every reported return, by pulse and then by stop, and their number.
+    """Return lane and stop number of every reported return, by pulse and then by stop, and their number k; or None.
 
-    None if there is none. A single return is there twice (`more_than_one`), and counts once.
+    Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`).
+
     lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
     twice    the two lanes are one pulse: its returns are there twice
     """
@@ -260,15 +259,16 @@ def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
     """Merge several `columns` by pulse number, in the layout of `one_by_one`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
-    together here. All returns of a pulse are in one part, in order. The columns of `OF_WAYS` are always there, so that
-    one part alone needs no other kernels.
-    parts  columns, and the number of their points, which may be there twice
+    together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
+    that a frame with one part needs no other kernels than one with two.
+
+    parts  columns, and the number of their points; one point may be there twice (`more_than_one`)
     """
     import drjit as dr
 
     mi = mitsuba()
-    # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     pulses = [columns["time_s"] for columns, _ in parts]
+    # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     dr.eval(*pulses)
     merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
     total = sum(count for _, count in parts)
@@ -282,6 +282,7 @@ def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
     # Dr.Jit evaluates an array before it is written a second time. So all columns of one part are scattered before
     # those of the next: one kernel for each part, not one for each column.
     for (columns, _), numbers in zip(parts, merged, strict=True):
+        # A single point that is there twice is written twice to the same place.
         place = transfer.unsigned_numbers(np.resize(numbers, dr.width(columns["time_s"])))
         for name, room in joined.items():
             if name == "xyz_m":
@@ -302,9 +303,9 @@ def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
 def surfaces(
     *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection, twice: bool
 ) -> tuple[dict[str, Any], int] | None:
-    """Return columns of every pulse that met a surface, kept or not, on the device, not yet computed, and their number.
+    """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
-    None if no pulse met one. A single one is there twice, as in `kept_lanes`.
+    Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes`.
 
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
