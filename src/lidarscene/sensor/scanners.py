@@ -68,8 +68,9 @@ class SpinningFile(ScannerFile[Spinning]):
     @property
     def cycle_s(self) -> float:
         """From cycle to cycle."""
-        given_s: float | None = si(self.cycle_us, "us")
-        return given_s or 1.0 / (abs(self.rotation_hz) * self.columns_per_turn)
+        if self.cycle_us is not None:
+            return si(float(self.cycle_us), "us")
+        return 1.0 / float(abs(self.rotation_hz) * self.columns_per_turn)
 
     def shot_period_us(self, pulse_period_us: float) -> float:
         """Each laser has a receiver of its own, which listens until that laser's next pulse."""
