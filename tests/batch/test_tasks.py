@@ -131,7 +131,7 @@ def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory)
         ('scenes = ["scene.toml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1, -1]',
          "scene.toml --scene-set sun.illuminance_klux=-1: sun.illuminance_klux: 0 or more was expected, -1 came"),
         ('scenes = ["scene.toml"]\n[sweep.sensor]\n"laser.power" = [1]', "own.toml --set laser.power=1: unknown key"),
-        ('scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1]', "goes with a scene file (.toml)"),
+        ('scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1]', "the scene must be a TOML file, got"),
     ],
 )  # fmt: skip
 def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str, told: str) -> None:

@@ -46,15 +46,19 @@ def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
         ("a.obj", TRIANGLE.replace("v 1", "v nan"), "a.obj: 1 of 3 vertices are not finite numbers"),
         ("a.obj", TRIANGLE.replace("v 1", "v 1e308"), "a.obj: 1 of 3 vertices are not finite numbers"),
         ("a.obj", TRIANGLE.replace("2 3", "2 9"), "a.obj: cannot be read as a mesh: "),
-        ("a.obj", "", "a.obj: the mesh is empty, at least one triangle was expected"),
-        ("a.stl", "", "a.stl: the mesh is empty, at least one triangle was expected"),
-        ("a.obj", "v 0 0 0\n", "a.obj: the mesh is empty"),
+        ("a.obj", "", "a.obj: the mesh must have at least one triangle, got none"),
+        ("a.stl", "", "a.stl: the mesh must have at least one triangle, got none"),
+        ("a.obj", "v 0 0 0\n", "a.obj: the mesh must have at least one triangle"),
         ("a.ply", NOISE, "a.ply: cannot be read as a mesh: "),
         ("a.glb", NOISE, "a.glb: cannot be read as a mesh: "),
         ("a.obj", NOISE, "a.obj: "),
         ("a.stl", NOISE, "a.stl: "),
         ("a.xyzw", b"1", "a.xyzw: cannot be read as a mesh: file_type 'xyzw' not supported"),
-        ("a.obj", "v 2 2 2\nv 2 2 2\nv 2 2 2\nf 1 2 3\n", "is 0 m across"),
+        (
+            "a.obj",
+            "v 2 2 2\nv 2 2 2\nv 2 2 2\nf 1 2 3\n",
+            "across and reach <= 1e+08 m from its origin, got 0 m and 2 m",
+        ),
     ],
 )
 def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, told: str) -> None:
@@ -68,7 +72,7 @@ def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, tol
     ("name", "told"),
     [
         ("none.glb", "none.glb: no such file"),
-        ("folder", "folder: is a folder, a mesh file was expected"),
+        ("folder", "folder: must be a mesh file, got a folder"),
         ("long" * 99, f"{'long' * 99}: no such file"),
     ],
 )
@@ -93,7 +97,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "scale = 0\n", 'bodies[0 "wall"].scale: more than 0 was expected, 0 came'),
         (WALL + "scale = -1.5\n", 'bodies[0 "wall"].scale: more than 0 was expected, -1.5 came'),
         (WALL + "scale = nan\n", 'bodies[0 "wall"].scale: a finite number was expected, NaN came'),
-        (WALL + "scale = 1e-9\n", 'bodies[0 "wall"]: is 4e-09 m across'),
+        (WALL + "scale = 1e-9\n", 'bodies[0 "wall"]: with its scale a body must be >= 1e-06 m across'),
         (WALL + "scale = 1e300\n", 'bodies[0 "wall"].scale: 1e+06 or less was expected, 1e+300 came'),
         (WALL.replace("[4, 4]", "4"), 'bodies[0 "wall"].size_m: a list was expected, 4 came'),
         (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane has 2 numbers, 1 came'),
@@ -106,7 +110,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL.replace('material = "concrete"', ""), "bodies[0 \"wall\"]: key 'material' is missing"),
         (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
         (WALL.replace('"wall"', '""'), 'bodies[0 ""].name: text that is not empty was expected, "" came'),
-        (WALL + WALL, "two bodies are named 'wall', every name once was expected"),
+        (WALL + WALL, "names of bodies must be unique, got 'wall' twice"),
         (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive was expected, not both or none'),
         (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane takes size_m, size_m and radius_m came'),
         (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
@@ -140,11 +144,11 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
          "coat_ior and coat_roughness")),
         (MESH.format("ok.obj") + 'materials = { roof = "brick" }\n', ('bodies[0 "thing"].materials: no sub-mesh '
          "'roof' in ok.obj; it has ok.obj")),
-        (MESH.format("ok.obj").replace("material =", "class ="), ('bodies[0 "thing"]: no material for sub-mesh '
-         "'ok.obj' of ok.obj, which has no colour of its own")),
+        (MESH.format("ok.obj").replace("material =", "class ="), ('bodies[0 "thing"]: sub-mesh '
+         "'ok.obj' of ok.obj has no colour of its own and must have a material")),
         ('base = "none.xml"\n', "base: none.xml: no such file"),
         (f'base = "{"long" * 99}.xml"\n', f"base: {'long' * 99}.xml: no such file"),
-        ('base = "ok.obj"\n', "base: ok.obj: a Mitsuba scene with a name in .xml was expected"),
+        ('base = "ok.obj"\n', "base: ok.obj: the name of a Mitsuba scene must end in .xml"),
         (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials came without base"),
     ],
 )  # fmt: skip
@@ -174,7 +178,7 @@ def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
         ("none.toml", "none.toml: no such file"),
         ("none.xml", "none.xml: no such file"),
         ("folder.toml", "folder.toml: is a folder, a TOML file was expected"),
-        ("folder.xml", "folder.xml: is a folder, a Mitsuba XML scene was expected"),
+        ("folder.xml", "folder.xml: must be a Mitsuba XML scene, got a folder"),
     ):
         assert refused(run, tmp_path, "render", name, "-o", "o.ply") == told
 

@@ -1,6 +1,6 @@
 """The documentation tells the truth: links, names, keys, tables, commands and examples against the code.
 
-`PYTHONPATH=src python tests/docs/test_docs.py` writes the columns' table and the examples' outputs anew.
+`PYTHONPATH=src:tests python tests/docs/test_docs.py` writes the columns' table and the examples' outputs anew.
 """
 
 import ast
@@ -213,7 +213,7 @@ def columns_table() -> str:
 def test_columns_are_up_to_date() -> None:
     table = re.search(r"<!-- columns -->\n(.*?)\n\n", text_of(CONVENTIONS), re.DOTALL)
     assert table
-    assert table[1] == columns_table(), "run: PYTHONPATH=src python tests/docs/test_docs.py"
+    assert table[1] == columns_table(), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
@@ -251,24 +251,74 @@ def default_of(info: Any) -> str:
 
 
 def test_models_are_all_found() -> None:
-    assert {"BodyFile", "PoseFile", "ApdFile", "SipmFile", "ReflectivityRow", "AirFile"} <= set(MODELS)
+    assert {"BodyFile", "PoseFile", "ApdFile", "SipmFile", "ReflectivityRow", "AirFile", "LampsFile"} <= set(
+        MODELS
+    )
 
 
-def keys_of(name: str) -> dict[str, tuple[str, str]]:
-    """Default and meaning of each key, as the model's table has them."""
-    pattern = rf"<!-- keys {name} -->\n\| key .*?\n\|---.*?\n(.*?)(?:\n\n|\Z)"
-    table = re.search(pattern, text_of(CONVENTIONS), re.DOTALL)
+def bounds_of(schema: dict[str, Any]) -> str:
+    """The bounds of a number in words: `300 to 2500`, `above 0, below 255`, `1 or more`."""
+    low, above, high, below = (
+        (f"{value:g}" if float(f"{value:g}") == value else str(value)).replace("e+0", "e")
+        if (value := schema.get(key)) is not None
+        else ""
+        for key in ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
+    )
+    start = f"above {above}" if above else low
+    if high or below:
+        return f"{start} to {high}" if high else f"{start}, below {below}"
+    return f"{low} or more" if low else start
+
+
+def values_of(schema: dict[str, Any]) -> str:
+    """What a key takes, in words, from its JSON Schema."""
+    choices = schema.get("anyOf", schema.get("oneOf"))
+    if choices:
+        kinds = [values_of(one) for one in choices if one.get("type") != "null"]
+        return " or ".join(dict.fromkeys(kinds))
+    if "enum" in schema or "const" in schema:
+        return ", ".join(f'`"{one}"`' for one in schema.get("enum", [schema.get("const")]))
+    kind = schema.get("type", "table")
+    if kind == "array":
+        each = schema.get("prefixItems") or [schema["items"]]
+        plural = {"table": "tables", "text": "texts"}
+        words = list(dict.fromkeys(plural.get(values_of(one), values_of(one)) for one in each))
+        least, most = schema.get("minItems", 0), schema.get("maxItems")
+        count = f"{least}" if least == most else f"{least} to {most}" if most else f"{least} or more"
+        return f"{count if least else 'list'} of {', '.join(words)}"
+    if kind == "integer":
+        return f"whole, {bounds_of(schema)}"
+    words = {"number": bounds_of(schema) or "number", "string": "text", "boolean": "true, false"}
+    return "date and time" if schema.get("format") == "date-time" else words.get(kind, "table")
+
+
+def declared(name: str) -> dict[str, tuple[str, str]]:
+    """Default and values of each key, as the model has them."""
+    properties = MODELS[name].model_json_schema()["properties"]
+    return {
+        key: (default_of(info), values_of(properties[key]))
+        for field, info in MODELS[name].model_fields.items()
+        for key in (info.alias or field,)
+    }
+
+
+def keys_table(name: str) -> str:
+    return rf"(<!-- keys {name} -->\n)\| key .*?\n\|---.*?\n(.*?)(?=\n\n|\n?\Z)"
+
+
+def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
+    """Default, values and meaning of each key, as the page has them."""
+    table = re.search(keys_table(name), text_of(CONVENTIONS), re.DOTALL)
     assert table, f"no table of {name} in {CONVENTIONS.name}"
-    rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[1].splitlines()]
-    return {row[0].strip("`"): (row[1], row[2]) for row in rows}
+    rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[2].splitlines()]
+    return {row[0].strip("`"): (row[1], row[2], row[3]) for row in rows}
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_key_has_its_row(name: str) -> None:
-    """Key, default and some words for each field, in the model's order or another."""
-    told = {key: default for key, (default, _) in keys_of(name).items()}
-    expected = {info.alias or key: default_of(info) for key, info in MODELS[name].model_fields.items()}
-    assert told == expected
+    """Key, default, values and some words for each field, in the model's order or another."""
+    told = {key: (default, values) for key, (default, values, _) in keys_of(name).items()}
+    assert told == declared(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def limits(schema: Any) -> set[float]:
@@ -287,7 +337,7 @@ def limits(schema: Any) -> set[float]:
 def test_limits_of_keys(name: str) -> None:
     """Of what is "300 to 2500", "up to 45" or "1 or more" the model has these bounds."""
     properties = MODELS[name].model_json_schema()["properties"]
-    for key, (_, meaning) in keys_of(name).items():
+    for key, (_, _, meaning) in keys_of(name).items():
         words = re.sub(r"`[^`]*`|\([^)]*\)|up to 1.5 it is a point", "", meaning)
         told = re.findall(r"(-?[\d.]+) to (-?[\d.]+)|up to ([\d.]+)|(\d+) or more", words)
         for number in filter(None, (number for one in told for number in one)):
@@ -298,8 +348,15 @@ def test_limits_of_keys(name: str) -> None:
 
 
 def refresh() -> None:
-    """Write what is generated: the columns' table, and what the examples of the theory print."""
+    """Write what is generated: the tables of columns and keys, and what the examples of the theory print."""
     text = text_of(CONVENTIONS)
+    for name in MODELS:
+        words = {key: meaning for key, (*_, meaning) in keys_of(name).items()}
+        known = declared(name)
+        order = [*(key for key in words if key in known), *(key for key in known if key not in words)]
+        rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
+        rows += [f"| `{key}` | {' | '.join(known[key])} | {words.get(key, '')} |" for key in order]
+        text = re.sub(keys_table(name), lambda found: found[1] + "\n".join(rows), text, flags=re.DOTALL)  # noqa: B023
     table = f"<!-- columns -->\n{columns_table()}\n\n"
     pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
     CONVENTIONS.write_text(re.sub(pattern, lambda _: table, text, flags=re.DOTALL), encoding="utf-8")

@@ -139,9 +139,9 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
 @pytest.mark.parametrize(
     ("mesh", "options", "message"),
     [
-        ("a", {}, "a Trimesh or a trimesh.Scene was expected, str came"),
-        (trimesh.Trimesh(), {}, "load_scene: the mesh is empty"),
-        (scene_of_two(), {}, "no material for 'van', which has no colour of its own"),
+        (3, {}, "load_scene: must be a Trimesh or a trimesh.Scene, got int"),
+        (trimesh.Trimesh(), {}, "load_scene: the mesh must have at least one triangle, got none"),
+        (scene_of_two(), {}, "'van' has no colour of its own and must have a material"),
         (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),
         (
             scene_of_two(),

@@ -11,8 +11,7 @@ from lidarscene import Simulator
 from lidarscene.physics.weather import fog, precipitation
 from lidarscene.scene.file import load_scene
 from lidarscene.scene.model import Air
-from lidarscene.scene.tables import FogKind
-from lidarscene.scene.weather import Weather
+from lidarscene.scene.weather import FogKind, Weather
 
 BODY = '[[bodies]]\nname = "wall"\nprimitive = "plane"\nsize_m = [4, 4]\nposition_m = [9, 0, 0]\nmaterial = "brick"\n'
 LASERS_M = (905e-9, 1550e-9)

@@ -5,6 +5,7 @@ key, and optional packages that are imported when they are first needed, with a 
 
 atomic    output that appears whole or not at all
 toml      TOML files as checked models
+table     models of tables whose keys a dataclass declares
 csv       CSV files with a line of column names
 png       PNG files
 protobuf  Protocol Buffers on the wire

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..files.toml import FileModel, read_toml, validated
+from ..maths.units import si
 from .material import Material, Spectrum
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
@@ -109,7 +110,8 @@ class MaterialFile(FileModel):
         back, through = _spectrum(self.reflectivity), _spectrum(self.transmittance)
         tables = (one for one in (self.reflectivity, self.transmittance) if isinstance(one, tuple))
         for wavelength_nm in sorted(row.wavelength_nm for table in tables for row in table) or [0.0]:
-            together = back.at(wavelength_nm * 1e-9) + through.at(wavelength_nm * 1e-9)
+            wavelength_m = si(wavelength_nm, "nm")
+            together = back.at(wavelength_m) + through.at(wavelength_m)
             if together > 1.0:
                 where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
                 raise ValueError(
@@ -125,12 +127,12 @@ class MaterialFile(FileModel):
         if self.transmittance is not None:
             parameters["transmittance"] = _spectrum(self.transmittance)
         if self.thickness_mm is not None:
-            parameters["thickness_m"] = self.thickness_mm * 1e-3
+            parameters["thickness_m"] = si(self.thickness_mm, "mm")
         if self.bsdf == "retroreflector":
             parameters["retro_coefficient_cd_per_lx_m2"] = self.retro_coefficient_cd_per_lx_m2 or 0.0
             parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0
         if self.index:
-            wavelengths = tuple(row.wavelength_nm * 1e-9 for row in self.index)
+            wavelengths = si(tuple(row.wavelength_nm for row in self.index), "nm")
             parameters["index_n"] = Spectrum(
                 wavelength_m=wavelengths, value=tuple(row.n for row in self.index)
             )
@@ -147,7 +149,7 @@ def _spectrum(given: float | tuple[ReflectivityRow, ...]) -> Spectrum:
     if not isinstance(given, tuple):
         return Spectrum.constant(given)
     return Spectrum(
-        wavelength_m=tuple(row.wavelength_nm * 1e-9 for row in given),
+        wavelength_m=si(tuple(row.wavelength_nm for row in given), "nm"),
         value=tuple(row.value for row in given),
     )
 

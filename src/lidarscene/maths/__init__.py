@@ -10,5 +10,6 @@ rotations   quaternions and angles
 trajectory  smooth rigid motions, in double precision
 paths       the same as tables for the device
 random      random numbers keyed by pulse
+units       the unit, bounds and name in files of a number
 special     special functions with accurate tails
 """

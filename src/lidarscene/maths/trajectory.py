@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
 from .arrays import frozen
 from .pose import Pose
+from .units import Quantity
 
 Matrix = np.ndarray[Any, Any]
 
@@ -87,9 +88,15 @@ class Course:
     """
 
     start: Pose = field(default_factory=Pose)
-    speed_m_s: float = 0.0
-    yaw_rate_rad_s: float = 0.0
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    speed_m_s: Annotated[float, Quantity(ge=-1e4, le=1e4, about="along its own x axis")] = 0.0
+    # At most a hundred turns a second: 18 degrees from one instant of the tables (`paths.STEP_S`) to the next.
+    yaw_rate_rad_s: Annotated[
+        float, Quantity("deg_s", ge=-36_000.0, le=36_000.0, about="positive to the left")
+    ] = 0.0
+    velocity_m_s: Annotated[
+        tuple[float, float, float],
+        Quantity(ge=-1e4, le=1e4, about="added to it, in the axes of the world"),
+    ] = (0.0, 0.0, 0.0)
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -166,7 +173,7 @@ class Spline:
             or len(self.poses) < 2
             or not (np.diff(self.time_s) > 0.0).all()
         ):
-            raise ValueError("a spline must have two poses or more, at rising times")
+            raise ValueError("must be two poses or more, at rising times")
         object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses))
 
     @property

@@ -1,26 +1,30 @@
-"""Flash: nothing moves; one pulse of light covers the field of view and every pixel listens at once.
+"""Flash: nothing moves; one pulse of light covers the field of view and all pixels listen at once.
 
-Each pixel counts as a pulse of the frame, at the frame's time. Its direction is where the lens images it, by one of
-the usual projections; h is the pixel's distance from the axis over the focal length:
+Each pixel counts as a pulse of the frame, at the frame's time. Its direction follows from the lens's projection, with
+h the pixel's distance from the axis over the focal length:
 
     rectilinear   h = tan t          equisolid     h = 2 sin(t / 2)      orthographic  h = sin t
     equidistant   h = t              stereographic h = 2 tan(t / 2)
 
-Aperture: the pupil stands still, square to the axis, so a beam t off the axis sees it foreshortened, A cos t
-("pupil"). A lens also gives pixels of one size different solid angles, sin t dt / (h dh) of the middle's; that counts
-for the background, and for the echo too where the flash has the same radiant intensity everywhere, so that the pixel's
-part of the pulse goes with its solid angle. "pupil_and_pixel" multiplies both: cos^4 t for a rectilinear lens, 1 for
-an orthographic one.
+Aperture: the pupil is fixed and perpendicular to the axis, so a beam at an angle t sees A cos t ("pupil"). A lens
+also gives pixels of one size different solid angles, sin t dt / (h dh) relative to the middle. That changes the
+background; it changes the echo too if the flash has the same radiant intensity everywhere, so that the pixel's part
+of the pulse goes with its solid angle. "pupil_and_pixel" multiplies both: cos^4 t for a rectilinear lens, 1 for an
+orthographic one.
+
+Symbols: t angle from the axis, h image height over focal length.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
 
@@ -31,7 +35,10 @@ LARGEST_HEIGHT = {
     "stereographic": 2.0,
     "orthographic": 1.0,
 }
-"""h of a beam at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
+"""h at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
+
+
+Count = Annotated[int, Quantity(ge=1, le=2**24)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,25 +47,29 @@ class Flash(Mechanism):
 
     pitch       of the pixels over the focal length
     projection  a key of LARGEST_HEIGHT
-    falloff     "pupil" or "pupil_and_pixel": what the aperture's share holds
     frame_rate_hz  flashes per second
     """
 
-    columns: int
-    rows: int
+    columns: Count
+    rows: Count
     pitch: Array
     frame_rate_hz: float
-    projection: str = "rectilinear"
-    falloff: str = "pupil"
+    projection: Annotated[
+        Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], Key()
+    ] = "rectilinear"
+    falloff: Annotated[
+        Literal["pupil", "pupil_and_pixel"],
+        Key(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
+    ] = "pupil"
 
     @property
     def pulses(self) -> int:
-        """Pixels."""
+        """Number of pixels."""
         return self.columns * self.rows
 
     @property
     def frame_s(self) -> float:
-        """From flash to flash."""
+        """Time from flash to flash."""
         return 1.0 / self.frame_rate_hz
 
     @property
@@ -87,12 +98,12 @@ class Flash(Mechanism):
         return self._row_and_column(pulse)[0]
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """All pixels at once."""
+        """The time of the flash, for all its pixels."""
         return np.asarray(in_frame(pulse, self.pulses)[0] * self.frame_s)
 
 
 def _projected(projection: str, square: Array) -> tuple[Array, Array, Array]:
-    """cos t, sin t / h and the pixel's solid angle over the middle's, from h^2."""
+    """cos t, sin t / h, and the pixel's solid angle relative to the middle's, from h^2."""
     ops = xp(square)
     if projection == "rectilinear":
         cos = 1.0 / ops.sqrt(1.0 + square)

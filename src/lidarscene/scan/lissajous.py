@@ -1,26 +1,30 @@
 """Resonant Lissajous scanner: both turns are sines, of one mirror or of two.
 
-a(t) = A sin(2 pi f_a t + phi_a) in azimuth and e(t) = E sin(2 pi f_e t + phi_e) in elevation, both mechanical; what
-the reflection makes of them, and the aperture, is in `mirrors`. The pattern closes after 1 / gcd(f_a, f_e); a frame
-of that length repeats, any other one goes on where the last one ended.
+a(t) = A sin(2 pi f_a t + phi_a) in azimuth and e(t) = E sin(2 pi f_e t + phi_e) in elevation, both mechanical.
+Reflection and aperture are in `scan.mirror_optics`. The pattern repeats after 1 / gcd(f_a, f_e); a frame of that
+length repeats, any other one continues where the last ended.
+
+Symbols: f frequency, phi phase, A and E amplitudes, zero to peak.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism
+from .base import Encoder, Jitter, Matrix, Mechanism
 from .mirror_optics import Mirrors
 from .turns import Turns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lissajous(Mechanism):
-    """Pulses at an even rate; ``pulses`` of them are a frame. Made by `of`.
+    """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `of`.
 
     azimuth_turn_rad, elevation_turn_rad  mechanical amplitudes, zero to peak
     """
@@ -38,13 +42,13 @@ class Lissajous(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: float,
+        frame_hz: Annotated[float, Quantity(gt=0)],
         mirrors: Mirrors,
         frequency_hz: tuple[float, float],
         phase_rad: tuple[float, float],
         turn_rad: tuple[float, float],
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Lissajous:
         """From frequencies, phases and amplitudes, each of azimuth and elevation."""
         azimuth, elevation = (

@@ -1,8 +1,10 @@
-"""Mirrors that turn about two axes: two mechanical angles in, the reflected beam and what it sees of the mirror out.
+"""Mirrors that turn about two axes: from two mechanical angles to the reflected beam and the aperture.
 
-Each beam is a ray off a plane mirror, r = d - 2 (d . n) n, with the normal n that the mechanical angles give; so
-a grid in mechanical angles is not one in azimuth and elevation, and only near the axis do mechanical angles count
-twice. At rest the beam leaves along the sensor's x axis; positive turns move it to the left and up.
+Each beam is reflected by a plane mirror, r = d - 2 (d . n) n, with the normal n given by the mechanical angles. So an
+even grid of mechanical angles is not even in azimuth and elevation; only near the axis is the optical angle twice the
+mechanical one. At rest the beam leaves along the sensor's x axis; positive turns move it to the left and up.
+
+Symbols: d incoming and r outgoing direction, n normal, t turn.
 """
 
 from __future__ import annotations
@@ -29,18 +31,18 @@ _SIDES: dict[str, Vector] = {
 class Gimbal:
     """One mirror on two axes (MEMS, gimballed galvanometer).
 
-    incidence_rad    angle between the incoming beam and the normal at rest; the beam folds by pi - twice that
+    incidence_rad    angle between the incoming beam and the normal at rest; the beam is folded by pi minus twice that
     side             from where the beam comes: "left", "right", "above" or "below" the x axis
-    outer            the turn whose axis stands still: "azimuth" or "elevation"; the other's axis is carried by it
-    mirror_radius_m  of a round mirror before the lens, or None: the mirror is the stop
-    lens_radius_m    of the receiver's lens; used with a mirror radius only
+    outer            turn whose axis is fixed: "azimuth" or "elevation"; it carries the axis of the other turn
+    mirror_radius_m  of a round mirror in front of the lens, or None: the mirror is the stop
+    lens_radius_m    of the receiver's lens; used only with a mirror radius
 
-    One axis is square to the plane of incidence: a turn about it moves the beam by twice as much. The other lies in
-    the mirror, in that plane: a turn by t moves the beam out of it by asin(cos(incidence) sin(2 t)).
+    One axis is perpendicular to the plane of incidence: a turn about it moves the beam by twice as much. The other
+    lies in the mirror and in that plane: a turn t moves the beam out of it by asin(cos(incidence) sin(2 t)).
 
-    Aperture: the mirror is the stop, so that A goes with its projected area (`aperture.mirror_share`); with a round
-    mirror of given size the lens is the stop as long as the mirror's projection covers it
-    (`aperture.round_mirror_share`, share of the lens's whole area, so below 1 at rest if the mirror is the smaller).
+    Aperture: the mirror is the stop, so A goes with its projected area (`aperture.mirror_share`). With a round mirror
+    of given size, the lens is the stop while the mirror's projection covers it (`aperture.round_mirror_share`; share
+    of the lens's whole area, below 1 at rest if the mirror is smaller).
     """
 
     incidence_rad: Array
@@ -50,7 +52,7 @@ class Gimbal:
     lens_radius_m: Array | None = None
 
     def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
-        """Direction and share of the aperture, with the mirror turned by so much about its two axes."""
+        """Direction and share of the aperture for these turns about the two axes."""
         side = _SIDES[self.side]
         folds_upright = self.side in ("above", "below")
         in_plane, out_of_plane = (
@@ -59,10 +61,11 @@ class Gimbal:
             else (azimuth_turn_rad, elevation_turn_rad)
         )
         across = _LEFT if folds_upright else _UP
-        # A positive turn moves the beam left or up, wherever it came from.
+        # The sign makes a positive turn move the beam left or up, from whichever side it comes.
         towards_side = in_plane * sum(side)
         ops = xp(in_plane, out_of_plane, self.incidence_rad)
         cos_rest, sin_rest = ops.cos(self.incidence_rad), ops.sin(self.incidence_rad)
+        # The normal at rest, and the direction in the mirror within the plane of incidence.
         rest, along = mixed(cos_rest, _X, sin_rest, side), mixed(-sin_rest, _X, cos_rest, side)
         cos_in, sin_in = ops.cos(towards_side), ops.sin(towards_side)
         cos_out, sin_out = ops.cos(out_of_plane), ops.sin(out_of_plane)
@@ -88,20 +91,20 @@ class Gimbal:
 class MirrorPair:
     """Two mirrors on one axis each, at 45 degrees to the beam at rest (the usual pair of galvanometers).
 
-    last  the turn of the mirror that the beam leaves from: "azimuth" or "elevation"
+    last  turn of the mirror that the beam leaves from: "azimuth" or "elevation"
 
-    Before the last mirror the beam has been moved by exactly twice the first one's turn; the last mirror turns all
-    of it by twice its own. So lines of equal first turn are cones about the last mirror's axis.
+    The first mirror moves the beam by exactly twice its turn; the last mirror turns all of it by twice its own. So
+    lines of equal first turn are cones about the last mirror's axis.
 
-    Aperture: both mirrors are rectangles that just take the beam at rest. Each narrows it in its own plane of
-    incidence, and the planes are square to one another, so the shares multiply. The walk of the beam over the
-    second mirror is left out: the mirrors stand close together.
+    Aperture: both mirrors are rectangles that just hold the beam at rest. Each narrows the beam in its own plane of
+    incidence, and the planes are perpendicular, so the shares multiply. The walk of the beam over the second mirror
+    is left out: the mirrors are close together.
     """
 
     last: str
 
     def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
-        """Direction and share of the aperture, with the mirrors turned by so much."""
+        """Direction and share of the aperture for these turns of the two mirrors."""
         upright = self.last == "elevation"
         first, last = (
             (azimuth_turn_rad, elevation_turn_rad) if upright else (elevation_turn_rad, azimuth_turn_rad)

@@ -1,17 +1,19 @@
 """Mirror raster (galvanometers, MEMS): lines by a fast turn, one below the other by a slow one.
 
-The grid is even in the mirror's own angles; what the reflection makes of it, and the aperture, is in `mirrors`.
-Lines are fired at an even rate; between them the mirror flies back or turns round, and no pulse leaves.
+The grid is even in the mirror's own angles; reflection and aperture are in `scan.mirror_optics`. Lines are fired at a
+constant rate; between them the mirror flies back or turns round, and no pulse leaves.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
 from .base import Matrix, Mechanism, in_frame
 from .mirror_optics import Mirrors
@@ -22,25 +24,29 @@ class MirrorRaster(Mechanism):
     """A frame of ``rows`` lines of ``columns`` pulses, from the top, the first from the left.
 
     fast_turn_rad, slow_turn_rad  mechanical amplitudes, zero to peak
-    fast      "azimuth" or "elevation": what the lines scan; with "elevation" rows are columns, from the left
-    waveform  of the fast turn: "sawtooth" (every line the same way), "triangle" (there and back), both even and
-              with both ends included; "sine" (there and back, resonant), pulses evenly in time
-    slow      "step" (a line is scanned with the slow turn at rest) or "ramp" (it goes on moving)
-    line_duty, frame_duty  part of the time in which pulses leave, in a line and in a frame; a sine's pulses
-              are those around its middle, so that less of its amplitude is seen with a smaller duty
+    fast      "azimuth" or "elevation": the turn that scans a line; with "elevation" lines are vertical, from the left
+    waveform  of the fast turn: "sawtooth" (every line in one direction) or "triangle" (to and fro), both with even
+              steps and both ends included; "sine" (to and fro, resonant), with pulses at even times
+    slow      "step" (at rest during a line) or "ramp" (moves on during a line)
+    line_duty, frame_duty  part of the time in which pulses leave, in a line and in a frame; a sine's pulses are
+              those around its middle, so a smaller duty uses less of its amplitude
     """
 
-    columns: int
-    rows: int
+    columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24)]
+    rows: Annotated[int, Quantity(name="lines", ge=1, le=2**24)]
     mirrors: Mirrors
     fast_turn_rad: Array
     slow_turn_rad: Array
     rate_hz: float
-    fast: str = "azimuth"
-    waveform: str = "sawtooth"
-    slow: str = "step"
-    line_duty: Array = 1.0
-    frame_duty: Array = 1.0
+    fast: Annotated[Literal["azimuth", "elevation"], Key(about="the turn that scans a line")] = "azimuth"
+    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], Key()] = "sawtooth"
+    slow: Annotated[Literal["step", "ramp"], Key()] = "step"
+    line_duty: Annotated[Array, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = (
+        1.0
+    )
+    frame_duty: Annotated[
+        Array, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")
+    ] = 1.0
 
     @property
     def pulses(self) -> int:
@@ -54,7 +60,7 @@ class MirrorRaster(Mechanism):
 
     @property
     def line_s(self) -> float:
-        """From line to line."""
+        """Time from line to line."""
         return float(self.columns / (self.rate_hz * self.line_duty))
 
     @property
@@ -93,14 +99,14 @@ class MirrorRaster(Mechanism):
         return self._row_and_column(pulse)[0]
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """Pulses of a line at the rate, lines and frames after their pauses."""
+        """Pulses of a line at the pulse rate; lines and frames after their pauses."""
         frame, number = in_frame(pulse, self.pulses)
         row, column = np.divmod(number, self.columns)
         return np.asarray(frame * self.frame_s + row * self.line_s + column / self.rate_hz)
 
 
 def _ends_included(number: Array, count: Array) -> Array:
-    """1 to -1 in even steps; 0 if there is only one. Twice the offset is a whole number: the middle is exactly 0."""
+    """1 to -1 in even steps, 0 for a single one. Twice the offset is a whole number, so the middle is exactly 0."""
     ops = xp(number, count)
     steps = ops.float32(count) - 1.0
     return ops.float32(count - 1 - 2 * number) / ops.maximum(steps, 1.0)

@@ -1,6 +1,6 @@
 """A user's own pattern: azimuth, elevation and time of every pulse of a frame, from a table.
 
-Nothing is known of the mechanism, so A(theta_r) = A(0).
+Where only measured angles are known, they can be used directly. The mechanism is unknown, so A(theta_r) = A(0).
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
-from .base import GivenAngles, Matrix, in_frame
+from .base import Encoder, GivenAngles, Jitter, Matrix, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pattern(GivenAngles):
-    """The table, in firing order; it starts anew with each frame. Made by `of`."""
+    """The table, in firing order; it repeats in each frame. Made by `of`."""
 
     pulses: int
     frame_s: float
@@ -33,10 +33,10 @@ class Pattern(GivenAngles):
         time_s: Matrix,
         channel: Matrix | None = None,
         frame_s: float,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Pattern:
-        """From columns of one length, times rising from 0 and below ``frame_s``."""
+        """From columns of one length, with times rising from 0 and below ``frame_s``."""
         return cls(
             pulses=len(time_s),
             frame_s=frame_s,
@@ -56,11 +56,11 @@ class Pattern(GivenAngles):
         return ops.take(self.azimuth_rad, row), ops.take(self.elevation_rad, row)
 
     def channel(self, pulse: Array) -> Array:
-        """Channel by the table, or 0."""
+        """Channel from the table, or 0."""
         ops, row = xp(pulse), self._row(pulse)
         return row * 0 if self.laser is None else ops.int32(ops.take(self.laser, row))
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """By the table."""
+        """Times from the table."""
         frame, row = in_frame(pulse, self.pulses)
         return np.asarray(frame * self.frame_s + self.emission_s[row])

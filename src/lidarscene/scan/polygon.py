@@ -1,15 +1,17 @@
 """Rotating polygon: each facet sweeps one line, and a facet tilted against the axis sweeps it at another elevation.
 
-The polygon turns about an upright axis; the beam comes from the side, level, and meets the middle of a facet that
-stands square to the bisector with its own middle: that beam leaves along the x axis. The polygon turned by w from
-there has the facet's normal at (cos b cos(i + w), +-cos b sin(i + w), sin b), with i the angle of incidence and b
-the facet's tilt, and the beam is reflected by r = d - 2 (d . n) n: it moves by 2 w, and by about 2 b cos(i + w) up.
+The polygon turns about a vertical axis. The beam comes from the side, horizontally. It meets the middle of a facet
+that is perpendicular to the bisector with its own middle: that beam leaves along the x axis. If the polygon is turned
+by w from there, the facet's normal is (cos b cos(i + w), +-cos b sin(i + w), sin b), and the beam, reflected by r = d
+- 2 (d . n) n, moves by 2 w and by about 2 b cos(i + w) up.
 
-Aperture: the facet is the stop. The received beam is a disc of the lens's radius that stands still, while the facet
-turns out from under it; what falls on the next facet looks elsewhere. With the inradius R the facet's edges are
-R tan(pi / N) to both sides of its middle, the beam's axis meets the facet's plane at u from the middle, and a distance
-along the facet projects on the beam with the cosine of incidence: the share is a disc between two straight edges
-(`aperture.slit_share`). The facet's height is taken to be enough, and its tilt is left out of the edges.
+Aperture: the facet is the stop. The received beam is a fixed disc of the lens's radius while the facet moves across
+it; light on the next facet looks elsewhere. With the inradius R the facet's edges are R tan(pi / N) to both sides of
+its middle, the beam's axis meets the facet's plane at u from the middle, and lengths along the facet project on the
+beam with the cosine of incidence. So the share is a disc between two straight edges (`aperture.slit_share`). The
+facet is taken as high enough, and its tilt is left out of the edges.
+
+Symbols: w turn, i angle of incidence, b tilt of the facet, N facets, R inradius.
 """
 
 from __future__ import annotations
@@ -17,25 +19,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
-from .base import Matrix, Mechanism, in_frame
+from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Polygon(Mechanism):
     """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `of`.
 
-    turn_rad       of the polygon from pulse to pulse; positive is counter-clockwise seen from above
-    incidence_rad  of the beam on the facet in the middle of its line
+    turn_rad       turn from pulse to pulse; positive is counter-clockwise seen from above
+    incidence_rad  of the beam on the facet, in the middle of its line
     side           1 if the beam comes from the left, -1 from the right
     tilt_rad       of each facet; positive looks up
-    inradius_m     from the axis to the facets, or None: the facets are wider than the beam at every turn
-    lens_radius_m  of the receiver; used with an inradius only
+    inradius_m     from the axis to the facets, or None: the facets never cut the beam
+    lens_radius_m  of the receiver; used only with an inradius
     """
 
     facets: int
@@ -55,17 +59,36 @@ class Polygon(Mechanism):
         cls,
         *,
         rate_hz: float,
-        rotation_hz: float,
-        tilt_rad: Sequence[float],
-        duty: float,
-        incidence_rad: float,
-        side: str,
-        inradius_m: float | None = None,
+        rotation_hz: Rotation,
+        tilt_rad: Annotated[
+            Sequence[float],
+            Quantity(
+                "deg",
+                name="facet_tilt_deg",
+                ge=-40,
+                le=40,
+                least=3,
+                about="of each facet against the axis, in the order in which they pass; positive looks up",
+            ),
+        ],
+        duty: Annotated[
+            float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")
+        ] = 1.0,
+        incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0),
+        side: Annotated[Literal["left", "right"], Key()] = "left",
+        inradius_m: Annotated[
+            float | None,
+            Quantity(
+                "mm",
+                gt=0,
+                about="from the axis to the facets; without it the facets cut nothing off the aperture",
+            ),
+        ] = None,
         lens_radius_m: float | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Polygon:
-        """As many facets as tilts; pulses leave during ``duty`` of the time that a facet has."""
+        """One facet for each tilt; pulses leave during ``duty`` of a facet's time."""
         facets = len(tilt_rad)
         return cls(
             facets=facets,
@@ -95,7 +118,7 @@ class Polygon(Mechanism):
 
     @property
     def line_pulses(self) -> int:
-        """Pulses of a facet."""
+        """Pulses of one facet."""
         return self.columns
 
     def _facet_and_column(self, pulse: Array) -> tuple[Array, Array]:
@@ -120,8 +143,8 @@ class Polygon(Mechanism):
         direction = reflected(incoming, normal)
         if self.inradius_m is None:
             return direction, 1.0
-        # In inradii: the beam's axis passes `rest`, the facet's middle is `level`. From there along the beam to the
-        # facet's plane, and then how far along the facet that is from its middle.
+        # In units of the inradius: the beam's axis passes through `rest`, the facet's middle is `level`. Follow the
+        # beam to the facet's plane; `aside` is the distance from there to the facet's middle, along the facet.
         along = (1.0 - dot(level, rest)) / dot(level, incoming)
         met = mixed(1.0, rest, along, incoming)
         aside = dot(met, (-level[1], level[0], 0.0))
@@ -134,6 +157,6 @@ class Polygon(Mechanism):
         return self._facet_and_column(pulse)[0]
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """Pulses of a line at the rate; lines start when their facets come round."""
+        """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
         line, column = in_frame(pulse, self.columns)
         return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)

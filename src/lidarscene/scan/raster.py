@@ -1,7 +1,7 @@
 """A raster: rows of constant elevation from the top down, each from the left (positive azimuth) to the right.
 
-Directions are given, not derived from a mirror; what a real mirror does to the raster is `mirror.MirrorRaster`'s.
-So there is nothing to derive an aperture from either: A(theta_r) = A(0), as the paper's figures have it.
+The paper's figures use such an ideal scanner. Directions are given, not derived from a mirror (a real mirror's raster
+is `scan.mirror_raster`), so there is no aperture to derive either: A(theta_r) = A(0).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .base import GivenAngles, Matrix
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Raster(GivenAngles):
-    """Evenly spaced grid of directions, centred on the sensor's x axis, both edges of the field of view included."""
+    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view."""
 
     columns: int
     rows: int
@@ -38,7 +38,7 @@ class Raster(GivenAngles):
         encoder_rad: float | None = None,
     ) -> Raster:
         """From full angles and steps in one angular unit of ``unit_rad`` radians."""
-        # 1e-6 of a step is lost to decimal fractions (120 / 0.2 = 599.99...), not by intent.
+        # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
         columns = int(azimuth_fov / azimuth_step + 1e-6) + 1
         rows = int(elevation_fov / elevation_step + 1e-6) + 1
         return cls(
@@ -54,7 +54,7 @@ class Raster(GivenAngles):
 
     @property
     def frame_s(self) -> float:
-        """Length of a frame: there is no fly-back."""
+        """Length of a frame, without a fly-back."""
         return self.pulses / self.rate_hz
 
     @property

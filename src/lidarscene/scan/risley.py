@@ -1,28 +1,31 @@
 """Risley prisms: two or three wedges that rotate about the sensor's x axis, one behind the other.
 
-Each wedge has one face square to the axis and one inclined by the wedge angle. The beam is refracted at each face by
-Snell's law in vector form (`vectors.refracted`), no angle is taken to be small: thin wedges deviate by (n - 1) alpha
-towards their thick side, real ones by some per cent more, which depends on the faces that look at each other.
+Each wedge has one face perpendicular to the axis and one inclined by the wedge angle. The beam is refracted at each
+face by Snell's law in vector form (`maths.vectors.refracted`), without small angles: thin wedges deviate by (n - 1)
+alpha towards their thick side, real ones by some per cent more, depending on which faces look at each other.
 
 Aperture: the lens behind the prisms is the stop. At each face the beams before and behind cover the same part of the
-face, so their cross-sections are as the cosines to its normal, and A(theta_r) / A(0) is the product over all faces,
-from the lens outwards, of cos(theta_t) / cos(theta_i): by how much a beam of the lens's size is wider in the scene.
-What is lost in area is gained in solid angle: refraction between surfaces in air keeps their product. So the background
-of an extended source, (8), does not have this factor, and the echo, (5), does.
-A(0) is the lens itself, wedges out of the way. The prisms are taken to be wider than every beam that the lens takes;
-what Fresnel reflection costs is part of the receiver's efficiency.
+face, so their cross-sections are as the cosines to its normal. A(theta_r) / A(0) is the product over all faces, from
+the lens outwards, of cos(theta_t) / cos(theta_i): the widening of a beam of the lens's size. Refraction between
+surfaces in air keeps the product of area and solid angle, so the background of an extended source, (8), does not have
+this factor, and the echo, (5), does. A(0) is the lens without wedges. The prisms are wider than every beam that the
+lens takes; Fresnel losses are part of the receiver's efficiency.
+
+Symbols: n refractive index, alpha wedge angle, theta_i and theta_t angles before and behind a face.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
+from ..maths.units import Quantity
 from ..maths.vectors import Vector, refracted
-from .base import Matrix, Mechanism
+from .base import Encoder, Jitter, Matrix, Mechanism
 from .turns import Turns
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -30,9 +33,9 @@ _X: Vector = (1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wedge:
-    """One rotating prism. Its phase is the direction of its thick side, from y towards z; that is where it bends to.
+    """One rotating prism. Its phase is the direction of its thick side, from y towards z, to which it bends the beam.
 
-    tilted  which face is inclined: "out" (towards the scene) or "in"
+    tilted  inclined face: "out" (towards the scene) or "in"
     """
 
     angle_rad: Array
@@ -41,9 +44,9 @@ class Wedge:
     tilted: str
 
     def bend(self, direction: Vector, phase_rad: Array) -> tuple[Vector, Array]:
-        """The beam behind the wedge, and by how much its cross-section has grown."""
+        """The beam behind the wedge, and the widening of its cross-section."""
         ops = xp(phase_rad, self.angle_rad)
-        # The inclined face recedes from its thick side: forward on the way out, backward on the way in.
+        # The normal of the inclined face leans away from the thick side if that face is the outer one, else towards it.
         sine = ops.sin(self.angle_rad) * (-1.0 if self.tilted == "out" else 1.0)
         inclined = ops.cos(self.angle_rad), sine * ops.cos(phase_rad), sine * ops.sin(phase_rad)
         first, second = (_X, inclined) if self.tilted == "out" else (inclined, _X)
@@ -54,10 +57,10 @@ class Wedge:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Risley(Mechanism):
-    """Pulses at an even rate; ``pulses`` of them are a frame, and the prisms go on turning. Made by `of`.
+    """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `of`.
 
-    beams             lasers that take turns
-    beam_elevation_rad  of each before the prisms, or None: the one along the axis
+    beams               lasers that fire in turn
+    beam_elevation_rad  of each laser before the prisms, or None: one along the axis
     """
 
     pulses: int
@@ -71,17 +74,26 @@ class Risley(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: float,
+        frame_hz: Annotated[float, Quantity(gt=0)],
         angle_rad: Sequence[float],
         index: Sequence[float],
         rotation_hz: Sequence[float],
         phase_rad: Sequence[float],
         tilted: Sequence[str],
-        beam_elevation_rad: Sequence[float] | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        beam_elevation_rad: Annotated[
+            Sequence[float] | None,
+            Quantity(
+                "deg",
+                ge=-45,
+                le=45,
+                least=1,
+                about="of each laser before the prisms; one along the axis if left out",
+            ),
+        ] = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Risley:
-        """From lists by wedge, the first one next to the laser. Positive rotation goes from y (left) to z (up)."""
+        """From lists over the wedges, the one next to the laser first. Positive rotation: from y (left) to z (up)."""
         wedges = tuple(
             Wedge(
                 angle_rad=a, index=n, tilted=t,
@@ -133,7 +145,7 @@ class Risley(Mechanism):
         return direction, share
 
     def background_share(self, pulse: Array) -> Array:
-        """Refraction trades aperture for field of view: their product is that of the lens alone."""
+        """1: refraction trades aperture for field of view, and their product stays that of the lens."""
         return 1.0
 
     def time_s(self, pulse: Matrix) -> Matrix:

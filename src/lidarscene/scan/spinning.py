@@ -1,9 +1,8 @@
 """Rotating head: a bank of lasers, each at its own elevation, turned about the vertical axis and fired in turn.
 
-The head carries lasers and receivers together, so the receiver always faces its beam: A(theta_r) = A(0).
-
-The sensor's x axis is azimuth 0. In a cycle every laser fires once, at its time after the cycle's start, while the
-head goes on turning; a beam's azimuth is the head's at that very moment plus the laser's own.
+In a cycle every laser fires once, at its own time, while the head keeps turning; a beam's azimuth is the head's at
+that moment plus the laser's own. That shear is visible in the cloud. The head carries lasers and receivers together,
+so the receiver always faces its beam: A(theta_r) = A(0). The sensor's x axis is azimuth 0.
 """
 
 from __future__ import annotations
@@ -12,13 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Array, Table, xp
 from ..maths.pose import direction_from_angles
+from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism, in_frame
+from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
@@ -28,9 +29,9 @@ _TWO_PI = 2.0 * math.pi
 class Spinning(Mechanism):
     """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `of`.
 
-    Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (what the head turns
-    from the cycle's start to the firing), channel (number of the laser as it was given), start_m (x, y, z of the
-    laser's exit in the head, or None).
+    Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
+    the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
+    exit in the head, or None).
     """
 
     cycles: int
@@ -48,23 +49,43 @@ class Spinning(Mechanism):
     def of(
         cls,
         *,
-        rotation_hz: float,
-        cycle_s: float | None,
-        cycles_per_turn: int | None,
-        elevation_rad: Sequence[float],
-        azimuth_rad: Sequence[float],
-        firing_s: Sequence[float],
+        rotation_hz: Rotation,
+        cycle_s: Annotated[
+            float | None, Quantity("us", gt=0, about="from cycle to cycle, if clocked by time")
+        ] = None,
+        cycles_per_turn: Annotated[
+            int | None,
+            Quantity(
+                name="columns_per_turn",
+                ge=1,
+                le=2**24,
+                about="cycles in a turn, if clocked by the encoder",
+            ),
+        ] = None,
+        elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)],
+        azimuth_rad: Annotated[
+            Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)
+        ] = None,
+        firing_s: Annotated[
+            Sequence[float] | None,
+            Quantity(
+                "us",
+                name="firing_time_us",
+                ge=0,
+                about="after the start of the cycle; all at once if left out",
+            ),
+        ] = None,
         start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
-        start_azimuth_rad: float = 0.0,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Spinning:
-        """From the lists of the lasers, in any order; the numbers of `channel` are places in these lists.
+        """From the lists of the lasers, in any order; numbers of `channel` are places in these lists.
 
-        rotation_hz      positive is counter-clockwise seen from above
-        cycle_s          clocked by time, or
-        cycles_per_turn  clocked by the encoder, so that frames close exactly; one of the two is None
+        One of ``cycle_s`` and ``cycles_per_turn`` is None; with the latter frames close exactly.
         """
+        azimuth_rad = azimuth_rad or (0.0,) * len(elevation_rad)
+        firing_s = firing_s or (0.0,) * len(elevation_rad)
         period_s = 1.0 / abs(rotation_hz)
         if cycles_per_turn is not None:
             cycle_s = period_s / cycles_per_turn
@@ -109,7 +130,7 @@ class Spinning(Mechanism):
         return self.lasers
 
     def _place(self, pulse: Array) -> tuple[Array, Array]:
-        """Cycle of each pulse, and its laser's place in the firing order."""
+        """Cycle of each pulse, and the laser's place in the firing order."""
         number = xp(pulse).int32(pulse)
         cycle = number // self.lasers
         return cycle, number - cycle * self.lasers
@@ -134,12 +155,12 @@ class Spinning(Mechanism):
         return self._azimuth_elevation(pulse, self._read(pulse)[0])
 
     def channel(self, pulse: Array) -> Array:
-        """Number of the laser, as given."""
+        """Number of the laser as given."""
         ops = xp(pulse)
         return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
 
     def offset_m(self, pulse: Array) -> Vector | None:
-        """The laser's exit, turned with the head."""
+        """The laser's exit, turned with the head; None if all are at the origin."""
         if self.start_m is None:
             return None
         ops, place = xp(pulse), self._place(pulse)[1]
@@ -149,6 +170,6 @@ class Spinning(Mechanism):
         return cos * x - sin * y, sin * x + cos * y, z
 
     def time_s(self, pulse: Matrix) -> Matrix:
-        """By the firing table."""
+        """Times from the firing table."""
         cycle, place = in_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])

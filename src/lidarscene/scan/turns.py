@@ -1,7 +1,7 @@
-"""Turns: how far something that rotates or swings has come at pulse p, exact however long it has been running.
+"""Turns: the angle of something that rotates or oscillates at pulse p, exact however long it has been running.
 
-A phase 2 pi f t in single precision is lost after some thousand turns. Here a turn is 2^32 steps of a 32-bit
-word that wraps by itself, as the turn does: pulse p stands at ``start + p * step`` modulo 2^32.
+In single precision a phase 2 pi f t is lost after some thousand turns. Here a turn is 2^32 steps of a 32-bit word,
+which wraps around by itself as the turn does: pulse p is at ``start + p * step`` modulo 2^32.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ _WORD = 2**32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turns:
-    """Even rotation, the same angle from each pulse to the next.
+    """Uniform rotation: the same angle from each pulse to the next.
 
     high   whole steps of 2^-32 turns from pulse to pulse, signed 32 bits
-    low    what is left of a step, -0.5 to 0.5, in steps
+    low    the rest of a step, -0.5 to 0.5
     start  steps at pulse 0, signed 32 bits
 
-    Error of `angle_rad`: 3e-7 rad of single precision, and 2e-16 of the turns made since pulse 0 by the double
+    Error of `angle_rad`: 3e-7 rad from single precision, and 2e-16 of the turns since pulse 0 from the double
     precision of ``low``'s product; below 1e-6 rad for every 32-bit pulse number.
     """
 
@@ -33,12 +33,12 @@ class Turns:
 
     @classmethod
     def per_pulse(cls, *, frequency_hz: float, rate_hz: float, start_rad: float = 0.0) -> Turns:
-        """Turns at ``frequency_hz`` (negative: the other way round), seen ``rate_hz`` times a second."""
+        """Turns at ``frequency_hz`` (negative: reversed), sampled ``rate_hz`` times a second."""
         return cls.of_fraction(Fraction(frequency_hz) / Fraction(rate_hz), start_rad=start_rad)
 
     @classmethod
     def of_fraction(cls, turns: Fraction, *, start_rad: float = 0.0) -> Turns:
-        """So many turns from pulse to pulse."""
+        """From the number of turns between two pulses."""
         steps = turns * _WORD
         high = math.floor(steps + Fraction(1, 2))
         start = round(start_rad / (2.0 * math.pi) % 1.0 * _WORD)
@@ -48,7 +48,7 @@ class Turns:
         """Angle [rad], float32, -pi to pi, at each pulse (32-bit unsigned)."""
         ops = xp(pulse)
         number = ops.uint32(pulse)
-        # The small part: at most half the pulse number, good to 1e-7 of that, so to 1e-8 turns.
+        # The rest of the steps: at most half the pulse number, good to 1e-7 of that, which is 1e-8 turns.
         rest = ops.int32(ops.rint(ops.float32(number) * self.low))
         word = number * ops.uint32(self.high) + ops.uint32(self.start) + ops.uint32(rest)
         return ops.float32(ops.int32(word)) * (2.0 * math.pi / _WORD)

@@ -1,4 +1,8 @@
-"""Scene files: TOML (or a Mitsuba XML) in, `Scene` out. Paths in a scene file are relative to it."""
+"""Scene files: a TOML file, a Mitsuba XML file or a trimesh object in, a `Scene` out.
+
+`load_scene` is the one way in, so that all sources get the same checks and the same one-line errors. Paths in a scene
+file are relative to it.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +26,11 @@ from ..sensor.file import LARGEST_COORDINATE_M
 from . import meshes
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .mesh_cache import SubMesh
-from .model import Ball, Body, Part, Scene, Sky, View
+from .model import Ball, Body, Part, Scene
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
-"""A body of less extent is a mistake of scale: single precision cannot tell its corners apart."""
+"""Smallest body. A smaller one is a mistake of scale: single precision cannot resolve its corners."""
 
 
 def load_scene(
@@ -38,16 +42,17 @@ def load_scene(
     classes: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> Scene:
-    """A scene from a TOML file, a Mitsuba XML file, or what trimesh holds; a `Scene` stays.
+    """A scene from a TOML file, a Mitsuba XML file, or a trimesh object; a `Scene` is returned as it is.
 
-    overrides  ``sun.illuminance_klux=1``-like changes to the values of a TOML file
-    material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a name of the catalogue,
-               or a `Material`. A mesh without either that has a colour of its own is diffuse with its mean.
-    materials  the same by the name of a mesh's material, geometry or node; in a Mitsuba XML file by BSDF id, where
-               BSDFs that are not named are used as they are
-    classes    of a trimesh.Scene, class by node; a node that is not named is a class of its own. Nodes are bodies.
-    settings   of an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
-    Raises InputError, one line that names the file and the key.
+    overrides  changes to values of a TOML file, such as ``sun.illuminance_klux=1``
+    material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a catalogue name, or a
+               `Material`. A mesh without either that has its own colour is diffuse with the mean of it.
+    materials  the same by name of a mesh's material, geometry or node; for a Mitsuba XML file by BSDF id, where BSDFs
+               that are not named are used as they are
+    classes    for a trimesh.Scene, class by node; a node that is not named is a class of its own. Nodes are bodies.
+    settings   for an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
+
+    Raises InputError: one line with the file and the key.
     """
     options = {"material": material, "materials": materials, "classes": classes, **settings}
     given = [name for name, value in options.items() if value is not None]
@@ -69,20 +74,20 @@ def load_scene(
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
-    """Raises InputError if there is an option that this source of a scene does not take."""
+    """Raises InputError for the first of these options, which this kind of source does not take."""
     if options:
         raise InputError(f"load_scene: {options[0]}: does not go with {source}")
 
 
 def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
-    """A TOML scene file, checked, with overrides. Raises InputError."""
+    """A TOML scene file as a checked model, with overrides. Raises InputError."""
     option = "--scene-set"
     tables = with_overrides(read_toml(path), overrides, option=option)
     return validated(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
 def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
-    """The scene's own sensor, a catalogue name or a file; no mesh is read for it. Raises InputError."""
+    """The scene's own sensor, a catalogue name or a file; reads no mesh. Raises InputError."""
     if is_xml(path):
         _no_overrides(path, overrides)
         return Scene(name="").sensor_name
@@ -90,9 +95,9 @@ def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
 
 
 def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """The scene file and all that it names: meshes, base scene, sensor. None of them may be an output.
+    """The scene file and all files that it names: meshes, base scene, poses, sensor. No output may overwrite them.
 
-    The file is one that `load_scene` has taken; of an XML file, what it takes from others is not known.
+    For a file that `load_scene` accepts. What an XML file includes from included files is not known.
     """
     yield path
     if is_xml(path):
@@ -132,14 +137,14 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         bodies=tuple(bodies),
         materials=surfaces.materials,
         sun=file.sun.build(),
-        sky=Sky(diffuse_share=file.sky.diffuse_share),
-        air=file.air.build(file.weather.build()),
+        sky=file.sky.in_si(),
+        air=file.air.build(file.weather.in_si()),
         lamps_w_m2=lamps_w_m2(file.interference),
         interferers=interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
-        view=View(**file.picture.model_dump()) if file.picture else None,
+        view=file.picture.in_si() if file.picture else None,
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )
@@ -147,7 +152,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
 
 def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
     if overrides:
-        raise InputError(f"--scene-set {overrides[0]}: goes with a scene file (.toml), {path} came")
+        raise InputError(f"--scene-set {overrides[0]}: the scene must be a TOML file, got {path}")
 
 
 def _sensor_name(name: str, folder: Path) -> str:
@@ -156,13 +161,13 @@ def _sensor_name(name: str, folder: Path) -> str:
 
 
 class _Surfaces:
-    """The materials of a scene by name: the file's own, and those of the catalogue that something needs."""
+    """The materials of a scene by name: those of its file, and those of the catalogue that it uses."""
 
     def __init__(self, file: SceneFile) -> None:
         self.materials = {name: model.build(name) for name, model in file.materials.items()}
 
     def require(self, name: str, where: str) -> str:
-        """The name, once there is such a material."""
+        """Make sure that there is a material of this name, and return the name. Raises InputError."""
         if name not in self.materials:
             try:
                 self.materials[name] = catalogue.material(name)
@@ -171,7 +176,7 @@ class _Surfaces:
         return name
 
     def add_grey(self, name: str, grey: float) -> str:
-        """A mesh file's own colour as a diffuse surface."""
+        """Add a mesh file's own colour as a diffuse material, and return its name."""
         self.materials[name] = meshes.grey_material(name, grey)
         return name
 
@@ -180,12 +185,12 @@ def _check_names(bodies: list[Body], path: Path) -> None:
     seen: set[str] = set()
     for body in bodies:
         if body.name in seen:
-            raise InputError(f"{path}: two bodies are named '{body.name}', every name once was expected")
+            raise InputError(f"{path}: names of bodies must be unique, got '{body.name}' twice")
         seen.add(body.name)
 
 
 def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
-    """Refuse a body too small or too far out for the arithmetic."""
+    """Refuse a body that is too small or too far away for single precision."""
     points = [part.vertices_m for part in parts if isinstance(part, Part)]
     points += [
         np.array([[part.radius_m] * 3, [-part.radius_m] * 3]) for part in parts if isinstance(part, Ball)
@@ -195,15 +200,15 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
     extent, reach = float((high - low).max()), float(np.maximum(high, -low).max())
     if extent < SMALLEST_BODY_M or reach > LARGEST_COORDINATE_M:
         raise InputError(
-            f"{where}: is {extent:.3g} m across and reaches {reach:.3g} m from its origin, with its scale; "
-            f"{SMALLEST_BODY_M:g} m or more, and {LARGEST_COORDINATE_M:g} m or less, was expected"
+            f"{where}: with its scale a body must be >= {SMALLEST_BODY_M:g} m across and reach <= "
+            f"{LARGEST_COORDINATE_M:g} m from its origin, got {extent:.3g} m and {reach:.3g} m"
         )
 
 
 def _placed(
     body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
 ) -> list[Body]:
-    """The body, or one for each of its instances."""
+    """The body, or one body for each of its instances."""
     label = body.class_name or body.name
 
     def placed(name: str, pose: Pose) -> Body:
@@ -227,7 +232,7 @@ MeshReader = Callable[[Path], list[SubMesh]]
 def _parts(
     body: BodyFile, *, folder: Path, where: str, surfaces: _Surfaces, reader: MeshReader
 ) -> tuple[Part | Ball, ...]:
-    """The body's shape, scaled, with a material name for every part."""
+    """The body's scaled shapes, each with a material name."""
     if body.material is not None:
         surfaces.require(body.material, f"{where}.material")
     for key, name in body.materials.items():
@@ -273,13 +278,13 @@ def _mesh_parts(
 
 
 def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
-    """What the scene file says of this sub-mesh, or else the mesh file's own colour."""
+    """The material that the scene file gives this sub-mesh, or else the mesh file's own colour."""
     named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if named is not None:
         return named
     if piece.grey is None:
         raise InputError(
-            f"{where}: no material for sub-mesh '{piece.keys[0]}' of {body.mesh}, which has no colour of its "
-            "own; material or materials was expected"
+            f"{where}: sub-mesh '{piece.keys[0]}' of {body.mesh} has no colour of its own and must have a material, "
+            "by material or materials"
         )
     return surfaces.add_grey(f"{body.mesh}:{piece.keys[0]}", piece.grey)

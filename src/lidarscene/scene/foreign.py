@@ -1,4 +1,7 @@
-"""Scenes of other programs: what trimesh holds or a Mitsuba XML file in, `Scene` out."""
+"""Scenes of other programs: a trimesh object or a Mitsuba XML file in, a `Scene` out.
+
+They describe shapes but neither materials in the infrared nor sensors, so both are given as arguments.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +28,13 @@ def trimesh_scene(
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
 ) -> Scene:
-    """A scene of a Trimesh or trimesh.Scene; arguments as of `load_scene`. Raises InputError."""
+    """A scene of a Trimesh or trimesh.Scene; arguments as for `load_scene`. Raises InputError."""
     import trimesh
 
     where = "load_scene"
     loaded = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(loaded, trimesh.Scene):
-        raise InputError(f"{where}: a Trimesh or a trimesh.Scene was expected, {type(mesh).__name__} came")
+        raise InputError(f"{where}: must be a Trimesh or a trimesh.Scene, got {type(mesh).__name__}")
     pieces = pieces_of(loaded)
     checked([piece for _, piece in pieces], where)
     known = {key for _, piece in pieces for key in piece.keys}
@@ -51,7 +54,7 @@ def trimesh_scene(
 
 
 def mitsuba_scene(path: Path, *, materials: Mapping[str, Given], settings: Mapping[str, Any]) -> Scene:
-    """A scene of the shapes of a Mitsuba XML file; arguments as of `load_scene`. Raises InputError."""
+    """A scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
     surfaces = _Surfaces()
     named = {identity: surfaces.name_of(given) for identity, given in materials.items()}
     return Scene(
@@ -69,7 +72,7 @@ class _Surfaces:
         self.materials: dict[str, Material] = {}
 
     def name_of(self, given: Given) -> str:
-        """The name of a material, which is the scene's from now on."""
+        """Add a material to the scene and return its name."""
         name = given if isinstance(given, str) else given.name
         if name not in self.materials:
             self.materials[name] = catalogue.material(given) if isinstance(given, str) else given
@@ -84,8 +87,7 @@ def _part(piece: SubMesh, node: str, given: Given | None, surfaces: _Surfaces) -
     if given is None:
         if piece.grey is None:
             raise InputError(
-                f"load_scene: no material for '{node}', which has no colour of its own; material or materials "
-                "was expected"
+                f"load_scene: '{node}' has no colour of its own and must have a material, by material or materials"
             )
         given = grey_material(f"colour of {node}", piece.grey)
     return Part(
@@ -105,10 +107,10 @@ def is_xml(path: Path) -> bool:
 
 
 def xml_file(path: Path, where: str = "") -> Path:
-    """The path, if there is an XML file. Raises InputError."""
+    """The path, if it is an XML file that exists. Raises InputError."""
     if not os.path.isfile(path):
-        what = "is a folder, a Mitsuba XML scene was expected" if os.path.isdir(path) else "no such file"
+        what = "must be a Mitsuba XML scene, got a folder" if os.path.isdir(path) else "no such file"
         raise InputError(f"{where}{path}: {what}")
     if not is_xml(path):
-        raise InputError(f"{where}{path}: a Mitsuba scene with a name in .xml was expected")
+        raise InputError(f"{where}{path}: the name of a Mitsuba scene must end in .xml")
     return path

@@ -1,8 +1,9 @@
-"""Mesh cache: the pieces of a mesh file kept as plain arrays, so that the next start needs no mesh library.
+"""Mesh cache: the pieces of a mesh file as plain arrays, so that the next start needs no mesh library.
 
-An entry goes by the hash of the file's content, of how it is read and by which trimesh: it is never out of date. Only
-files that stand alone are kept. The cache is in `LIDARSCENE_CACHE`, or else in the user's cache folder; an empty
-`LIDARSCENE_CACHE` turns it off. Whatever goes wrong with it, the mesh is read from its file.
+Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
+content, the way it is read and the version of trimesh, so it is never out of date. Only files that refer to no others
+are cached. The cache is in `LIDARSCENE_CACHE`, else in the user's cache folder; an empty `LIDARSCENE_CACHE` turns it
+off. Any failure of the cache means that the mesh is read from its file.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
 
     vertices_m  (v, 3) float64; faces (f, 3) integers
-    keys        names it may be called by: its material's, geometry's and node's
-    grey        mean of its base colour if the file gives one, else None
+    keys        names for it: those of its material, geometry and node
+    grey        mean of its base colour if the file has one, else None
     """
 
     vertices_m: np.ndarray[Any, Any]
@@ -41,15 +42,15 @@ class SubMesh:
 VARIABLE = "LIDARSCENE_CACHE"
 
 _LAYOUT = 1
-"""Of an entry; a new number makes all old ones unknown."""
+"""Version of an entry's layout; a new number invalidates all old entries."""
 
 
 def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
-    """What ``read`` gives of the mesh file, from the cache if it is there."""
+    """The pieces that ``read`` returns for this mesh file, from the cache if they are there."""
     entry = _entry(path)
     if entry is None:
         return read()
-    with suppress(Exception):  # an entry that is missing, damaged or foreign is one that is not there
+    with suppress(Exception):  # a missing, damaged or foreign entry counts as none
         return _load(entry)
     pieces = read()
     with suppress(OSError, OutputError):
@@ -58,7 +59,7 @@ def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
 
 
 def folder() -> Path | None:
-    """Where entries are, or None: nowhere."""
+    """Folder of the entries, or None: no cache."""
     given = os.environ.get(VARIABLE)
     if given is not None:
         return Path(given) / "meshes" if given else None
@@ -69,7 +70,7 @@ def folder() -> Path | None:
 
 
 def _entry(path: Path) -> Path | None:
-    """The file's entry, or None where it cannot have one."""
+    """Path of the file's entry, or None if it cannot have one."""
     where, suffix = folder(), path.suffix.lower()
     if where is None or suffix not in (".glb", ".ply", ".stl", ".off"):
         return None
@@ -77,7 +78,7 @@ def _entry(path: Path) -> Path | None:
         content = path.read_bytes()
     except OSError:
         return None
-    if suffix == ".glb" and b'"uri"' in content:  # takes something from another file
+    if suffix == ".glb" and b'"uri"' in content:  # refers to another file
         return None
     how = f"{_LAYOUT} {metadata.version('trimesh')} {suffix}".encode()
     return where / f"{hashlib.sha256(how + content).hexdigest()}.npz"

@@ -1,4 +1,8 @@
-"""Mesh files in (anything trimesh reads), and primitives, as parts in float64 metres."""
+"""Mesh files in (any that trimesh reads), and primitives, as vertices and faces in float64 metres.
+
+trimesh is kept from changing what the file says: it would merge vertices, reorder faces and forget material names, on
+which labels and materials depend.
+"""
 
 from __future__ import annotations
 
@@ -20,30 +24,30 @@ from .mesh_cache import SubMesh, cached
 Matrix = np.ndarray[Any, Any]
 
 LARGEST_EDGE_M = 16.0
-"""Primitives are cut into triangles no longer than this along an axis: the single-precision error of a hit
-grows with the size of the triangle that was hit (6e-6 of a 2 m range on one of 1 km, 6e-7 on one of 20 m)."""
+"""Longest edge of a primitive's triangles, along an axis. The single-precision error of a hit grows with the triangle:
+6e-6 of a 2 m range on a triangle of 1 km, 6e-7 on one of 20 m."""
 
 MOST_CUTS = 512
-"""Cuts along an axis, beyond which triangles grow instead: on planes of more than 8 km."""
+"""Most cuts along an axis; beyond it, on planes of more than 8 km, triangles grow instead."""
 
 
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
     if not os.path.isfile(path):
         raise InputError(
-            f"{path}: {'is a folder, a mesh file was expected' if os.path.isdir(path) else 'no such file'}"
+            f"{path}: {'must be a mesh file, got a folder' if os.path.isdir(path) else 'no such file'}"
         )
     return checked(cached(path, lambda: _pieces(path)), str(path))
 
 
 def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
-    """Those that have triangles. Raises InputError, one line, if there are none, or for numbers that are none."""
+    """The pieces that have triangles. Raises InputError, one line, if there are none or if numbers are invalid."""
     pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
-        raise InputError(f"{where}: the mesh is empty, at least one triangle was expected")
+        raise InputError(f"{where}: the mesh must have at least one triangle, got none")
     for piece in pieces:
         count = len(piece.vertices_m)
-        # Not NaN, not infinite, and not so large that a scale would make it so.
+        # NaN, infinite, or so large that a scale could make it infinite.
         bad = count - int(np.count_nonzero((np.abs(piece.vertices_m) < 1e30).all(axis=1)))
         if bad:
             raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
@@ -54,25 +58,25 @@ def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
 
 
 def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
-    """Node name and mesh of every mesh in a trimesh.Scene, empty ones included."""
+    """Node name and mesh of every mesh in a trimesh.Scene, including empty ones."""
     nodes = [node for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
     return [(str(node), _placed(loaded, node)) for node in nodes]
 
 
 def _pieces(path: Path) -> list[SubMesh]:
-    """What trimesh finds in the file, empty pieces included."""
+    """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return [piece for _, piece in pieces_of(_loaded(path))]
     except Exception as error:
-        # trimesh's many readers raise whatever their parser raises; all of it means "not readable".
+        # trimesh's readers raise whatever their parsers raise; all of it means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
 
 
 def _loaded(path: Path) -> Any:
-    """A trimesh Scene that keeps the file's own vertices and faces, in its order; nothing is printed."""
+    """A trimesh Scene with the file's own vertices and faces, in its order. Prints nothing."""
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -86,7 +90,10 @@ def _loaded(path: Path) -> Any:
 
 
 def _mtl_resolver(path: Path, data: bytes) -> Any:
-    """Files beside an OBJ file; its .mtl has every material that the OBJ uses, or else trimesh forgets their names."""
+    """Resolver for files beside an OBJ file. Its .mtl gets every material that the OBJ uses.
+
+    trimesh drops the names of materials that the .mtl does not define; we add empty definitions.
+    """
     from trimesh.resolvers import FilePathResolver
 
     class Resolver(FilePathResolver):  # type: ignore[misc]
@@ -111,7 +118,7 @@ def _is_mesh(loaded: Any, node: Any) -> bool:
 
 
 def _placed(loaded: Any, node: Any) -> SubMesh:
-    """The mesh of a node, where the node's transforms put it."""
+    """The mesh of a node, with the node's transform applied."""
     transform, name = loaded.graph[node]
     geometry = loaded.geometry[name]
     vertices = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3)
@@ -128,7 +135,7 @@ _TRIMESH_DEFAULT = (102, 102, 102)
 
 
 def _grey(material: Any) -> float | None:
-    """Mean of the base colour in linear light, or None; trimesh keeps colours as 0 to 255, and fills in its own."""
+    """Mean of the base colour in linear light, or None. trimesh stores 0 to 255, and fills in a default of its own."""
     colour = getattr(material, "baseColorFactor", None)
     if colour is None:
         colour = getattr(material, "diffuse", None)
@@ -139,7 +146,7 @@ def _grey(material: Any) -> float | None:
 
 
 def _cuts(length_m: float) -> int:
-    """Into how many pieces a length is cut."""
+    """Number of pieces into which a length is cut."""
     return min(max(1, math.ceil(length_m / LARGEST_EDGE_M)), MOST_CUTS)
 
 
@@ -157,7 +164,7 @@ def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Matrix, Matrix]:
 
 
 def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
-    """Box centred on the origin, normals outward, closed."""
+    """Closed box centred on the origin, normals outward: vertices and faces."""
     parts = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -170,7 +177,7 @@ def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
 
 
 def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Matrix, Matrix]:
-    """Closed cylinder about z, centred; ``sections`` flat sides (64: 0.12 % of the radius off the round)."""
+    """Closed cylinder about z, centred, with ``sections`` flat sides (64: 0.12 % of the radius off a circle)."""
     rings = _cuts(height_m)
     angle = np.arange(sections) * (2.0 * np.pi / sections)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius_m
@@ -191,7 +198,7 @@ def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tu
 
 
 def joined(parts: list[tuple[Matrix, Matrix]]) -> tuple[Matrix, Matrix]:
-    """Several (vertices, faces) as one."""
+    """Several (vertices, faces) as one mesh."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     vertices = np.concatenate([vertices for vertices, _ in parts])
     faces = np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)])
@@ -199,13 +206,13 @@ def joined(parts: list[tuple[Matrix, Matrix]]) -> tuple[Matrix, Matrix]:
 
 
 def _welded(vertices: Matrix, faces: Matrix) -> tuple[Matrix, Matrix]:
-    """The same mesh with equal vertices made one."""
+    """The same mesh with equal vertices merged."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     return unique, index.reshape(-1)[faces]
 
 
 def grey_material(name: str, grey: float) -> Material:
-    """A mesh's own colour as a diffuse surface: an estimate, since colours are not infrared."""
+    """A mesh's own colour as a diffuse material: an estimate, since visible colour is not infrared reflectivity."""
     return Material(
         name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
         description="estimate: mean of the mesh file's base colour",

@@ -1,6 +1,6 @@
-"""A scene as the simulation sees it: bodies with their surfaces, sun, sky and air. Plain data, metres, radians.
+"""A scene as the simulation sees it: bodies with materials, sun, sky and air. Plain data, metres, radians.
 
-`lidarscene.scene.file` makes one from a TOML file, `Scene` is as easily made in Python.
+`scene.file.load_scene` makes one from a file; a `Scene` made in Python is as good.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..materials.material import Material
 from ..maths.arrays import frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
+from ..maths.units import Key, Quantity
 from ..physics.optics import air
 from .weather import Weather
 
@@ -52,10 +53,10 @@ class Ball:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """Something with a name, a class and a shape, standing somewhere. Instances are bodies that share parts.
+    """A named object with a class and a shape. Instances are bodies that share parts.
 
-    motion  where it is at each time, in the world, or None: it stands at ``pose``. With a motion ``pose`` is where
-            it is at time 0, or at the end of the motion's span that is nearest to it.
+    motion  its motion in the world, or None: it stands at ``pose``. With a motion, ``pose`` is that at time 0, or at
+            the nearest end of the motion's span.
     """
 
     name: str
@@ -72,13 +73,14 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sun:
-    """Direction towards the sun (azimuth counter-clockwise from x seen from above), and illuminance on a
-    surface that faces it.
+    """Direction of the sun and its illuminance on a surface that faces it.
+
+    Azimuth is counter-clockwise from x, seen from above.
     """
 
-    azimuth_rad: float = 0.0
-    elevation_rad: float = math.radians(45.0)
-    illuminance_klux: float = 100.0
+    azimuth_rad: Annotated[float, Quantity("deg")] = 0.0
+    elevation_rad: Annotated[float, Quantity("deg", ge=-90, le=90)] = math.radians(45.0)
+    illuminance_klux: Annotated[float, Quantity(ge=0)] = 100.0
 
     @property
     def direction(self) -> Matrix:
@@ -88,14 +90,14 @@ class Sun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sky:
-    """Uniform sky; ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
+    """Uniform sky. ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
 
-    diffuse_share: float = 0.0
+    diffuse_share: Annotated[float, Quantity(ge=0)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """One-way transmittance: fixed, times extinction over the range (given or from visibility, and weather)."""
+    """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
     transmittance: float = 1.0
     extinction_per_m: float = 0.0
@@ -115,39 +117,39 @@ class Air:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interferer:
-    """Another lidar, whose pulses reach the receiver at random times, whichever way it looks.
+    """Another lidar, whose pulses reach the receiver at random times, in any direction.
 
-    rate_hz          mean rate of the pulses that do
-    irradiance_w_m2  median of their peaks, in the sensor's band, at the receiver's aperture
-    spread_db        standard deviation of ten times the decimal logarithm of the peak
+    spread_db  of ten times the decimal logarithm of the peak
     """
 
-    rate_hz: float
-    irradiance_w_m2: float
-    spread_db: float = 6.0
+    rate_hz: Annotated[float, Quantity(ge=0, about="mean rate of the pulses that reach the receiver")]
+    irradiance_w_m2: Annotated[
+        float, Quantity(gt=0, about="median of their peaks, at the receiver's aperture, in its band")
+    ]
+    spread_db: Annotated[float, Quantity(ge=0.1, le=40, about="standard deviation of the peaks' level")] = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """Where pictures of the scene are taken from: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
+    """Camera for pictures of the scene: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
-    eye_m: tuple[float, float, float]
-    target_m: tuple[float, float, float]
-    fov_deg: float = 60.0
+    eye_m: Annotated[tuple[float, float, float], Key()]
+    target_m: Annotated[tuple[float, float, float], Key()]
+    fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="across")] = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """All that light can meet.
+    """Everything that light can meet.
 
     bodies          in the order of the file; a point's `body` is an index into `body_names`
-    materials       by name, every one that a part names
+    materials       by name, including every one that a part names
     lamps_w_m2      irradiance of all surfaces by lamps, in the sensor's band
     interferers     other lidars
-    sensor_name     catalogue name or file of the sensor to use unless another is given
-    sensor_pose     where the sensor stands: on the ego vehicle, or in the world without one
-    ego             how the vehicle moves that carries the sensor, or None: it stands at the world's origin
-    view            where pictures are taken from; chosen by what is near the sensor if None
+    sensor_name     catalogue name or file of the default sensor
+    sensor_pose     where the sensor stands: on the ego vehicle, or in the world if there is none
+    ego             motion of the vehicle that carries the sensor, or None: it stands at the world's origin
+    view            camera for pictures; chosen from what is near the sensor if None
     base            a Mitsuba XML scene whose shapes are added, or None
     base_materials  BSDF id in that file to material name; BSDFs not listed are used as they are
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -10,17 +9,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.toml import FileModel
+from ..files.table import Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
 from ..sensor.file import PoseFile
 from .poses import read_poses, spline
-
-LARGEST_SPEED_M_S = 1e4
-LARGEST_YAW_RATE_DEG_S = 36_000.0
-"""A hundred turns a second: 18 degrees from one instant of the tables (motion.STEP_S) to the next."""
-
-Speed = Annotated[float, Field(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S)]
 
 
 class TimedPoseFile(PoseFile):
@@ -29,16 +22,9 @@ class TimedPoseFile(PoseFile):
     time_s: float
 
 
-class MotionFile(FileModel):
+class MotionFile(Table[Course]):
     """A motion: constant speed and yaw rate, or poses with times."""
 
-    speed_m_s: Speed = Field(default=0.0, description="along its own x axis")
-    yaw_rate_deg_s: Annotated[float, Field(ge=-LARGEST_YAW_RATE_DEG_S, le=LARGEST_YAW_RATE_DEG_S)] = Field(
-        default=0.0, description="positive to the left"
-    )
-    velocity_m_s: tuple[Speed, Speed, Speed] = Field(
-        default=(0.0, 0.0, 0.0), description="added to it, in the axes of the world"
-    )
     poses: Annotated[tuple[TimedPoseFile, ...], Field(min_length=2)] | None = Field(
         default=None, description="at rising times; smoothly from one to the next"
     )
@@ -69,12 +55,7 @@ class MotionFile(FileModel):
                 return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
             except InputError as error:
                 raise InputError(f"{where}.poses_file: {error}") from None
-        return Course(
-            start=pose,
-            speed_m_s=self.speed_m_s,
-            yaw_rate_rad_s=math.radians(self.yaw_rate_deg_s),
-            velocity_m_s=self.velocity_m_s,
-        )
+        return self.in_si(start=pose)
 
 
 class EgoFile(MotionFile, PoseFile):

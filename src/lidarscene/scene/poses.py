@@ -1,4 +1,7 @@
-"""Trajectory files: poses with their times, from CSV or in the format of the TUM RGB-D benchmark, to a `Spline`."""
+"""Trajectory files: poses with their times, from CSV or in the TUM RGB-D format, to a `Spline`.
+
+Measured drives come in these two formats.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +28,9 @@ _KNOWN = {"time_s", *PLACE, *ANGLES, *QUATERNION}
 def read_poses(path: Path) -> Spline:
     """A spline through the poses of a file.
 
-    CSV: a first line that names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out)
-    or qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM
-    RGB-D benchmark (Sturm and others, IROS 2012). Raises InputError.
+    CSV: the first line names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out) or
+    qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
+    benchmark (Sturm et al., IROS 2012). Raises InputError.
     """
     columns = (
         read_columns(path, known=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
@@ -48,7 +51,7 @@ def read_poses(path: Path) -> Spline:
 
 
 def spline(time_s: Matrix, poses: list[Pose], where: str) -> Spline:
-    """A spline, or InputError."""
+    """A spline through these poses; InputError instead of ValueError."""
     try:
         return Spline(time_s=np.asarray(time_s), poses=tuple(poses))
     except ValueError as error:
@@ -58,16 +61,14 @@ def spline(time_s: Matrix, poses: list[Pose], where: str) -> Spline:
 def _read_tum(path: Path) -> dict[str, Matrix]:
     try:
         with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that there are no rows is told by the caller
+            warnings.simplefilter("ignore")  # about missing rows, which the caller reports
             values = np.loadtxt(file, ndmin=2, dtype=np.float64)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if values.size and values.shape[1] != len(TUM):
-        raise InputError(
-            f"{path}: lines of 8 numbers were expected ({' '.join(TUM)}), {values.shape[1]} came"
-        )
+        raise InputError(f"{path}: lines must have 8 numbers ({' '.join(TUM)}), got {values.shape[1]}")
     return dict(zip(TUM, values.reshape(-1, len(TUM)).T, strict=True))
 
 
@@ -81,13 +82,15 @@ def _rotations(path: Path, columns: dict[str, Matrix]) -> list[Matrix]:
             for yaw, pitch, roll in angles
         ]
     if len(turned) < len(QUATERNION) or any(name in columns for name in ANGLES):
-        raise InputError(f"{path}: either {', '.join(QUATERNION)} or {', '.join(ANGLES)} were expected")
+        raise InputError(
+            f"{path}: columns must be {', '.join(QUATERNION)} or {', '.join(ANGLES)}, not a mixture"
+        )
     x, y, z, w = (columns[name] for name in QUATERNION)
     length = np.sqrt(x * x + y * y + z * z + w * w)
     wrong = np.flatnonzero(np.abs(length - 1.0) > 0.01)
     if len(wrong):
         raise InputError(
-            f"{path}: a quaternion of length 1 was expected, {length[wrong[0]]:.3g} came for pose {wrong[0] + 1}"
+            f"{path}: quaternions must have length 1, got {length[wrong[0]]:.3g} for pose {wrong[0] + 1}"
         )
     numbers = rotation_numbers(w / length, x / length, y / length, z / length)
     return list(np.stack(numbers, axis=-1).reshape(-1, 3, 3))

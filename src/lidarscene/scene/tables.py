@@ -11,10 +11,12 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..files import pvlib
+from ..files.table import Table
 from ..files.toml import FileModel
 from ..materials.file import MaterialFile
+from ..maths.units import si
 from ..sensor.file import PoseFile, Vector
-from .model import Air, Interferer, Sun
+from .model import Air, Interferer, Sky, Sun, View
 from .motion import BodyMotionFile, EgoFile
 from .weather import Weather
 
@@ -22,9 +24,6 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
-FogKind = Literal[
-    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
-]
 
 
 def _instant(value: object) -> datetime:
@@ -44,13 +43,11 @@ def _instant(value: object) -> datetime:
 _TIME = "2026-06-21T12:00:00+02:00"
 
 
-class SunFile(FileModel):
+class SunFile(Table[Sun]):
     """[sun]: direction towards it, or the place and time that it follows from, and illuminance on a surface that
     faces it.
     """
 
-    azimuth_deg: float = 0.0
-    elevation_deg: Annotated[float, Field(ge=-90, le=90)] = 45.0
     place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = (
         Field(default=None, description="latitude (north positive) and longitude (east positive) in degrees")
     )
@@ -60,7 +57,6 @@ class SunFile(FileModel):
     north_deg: float = Field(
         default=90.0, description="azimuth of north in the scene; at 90 degrees x points east and y north"
     )
-    illuminance_klux: NotNegative = 100.0
 
     @model_validator(mode="after")
     def _one_way(self) -> SunFile:
@@ -75,23 +71,17 @@ class SunFile(FileModel):
 
     def build(self) -> Sun:
         """The sun in radians. Raises LidarSceneError where place and time are given and pvlib is missing."""
-        azimuth_deg, elevation_deg = self.azimuth_deg, self.elevation_deg
-        if self.place is not None and self.time is not None:
-            clockwise_deg, elevation_deg = pvlib.sun_north_up_deg(
-                latitude_deg=self.place[0], longitude_deg=self.place[1], time=self.time
-            )
-            azimuth_deg = 180.0 - (180.0 - self.north_deg + clockwise_deg) % 360.0
-        return Sun(
-            azimuth_rad=math.radians(azimuth_deg),
-            elevation_rad=math.radians(elevation_deg),
-            illuminance_klux=self.illuminance_klux,
+        if self.place is None or self.time is None:
+            return self.in_si()
+        clockwise_deg, elevation_deg = pvlib.sun_north_up_deg(
+            latitude_deg=self.place[0], longitude_deg=self.place[1], time=self.time
         )
+        azimuth_deg = 180.0 - (180.0 - self.north_deg + clockwise_deg) % 360.0
+        return self.in_si(azimuth_rad=si(azimuth_deg, "deg"), elevation_rad=si(elevation_deg, "deg"))
 
 
-class SkyFile(FileModel):
+class SkyFile(Table[Sky]):
     """[sky]: diffuse irradiance as a share of the sun's at normal incidence."""
-
-    diffuse_share: NotNegative = 0.0
 
 
 class AirFile(FileModel):
@@ -116,32 +106,14 @@ class AirFile(FileModel):
         return Air(
             transmittance=1.0 if self.transmittance is None else self.transmittance,
             extinction_per_m=self.extinction_per_m or 0.0,
-            visibility_m=math.inf if self.visibility_km is None else self.visibility_km * 1e3,
+            visibility_m=math.inf if self.visibility_km is None else si(self.visibility_km, "km"),
             model=self.model,
             weather=weather,
         )
 
 
-class WeatherFile(FileModel):
+class WeatherFile(Table[Weather]):
     """[weather]: what falls or floats in the air, on top of [air]; none without."""
-
-    fog: FogKind | None = Field(
-        default=None, description="kind, as dense as published unless fog_visibility_km is given"
-    )
-    fog_visibility_km: Annotated[float, Field(ge=0.005, le=50)] | None = None
-    rain_mm_h: Annotated[float, Field(ge=0, le=300)] = 0.0
-    snow_mm_h: Annotated[float, Field(ge=0, le=50, description="of water")] = 0.0
-    snow: Literal["dry", "wet"] = "dry"
-
-    def build(self) -> Weather:
-        """The weather in metres."""
-        return Weather(
-            fog=self.fog,
-            fog_visibility_m=None if self.fog_visibility_km is None else self.fog_visibility_km * 1e3,
-            rain_mm_h=self.rain_mm_h,
-            snow_mm_h=self.snow_mm_h,
-            snow=self.snow,
-        )
 
 
 class SceneSensorFile(PoseFile):
@@ -150,12 +122,11 @@ class SceneSensorFile(PoseFile):
     name: Name = "table1-apd"
 
 
-class PictureFile(FileModel):
+class PictureFile(Table[View]):
     """[picture]: where pictures of the scene are taken from; chosen by what is near the sensor without."""
 
     eye_m: Vector
     target_m: Vector
-    fov_deg: Annotated[float, Field(gt=0, lt=180, description="across")] = 60.0
 
     @model_validator(mode="after")
     def _not_from_above(self) -> PictureFile:
@@ -214,6 +185,22 @@ class BodyFile(PoseFile):
         return self
 
 
+class LampsFile(FileModel):
+    """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
+
+    kind: Literal["lamps"]
+    irradiance_w_m2: NotNegative = Field(description="of the surfaces, in the sensor's band")
+
+
+class LidarsFile(Table[Interferer]):
+    """[[interference]] kind = "lidar": pulses of another lidar, at random times, in every direction alike."""
+
+    kind: Literal["lidar"]
+
+
+AnyInterferenceFile = Annotated[LampsFile | LidarsFile, Field(discriminator="kind")]
+
+
 class SceneFile(FileModel):
     """A whole scene file."""
 
@@ -244,35 +231,6 @@ class SceneFile(FileModel):
         return self
 
 
-class LampsFile(FileModel):
-    """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
-
-    kind: Literal["lamps"]
-    irradiance_w_m2: NotNegative = Field(description="of the surfaces, in the sensor's band")
-
-
-class LidarsFile(FileModel):
-    """[[interference]] kind = "lidar": pulses of another lidar, at random times, in every direction alike."""
-
-    kind: Literal["lidar"]
-    rate_hz: NotNegative = Field(description="mean rate of the pulses that reach the receiver")
-    irradiance_w_m2: Positive = Field(
-        description="median of their peaks, at the receiver's aperture, in its band"
-    )
-    spread_db: Annotated[float, Field(ge=0.1, le=40)] = Field(
-        default=6.0, description="standard deviation of the peaks' level"
-    )
-
-    def build(self) -> Interferer:
-        """As the scene has it."""
-        return Interferer(
-            rate_hz=self.rate_hz, irradiance_w_m2=self.irradiance_w_m2, spread_db=self.spread_db
-        )
-
-
-AnyInterferenceFile = Annotated[LampsFile | LidarsFile, Field(discriminator="kind")]
-
-
 def lamps_w_m2(files: Sequence[LampsFile | LidarsFile]) -> float:
     """Irradiance of all lamps together."""
     return sum(one.irradiance_w_m2 for one in files if isinstance(one, LampsFile))
@@ -280,4 +238,4 @@ def lamps_w_m2(files: Sequence[LampsFile | LidarsFile]) -> float:
 
 def interferers(files: Sequence[LampsFile | LidarsFile]) -> tuple[Interferer, ...]:
     """The other lidars, in the order of the file."""
-    return tuple(one.build() for one in files if isinstance(one, LidarsFile))
+    return tuple(one.in_si() for one in files if isinstance(one, LidarsFile))

@@ -1,28 +1,40 @@
-"""Weather as the simulation sees it: fog, rain and snow in the air. Plain data; what they do is in `physics`."""
+"""Weather as the simulation sees it: fog, rain and snow in the air. Plain data; the formulas are in
+`physics.weather`.
+
+A scene file states what people know (visibility, rain rate); a simulation needs extinction, backscatter and particle
+sizes at its laser's wavelength. A `Medium` is these.
+
+Symbols: alpha extinction, beta backscatter coefficient.
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 from ..maths.arrays import Array
+from ..maths.units import Key, Quantity
 from ..physics.weather import fog, precipitation
 from ..physics.weather.precipitation import Sizes
 
+FogKind = Literal[
+    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
+]
 DEFAULT_FOG = "moderate_advection"
-"""Kind of a fog of which only the visibility is known."""
+"""Kind of fog if only its visibility is given."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
     """Fog, rain or snow at one wavelength.
 
-    name                    class of the points that it causes: "fog", "rain" or "snow"
+    name                    class of its points: "fog", "rain" or "snow"
     extinction_per_m        alpha, one way
     backscatter_per_m_sr    beta
-    sizes                   of its drops or flakes; None for fog, whose droplets are too many to be told apart
-    particle_m2_sr          what one of diameter_m=... sends straight back, W/sr for each W/m2 on it
+    sizes                   of its drops or flakes; None for fog, whose droplets are too many to be drawn one by one
+    particle_m2_sr          backscatter of one particle of diameter_m=..., W/sr per W/m2 on it
     """
 
     name: str
@@ -34,28 +46,27 @@ class Medium:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weather:
-    """What falls or floats, the same everywhere; clear without.
+    """What falls or floats, the same everywhere. The default is clear air.
 
-    fog               name in `physics.weather.fog.TYPES`, with the density published for it; None for none, or for the
-                      default kind where a visibility is given
+    fog               name in `physics.weather.fog.TYPES`, with its published density; None: no fog, or the default kind
+                      if a visibility is given
     fog_visibility_m  meteorological visibility, to which the number of droplets is scaled
-    rain_mm_h         rain rate
-    snow_mm_h         snow rate, of water
-    snow              "dry" or "wet"
     """
 
-    fog: str | None = None
-    fog_visibility_m: float | None = None
-    rain_mm_h: float = 0.0
-    snow_mm_h: float = 0.0
-    snow: str = "dry"
+    fog: Annotated[
+        FogKind | None, Key(about="kind, as dense as published unless fog_visibility_km is given")
+    ] = None
+    fog_visibility_m: Annotated[float | None, Quantity("km", ge=0.005, le=50)] = None
+    rain_mm_h: Annotated[float, Quantity(ge=0, le=300)] = 0.0
+    snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water")] = 0.0
+    snow: Annotated[Literal["dry", "wet"], Key()] = "dry"
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
-        """Extinction coefficient at a laser wavelength, of all together."""
+        """Total extinction coefficient at a laser wavelength."""
         return sum(medium.extinction_per_m for medium in self.media(wavelength_m))
 
     def media(self, wavelength_m: float) -> tuple[Medium, ...]:
-        """What there is, at a laser wavelength."""
+        """The media present, at a laser wavelength."""
         found = (self._fog(wavelength_m), self._rain(wavelength_m), self._snow(wavelength_m))
         return tuple(medium for medium in found if medium is not None)
 
@@ -88,7 +99,7 @@ class Weather:
             rate_mm_h=self.snow_mm_h, wavelength_m=wavelength_m, kind=self.snow
         )
         sizes = precipitation.gunn_marshall(rate_mm_h=self.snow_mm_h, kind=self.snow)
-        # The widths of the flakes are Gunn and Marshall's, their number is what the extinction asks for.
+        # Sizes are distributed as by Gunn and Marshall; their number is scaled to the extinction by ITU-R.
         number = sizes.intercept_per_m4 * extinction / sizes.extinction_per_m
         return Medium(
             name="snow",

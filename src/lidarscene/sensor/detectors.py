@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from ..maths.arrays import Array, xp
 from ..maths.special import binomial_tail
+from ..maths.units import Key, Quantity
 from ..physics.constants import ELEMENTARY_CHARGE_C
 from ..physics.electronics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
 
@@ -122,23 +124,30 @@ class Apd:
 
     tail          of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), whose variance is the same
                   and whose upper tail is higher; detection is Gaussian with either
-    saturation_a  current at which the amplifier clips (`physics.electronics.saturation`), at its input; None: nowhere
-    recovery_s    time constant with which it drains after that; None: at once
+    saturation_a  at the amplifier's input (`physics.electronics.saturation`)
     """
 
-    gain: Array
-    radius_m: Array
-    quantum_efficiency: Array
-    surface_dark_current_a: Array
-    bulk_dark_current_a: Array
-    excess_noise_index: Array | None
-    ionisation_ratio: Array | None = None
-    load_resistance_ohm: Array
-    temperature_k: Array
-    circuit_noise_a: Array
-    tail: str = "gaussian"
-    saturation_a: Array | None = None
-    recovery_s: Array | None = None
+    gain: Annotated[Array, Quantity(ge=1)]
+    radius_m: Annotated[Array, Quantity("mm", gt=0)]
+    quantum_efficiency: Annotated[Array, Quantity(gt=0, le=1)]
+    surface_dark_current_a: Annotated[Array, Quantity("na", ge=0)]
+    bulk_dark_current_a: Annotated[Array, Quantity("na", ge=0)]
+    excess_noise_index: Annotated[Array | None, Quantity(ge=0)] = None
+    ionisation_ratio: Annotated[Array | None, Quantity(ge=0, le=1)] = None
+    load_resistance_ohm: Annotated[Array, Quantity(gt=0)]
+    temperature_k: Annotated[Array, Quantity(gt=0)] = 300.0
+    circuit_noise_a: Annotated[Array, Quantity("na", ge=0)] = 0.0
+    tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
+    saturation_a: Annotated[
+        Array | None,
+        Quantity(
+            "ua", gt=0, about="current at which the amplifier clips, after multiplication; never if left out"
+        ),
+    ] = None
+    recovery_s: Annotated[
+        Array | None,
+        Quantity("ns", gt=0, about="with saturation_ua: time constant with which a clipped pulse drains"),
+    ] = None
 
     @property
     def saturates(self) -> bool:
@@ -208,7 +217,7 @@ class Apd:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sipm:
-    """Silicon photomultiplier, (21)-(27). SI units; the dark count rate is for each cell.
+    """Silicon photomultiplier, (21)-(27). SI units.
 
     statistics   "steady_state" (derived) or "published" ((23)-(27) as printed), see `physics.electronics.sipm`;
                  "time_domain": noise as derived, signal from the cells' course in time through a table,
@@ -219,14 +228,14 @@ class Sipm:
                  reproduce the paper's Fig. 6
     """
 
-    cells: Array
-    radius_m: Array
-    pde: Array
-    dead_time_s: Array
-    dark_count_rate_hz: Array
-    cell_floor: Array = 1.0
-    statistics: str = "steady_state"
-    counting: str = "gaussian"
+    cells: Annotated[Array, Quantity(ge=1, whole=True)]
+    radius_m: Annotated[Array, Quantity("mm", gt=0)]
+    pde: Annotated[Array, Quantity(gt=0, le=1)]
+    dead_time_s: Annotated[Array, Quantity("ns", gt=0)]
+    dark_count_rate_hz: Annotated[Array, Quantity(ge=0, about="of each cell")]
+    cell_floor: Annotated[Array, Quantity(ge=0)] = 1.0
+    statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "steady_state"
+    counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
 
     @property
     def saturates(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,22 +10,18 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
+from ..files.table import Table
 from ..files.toml import FileModel, read_toml, validated, with_overrides
 from ..maths.pose import Pose
+from ..maths.units import si
 from ..physics.optics import beam
 from ..scan import Scanner
 from .detectors import Apd, Detector, Sipm
-from .model import Laser, Optics, Sensor, Tdc
+from .model import MOST_STOPS, Laser, Optics, Sensor, Tdc
 from .optics import OpticsFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile
 from .scanner_tables import Surroundings
 from .scanners import AnyScannerFile, TableFile
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
-
-MOST_STOPS = 16
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -35,30 +30,8 @@ Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDIN
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 
-class LaserFile(FileModel):
+class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
-
-    wavelength_nm: Annotated[float, Field(ge=300, le=2500)]
-    peak_power_w: Positive
-    pulse_fwhm_ns: Positive
-    repetition_rate_khz: Positive
-    divergence_mrad: NotNegative = Field(
-        default=0.0,
-        description="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
-    )
-    beam_profile: Literal["gaussian", "top_hat"] = "gaussian"
-    divergence_elevation_mrad: Positive | None = Field(
-        default=None, description="the same on the second axis; a round beam if left out"
-    )
-    beam_rotation_deg: float = Field(
-        default=0.0, description="of the beam's two axes about the beam, from the left to the top"
-    )
-    exit_diameter_mm: Positive | None = Field(
-        default=None, description="1/e^2 diameter where the beam leaves; not known if left out"
-    )
-    apparent_source_mrad: NotNegative = Field(
-        default=0.0, description="angle of the apparent source, for eye safety; up to 1.5 it is a point"
-    )
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
@@ -66,9 +39,9 @@ class LaserFile(FileModel):
         if self.exit_diameter_mm is None or least == 0.0:
             return self
         limit = least / beam.beam_quality(
-            exit_diameter_m=self.exit_diameter_mm * 1e-3,
-            divergence_rad=least * 1e-3,
-            wavelength_m=self.wavelength_nm * 1e-9,
+            exit_diameter_m=si(self.exit_diameter_mm, "mm"),
+            divergence_rad=si(least, "mrad"),
+            wavelength_m=si(self.wavelength_nm, "nm"),
         )
         if least < limit * (1.0 - 1e-3):
             raise ValueError(
@@ -78,28 +51,10 @@ class LaserFile(FileModel):
         return self
 
 
-class ApdFile(FileModel):
+class ApdFile(Table[Apd]):
     """[detector] type = "apd"."""
 
     type: Literal["apd"]
-    gain: Annotated[float, Field(ge=1)]
-    radius_mm: Positive
-    quantum_efficiency: Share
-    surface_dark_current_na: NotNegative
-    bulk_dark_current_na: NotNegative
-    excess_noise_index: NotNegative | None = None
-    ionisation_ratio: Annotated[float, Field(ge=0, le=1)] | None = None
-    load_resistance_ohm: Positive
-    temperature_k: Positive = 300.0
-    circuit_noise_na: NotNegative = 0.0
-    tail: Literal["gaussian", "mcintyre"] = "gaussian"
-    saturation_ua: Positive | None = Field(
-        default=None,
-        description="current at which the amplifier clips, after multiplication; never if left out",
-    )
-    recovery_ns: Positive | None = Field(
-        default=None, description="with saturation_ua: time constant with which a clipped pulse drains"
-    )
 
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
@@ -109,80 +64,22 @@ class ApdFile(FileModel):
             raise ValueError("recovery_ns: together with saturation_ua, from which the pulse recovers")
         return self
 
-    def build(self) -> Apd:
-        """In SI units."""
-        return Apd(
-            gain=self.gain,
-            radius_m=self.radius_mm * 1e-3,
-            quantum_efficiency=self.quantum_efficiency,
-            surface_dark_current_a=self.surface_dark_current_na * 1e-9,
-            bulk_dark_current_a=self.bulk_dark_current_na * 1e-9,
-            excess_noise_index=self.excess_noise_index,
-            ionisation_ratio=self.ionisation_ratio,
-            load_resistance_ohm=self.load_resistance_ohm,
-            temperature_k=self.temperature_k,
-            circuit_noise_a=self.circuit_noise_na * 1e-9,
-            tail=self.tail,
-            saturation_a=None if self.saturation_ua is None else self.saturation_ua * 1e-6,
-            recovery_s=None if self.recovery_ns is None else self.recovery_ns * 1e-9,
-        )
 
-
-class SipmFile(FileModel):
+class SipmFile(Table[Sipm]):
     """[detector] type = "sipm"."""
 
     type: Literal["sipm"]
-    cells: Annotated[int, Field(ge=1)]
-    radius_mm: Positive
-    pde: Share
-    dead_time_ns: Positive
-    dark_count_rate_hz: NotNegative = Field(description="of each cell")
-    statistics: Literal["steady_state", "published", "time_domain"] = "steady_state"
-    counting: Literal["gaussian", "binomial"] = "gaussian"
-    cell_floor: NotNegative = 1.0
-
-    def build(self) -> Sipm:
-        """In SI units."""
-        return Sipm(
-            cells=float(self.cells),
-            radius_m=self.radius_mm * 1e-3,
-            pde=self.pde,
-            dead_time_s=self.dead_time_ns * 1e-9,
-            dark_count_rate_hz=self.dark_count_rate_hz,
-            statistics=self.statistics,
-            counting=self.counting,
-            cell_floor=self.cell_floor,
-        )
 
 
-class TdcFile(FileModel):
+class TdcFile(Table[Tdc]):
     """[tdc]: comparator and time-to-digital converter."""
 
-    window_us: Positive
-    bandwidth_mhz: Annotated[float, Field(ge=1e-3)]
-    threshold_to_noise: Annotated[float, Field(ge=0.01)] | None = None
-    threshold_level: Annotated[float, Field(ge=1e-15)] | None = Field(
-        default=None, description="amperes (APD) or cells (SiPM)"
-    )
-    lsb_ps: NotNegative = 0.0
-    jitter_ps: NotNegative = 0.0
-    stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = 1
     keep: Literal["first", "last", "strongest", "all"] = Field(
         default="first", description='which crossings, if there are more than stops; "all" is the first 16'
-    )
-    blanking_ns: NotNegative = Field(
-        default=0.0, description="after the pulse leaves, in which crossings go unnoticed: the shortest range"
-    )
-    dead_time_ns: NotNegative = Field(
-        default=0.0, description="from an echo's crossing to the next that can be taken"
     )
     edges: Literal["rising", "both"] | None = Field(
         default=None,
         description="of a pulse that are timed: both give its width; left out: both where the detector can saturate",
-    )
-    walk: Literal["none", "raw", "corrected"] = "corrected"
-    ambient_window_us: Positive | None = Field(
-        default=None, description="time in which the background is counted; the window if left out"
     )
 
     @model_validator(mode="after")
@@ -196,6 +93,12 @@ class TdcFile(FileModel):
                 f"blanking_ns: less than the window of {1e3 * self.window_us:g} was expected, {self.blanking_ns:g} came"
             )
         return self
+
+    def build(self, detector: Detector) -> Tdc:
+        """In SI units; with ``edges`` left out, the detector says which are timed."""
+        stops, keep = (MOST_STOPS, "first") if self.keep == "all" else (self.stops, self.keep)
+        both = detector.saturates if self.edges is None else self.edges == "both"
+        return self.in_si(stops=stops, keep=keep, both_edges=both)
 
 
 class PoseFile(FileModel):
@@ -247,11 +150,11 @@ class SensorFile(FileModel):
 
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
-        detector: Detector = self.detector.build()
-        laser, optics = _laser(self.laser), self.optics.build(folder)
+        detector: Detector = self.detector.in_si()
+        laser, optics = self.laser.in_si(), self.optics.build(folder)
         if self.optics.overlap is not None:
             overlap = self.optics.overlap.build(
-                optics=optics, laser=laser, detector_radius_m=self.detector.radius_mm * 1e-3
+                optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")
             )
             optics = replace(optics, overlap=overlap)
         return Sensor(
@@ -261,56 +164,21 @@ class SensorFile(FileModel):
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
-            tdc=_tdc(self.tdc, detector),
+            tdc=self.tdc.build(detector),
             sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
-            intensity=None if self.intensity is None else self.intensity.build(),
+            intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
         )
 
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:
         around = Surroundings(
-            rate_hz=self.laser.repetition_rate_khz * 1e3,
+            rate_hz=si(self.laser.repetition_rate_khz, "khz"),
             lens_radius_m=optics.aperture_radius_m,
             focal_length_m=optics.focal_length_m,
             folder=folder,
         )
         return self.scanner.build(around)
-
-
-def _laser(laser: LaserFile) -> Laser:
-    return Laser(
-        wavelength_m=laser.wavelength_nm * 1e-9,
-        peak_power_w=laser.peak_power_w,
-        pulse_fwhm_s=laser.pulse_fwhm_ns * 1e-9,
-        repetition_rate_hz=laser.repetition_rate_khz * 1e3,
-        divergence_rad=laser.divergence_mrad * 1e-3,
-        profile=laser.beam_profile,
-        divergence_elevation_rad=(
-            None if laser.divergence_elevation_mrad is None else laser.divergence_elevation_mrad * 1e-3
-        ),
-        beam_rotation_rad=math.radians(laser.beam_rotation_deg),
-        exit_diameter_m=None if laser.exit_diameter_mm is None else laser.exit_diameter_mm * 1e-3,
-        source_rad=laser.apparent_source_mrad * 1e-3,
-    )
-
-
-def _tdc(tdc: TdcFile, detector: Detector) -> Tdc:
-    return Tdc(
-        window_s=tdc.window_us * 1e-6,
-        bandwidth_hz=tdc.bandwidth_mhz * 1e6,
-        threshold_to_noise=tdc.threshold_to_noise,
-        threshold_level=tdc.threshold_level,
-        least_significant_bit_s=tdc.lsb_ps * 1e-12,
-        jitter_s=tdc.jitter_ps * 1e-12,
-        stops=MOST_STOPS if tdc.keep == "all" else tdc.stops,
-        keep="first" if tdc.keep == "all" else tdc.keep,
-        blanking_s=tdc.blanking_ns * 1e-9,
-        dead_time_s=tdc.dead_time_ns * 1e-9,
-        both_edges=detector.saturates if tdc.edges is None else tdc.edges == "both",
-        walk=tdc.walk,
-        ambient_window_s=None if tdc.ambient_window_us is None else tdc.ambient_window_us * 1e-6,
-    )
 
 
 def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:

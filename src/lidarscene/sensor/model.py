@@ -7,36 +7,59 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
 from ..maths.arrays import Array, xp
 from ..maths.pose import Pose
+from ..maths.units import Key, Quantity
 from ..physics.optics import radiometry
 from ..scan import Scanner
 from .detectors import Detector, WorkingPoint
 from .overlap import Overlap
+
+MOST_STOPS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
     """Pulsed transmitter. Divergences are full angles at 1/e^2, or to the edge of a top hat.
 
-    profile                   of the power across the beam: "gaussian" or "top_hat"
-    divergence_elevation_rad  on the second axis, or None: a round beam
-    beam_rotation_rad         of the axes (azimuth, elevation) about the beam, from the left to the top
-    exit_diameter_m           1/e^2 diameter where the beam leaves the sensor and its waist is, or None: not known
-    source_rad                angle that the apparent source subtends; up to 1.5 mrad it is a point (eye safety)
+    The beam leaves the sensor at its waist, of ``exit_diameter_m``.
     """
 
-    wavelength_m: float
-    peak_power_w: Array
-    pulse_fwhm_s: Array
-    repetition_rate_hz: float
-    divergence_rad: float = 0.0
-    profile: str = "gaussian"
-    divergence_elevation_rad: float | None = None
-    beam_rotation_rad: float = 0.0
-    exit_diameter_m: float | None = None
-    source_rad: float = 0.0
+    wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
+    peak_power_w: Annotated[Array, Quantity(gt=0)]
+    pulse_fwhm_s: Annotated[Array, Quantity("ns", gt=0)]
+    repetition_rate_hz: Annotated[float, Quantity("khz", gt=0)]
+    divergence_rad: Annotated[
+        float,
+        Quantity(
+            "mrad",
+            ge=0,
+            about="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
+        ),
+    ] = 0.0
+    profile: Annotated[Literal["gaussian", "top_hat"], Key(name="beam_profile")] = "gaussian"
+    divergence_elevation_rad: Annotated[
+        float | None,
+        Quantity("mrad", gt=0, about="the same on the second axis; a round beam if left out"),
+    ] = None
+    beam_rotation_rad: Annotated[
+        float, Quantity("deg", about="of the beam's two axes about the beam, from the left to the top")
+    ] = 0.0
+    exit_diameter_m: Annotated[
+        float | None,
+        Quantity("mm", gt=0, about="1/e^2 diameter where the beam leaves; not known if left out"),
+    ] = None
+    source_rad: Annotated[
+        float,
+        Quantity(
+            "mrad",
+            name="apparent_source_mrad",
+            ge=0,
+            about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
+        ),
+    ] = 0.0
 
     @property
     def photon_energy_j(self) -> float:
@@ -61,14 +84,10 @@ class Laser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Halo:
-    """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together.
+    """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together."""
 
-    share           of the echo of a wide surface that it brings
-    divergence_rad  full angle at 1/e^2
-    """
-
-    share: Array
-    divergence_rad: Array
+    share: Annotated[Array, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
+    divergence_rad: Annotated[Array, Quantity("mrad", gt=0, le=500, about="full angle at 1/e^2")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,10 +99,10 @@ class Optics:
     halo                 around the spot, or None
     """
 
-    aperture_radius_m: Array
-    focal_length_m: Array
-    efficiency_laser: Array
-    efficiency_sun: Array
+    aperture_radius_m: Annotated[Array, Quantity("mm", gt=0)]
+    focal_length_m: Annotated[Array, Quantity("mm", gt=0)]
+    efficiency_laser: Annotated[Array, Quantity(gt=0, le=1)]
+    efficiency_sun: Annotated[Array, Quantity(gt=0, le=1)]
     sun_irradiance_w_m2: Array
     overlap: Overlap | None = None
     halo: Halo | None = None
@@ -100,33 +119,40 @@ class Tdc:
 
     window_s                  listening time after each pulse
     threshold_to_noise        U / sigma_0 (TNR), or None with a fixed level
-    threshold_level           fixed U in signal units (A or cells), or None
+    threshold_level           fixed U in signal units, or None
     least_significant_bit_s   step of the reported time; 0: none
     jitter_s                  standard deviation of the converter's own jitter
     stops                     crossings reported per shot, in order of time
     keep                      which ones: "first", "last" or "strongest"
-    blanking_s                after the pulse leaves, in which crossings go unnoticed
-    dead_time_s               from a crossing by an echo to the next that can be taken
     both_edges                whether the end of a pulse is timed too: its width is known
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is (of a saturated pulse its width, if that is known), "none" takes off
                               exactly what it is
-    ambient_window_s          time in which the background is counted, or None: the whole window
     """
 
-    window_s: Array
-    bandwidth_hz: Array
-    threshold_to_noise: Array | None
-    threshold_level: Array | None = None
-    least_significant_bit_s: Array = 0.0
-    jitter_s: Array = 0.0
-    stops: int = 1
+    window_s: Annotated[Array, Quantity("us", gt=0)]
+    bandwidth_hz: Annotated[Array, Quantity("mhz", ge=1e-3)]
+    threshold_to_noise: Annotated[Array | None, Quantity(ge=0.01)] = None
+    threshold_level: Annotated[Array | None, Quantity(ge=1e-15, about="amperes (APD) or cells (SiPM)")] = None
+    least_significant_bit_s: Annotated[Array, Quantity("ps", name="lsb_ps", ge=0)] = 0.0
+    jitter_s: Annotated[Array, Quantity("ps", ge=0)] = 0.0
+    stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
-    blanking_s: Array = 0.0
-    dead_time_s: Array = 0.0
+    blanking_s: Annotated[
+        Array,
+        Quantity(
+            "ns", ge=0, about="after the pulse leaves, in which crossings go unnoticed: the shortest range"
+        ),
+    ] = 0.0
+    dead_time_s: Annotated[
+        Array, Quantity("ns", ge=0, about="from an echo's crossing to the next that can be taken")
+    ] = 0.0
     both_edges: bool = False
-    walk: str = "corrected"
-    ambient_window_s: Array | None = None
+    walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
+    ambient_window_s: Annotated[
+        Array | None,
+        Quantity("us", gt=0, about="time in which the background is counted; the window if left out"),
+    ] = None
 
     @property
     def listening_s(self) -> Array:
@@ -143,17 +169,18 @@ class Tdc:
 class Intensity:
     """The scale on which the maker reports intensity, `physics.electronics.intensity`.
 
-    kind                "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
-    white_value         of a white Lambertian surface across the beam
-    retro               the scale above that: "linear" or "logarithmic"
-    retro_reflectivity  that reads 255 on a logarithmic one
+    kind  "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
     """
 
-    kind: str
-    reference_m: Array = 10.0
-    white_value: Array = 100.0
-    retro: str = "logarithmic"
-    retro_reflectivity: Array = 1000.0
+    kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
+    reference_m: Annotated[Array, Quantity(gt=0, about="that range")] = 10.0
+    white_value: Annotated[
+        Array, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
+    ] = 100.0
+    retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
+    retro_reflectivity: Annotated[Array, Quantity(gt=1, about="that reads 255 on a logarithmic scale")] = (
+        1000.0
+    )
 
     @property
     def unit(self) -> str:
@@ -177,18 +204,18 @@ class Adc:
 
     rate_hz     samples per second, on a clock that starts with the pulse
     step        least significant bit, in signal units
-    full_scale  largest sample; an offset keeps noise off the lower end
+    full_scale  with an offset that keeps noise off the lower end
     samples     read for each crossing, from one pulse width before it to three behind
     room        for how many samples kernels are made: more than there are
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Array
+    rate_hz: Annotated[Array, Quantity("mhz", gt=0)]
     step: Array
-    full_scale: Array
+    full_scale: Annotated[Array, Quantity(gt=0, about="largest sample, amperes (APD) or cells (SiPM)")]
     samples: int
     room: int
-    estimator: str = "matched_filter"
+    estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

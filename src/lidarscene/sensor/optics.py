@@ -12,7 +12,9 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files import pvlib
+from ..files.table import Table
 from ..files.toml import FileModel
+from ..maths.units import si
 from ..physics.optics.solar_spectrum import (
     Curve,
     box_filter,
@@ -63,7 +65,7 @@ class FilterFile(FileModel):
             return read_transmittance(folder / self.csv)
         assert self.centre_nm is not None
         assert self.width_nm is not None
-        centre_m, width_m = 1e-9 * self.centre_nm, 1e-9 * self.width_nm
+        centre_m, width_m = si(self.centre_nm, "nm"), si(self.width_nm, "nm")
         if self.shape == "box":
             return box_filter(centre_m=centre_m, width_m=width_m)
         order = 2.0 if self.shape == "gaussian" else self.order
@@ -122,7 +124,6 @@ def _row(cells: list[str], where: str) -> tuple[float, float]:
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
 
 
@@ -147,32 +148,19 @@ class OverlapFile(FileModel):
             exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
             aperture_radius_m=optics.aperture_radius_m,
             field_rad=detector_radius_m / optics.focal_length_m,
-            offset_m=1e-3 * math.hypot(*self.transmitter_offset_mm),
+            offset_m=si(math.hypot(*self.transmitter_offset_mm), "mm"),
             crossing_m=self.parallax_free_at_m or math.inf,
             focus_m=self.focus_at_m or math.inf,
         )
 
 
-class HaloFile(FileModel):
+class HaloFile(Table[Halo]):
     """[optics.halo]: light that window and lens scatter around the beam, out and back together."""
 
-    share: Annotated[float, Field(gt=0, lt=1)] = Field(
-        description="of a wide surface's echo that comes from the halo"
-    )
-    divergence_mrad: Annotated[float, Field(gt=0, le=500)] = Field(description="full angle at 1/e^2")
 
-    def build(self) -> Halo:
-        """In SI units."""
-        return Halo(share=self.share, divergence_rad=self.divergence_mrad * 1e-3)
-
-
-class OpticsFile(FileModel):
+class OpticsFile(Table[Optics]):
     """[optics]: the receiver."""
 
-    aperture_radius_mm: Positive
-    focal_length_mm: Positive
-    efficiency_laser: Share
-    efficiency_sun: Share
     sun_irradiance_w_m2: NotNegative | None = Field(
         default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
     )
@@ -204,11 +192,4 @@ class OpticsFile(FileModel):
     def build(self, folder: Path) -> Optics:
         """In SI units, without the overlap; a filter's transmittance file lies in ``folder``."""
         sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return Optics(
-            aperture_radius_m=self.aperture_radius_mm * 1e-3,
-            focal_length_m=self.focal_length_mm * 1e-3,
-            efficiency_laser=self.efficiency_laser,
-            efficiency_sun=self.efficiency_sun,
-            sun_irradiance_w_m2=sun,
-            halo=None if self.halo is None else self.halo.build(),
-        )
+        return self.in_si(sun_irradiance_w_m2=sun, halo=None if self.halo is None else self.halo.in_si())

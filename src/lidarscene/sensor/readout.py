@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
+from ..files.table import Table
 from ..files.toml import FileModel, read_toml, validated
 from .model import Adc, Intensity, MultiLevel
 
@@ -38,14 +39,11 @@ MOST_SAMPLES = 1024
 """A thread of the device holds those of a crossing for up to 16 pulses: 128 KiB with this many."""
 
 
-class AdcFile(FileModel):
+class AdcFile(Table[Adc]):
     """[sampler] type = "adc"."""
 
     type: Literal["adc"]
-    rate_mhz: Positive
     bits: Annotated[int, Field(ge=1, le=24)]
-    full_scale: Positive = Field(description="largest sample, amperes (APD) or cells (SiPM)")
-    estimator: Literal["matched_filter", "centroid"] = "matched_filter"
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
         """In SI units, with as many samples as four pulse widths hold."""
@@ -60,48 +58,26 @@ class AdcFile(FileModel):
                 f"sampler.rate_mhz: at most {0.25 * (MOST_SAMPLES - 1) * least:g} was expected "
                 f"({MOST_SAMPLES} samples in four pulse widths), {self.rate_mhz:g} came"
             )
-        return Adc(
-            rate_hz=self.rate_mhz * 1e6,
+        return self.in_si(
             step=self.full_scale / 2**self.bits,
-            full_scale=self.full_scale,
             samples=samples,
             room=1 << samples.bit_length(),  # not a kernel for each number of samples
-            estimator=self.estimator,
         )
 
 
 AnySamplerFile = Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")]
 
 
-class RangeCorrectedFile(FileModel):
+class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m")):
     """[intensity] kind = "range_corrected": optical power, as if all echoes came from one range."""
 
     kind: Literal["range_corrected"]
-    reference_m: Annotated[float, Field(gt=0)] = Field(default=10.0, description="that range")
-
-    def build(self) -> Intensity:
-        """As the sensor has it."""
-        return Intensity(kind=self.kind, reference_m=self.reference_m)
 
 
-class ReflectivityFile(FileModel):
+class ReflectivityFile(Table[Intensity], only=("kind", "white_value", "retro", "retro_reflectivity")):
     """[intensity] kind = "reflectivity": 0 to 255, from the echo's power and range."""
 
     kind: Literal["reflectivity"]
-    white_value: Annotated[float, Field(gt=0, lt=255)] = Field(
-        default=100.0, description="of a white Lambertian surface across the beam"
-    )
-    retro: Literal["linear", "logarithmic"] = Field(default="logarithmic", description="the scale above that")
-    retro_reflectivity: Annotated[float, Field(gt=1)] = Field(
-        default=1000.0, description="that reads 255 on a logarithmic scale"
-    )
-
-    def build(self) -> Intensity:
-        """As the sensor has it."""
-        return Intensity(
-            kind=self.kind, white_value=self.white_value, retro=self.retro,
-            retro_reflectivity=self.retro_reflectivity,
-        )  # fmt: skip
 
 
 AnyIntensityFile = Annotated[RangeCorrectedFile | ReflectivityFile, Field(discriminator="kind")]

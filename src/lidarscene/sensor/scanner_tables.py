@@ -6,16 +6,15 @@ import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Generic, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..files.toml import FileModel
+from ..files.table import Made, Table
+from ..maths.units import si
 from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner
 
 Positive = Annotated[float, Field(gt=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
-Count = Annotated[int, Field(ge=1, le=2**24)]
 Turn = Annotated[float, Field(ge=0, le=45)]
 Rotation = Annotated[float, Field(ge=-1e6, le=1e6)]
 
@@ -30,25 +29,8 @@ class Surroundings:
     folder: Path
 
 
-class ScannerFile(FileModel):
-    """Options of every scanner."""
-
-    jitter_mrad: Positive | None = Field(
-        default=None, description="standard deviation of the pointing on each axis across the beam"
-    )
-    encoder_step_deg: Positive | None = Field(
-        default=None, description="of the encoders on the mechanism; the reported angles are rounded to it"
-    )
-
-    @property
-    def jitter_rad(self) -> float | None:
-        """In SI units."""
-        return None if self.jitter_mrad is None else self.jitter_mrad * 1e-3
-
-    @property
-    def encoder_rad(self) -> float | None:
-        """In SI units."""
-        return None if self.encoder_step_deg is None else math.radians(self.encoder_step_deg)
+class ScannerFile(Table[Made], Generic[Made]):
+    """Base of all scanners."""
 
     def shot_period_us(self, pulse_period_us: float) -> float:
         """How long one receiver can listen: until the next pulse, if one receiver serves all pulses."""
@@ -59,7 +41,7 @@ class ScannerFile(FileModel):
         raise NotImplementedError
 
 
-class _MirrorsFile(ScannerFile):
+class _MirrorsFile(ScannerFile[Made], Generic[Made]):
     """Mirrors: how they stand, and how far they turn."""
 
     mirrors: Literal["one", "two"] = "one"
@@ -80,7 +62,7 @@ class _MirrorsFile(ScannerFile):
     elevation_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
 
     @model_validator(mode="after")
-    def _faces_the_beam(self) -> _MirrorsFile:
+    def _faces_the_beam(self) -> Self:
         if self.mirrors == "two":
             for key in ("incidence_deg", "side", "mirror_radius_mm"):
                 if getattr(self, key) is not None:
@@ -105,21 +87,13 @@ class _MirrorsFile(ScannerFile):
 
     def mirrors_for(self, around: Surroundings) -> Gimbal | MirrorPair:
         """In SI units."""
-        radius = None if self.mirror_radius_mm is None else self.mirror_radius_mm * 1e-3
-        return self._mirrors(radius, around.lens_radius_m)
+        return self._mirrors(si(self.mirror_radius_mm, "mm"), around.lens_radius_m)
 
 
-class MirrorFile(_MirrorsFile):
+class MirrorFile(_MirrorsFile[MirrorRaster]):
     """[scanner] type = "mirror": galvanometers or MEMS, line by line."""
 
     type: Literal["mirror"]
-    pulses_per_line: Count
-    lines: Count
-    fast: Literal["azimuth", "elevation"] = Field(default="azimuth", description="the turn that scans a line")
-    waveform: Literal["sawtooth", "triangle", "sine"] = "sawtooth"
-    slow: Literal["step", "ramp"] = "step"
-    line_duty: Share = Field(default=1.0, description="part of a line's time in which pulses leave")
-    frame_duty: Share = Field(default=1.0, description="part of a frame's time in which lines are scanned")
 
     @model_validator(mode="after")
     def _not_too_many(self) -> MirrorFile:
@@ -131,15 +105,12 @@ class MirrorFile(_MirrorsFile):
         """In SI units."""
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         fast, slow = turns if self.fast == "azimuth" else turns[::-1]
-        return MirrorRaster(
-            columns=self.pulses_per_line, rows=self.lines, mirrors=self.mirrors_for(around),
-            fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=around.rate_hz, fast=self.fast,
-            waveform=self.waveform, slow=self.slow, line_duty=self.line_duty, frame_duty=self.frame_duty,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        return self.in_si(
+            mirrors=self.mirrors_for(around), fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=around.rate_hz
+        )
 
 
-class LissajousFile(_MirrorsFile):
+class LissajousFile(_MirrorsFile[Lissajous]):
     """[scanner] type = "lissajous": both turns are sines."""
 
     type: Literal["lissajous"]
@@ -147,14 +118,12 @@ class LissajousFile(_MirrorsFile):
     elevation_hz: Positive
     azimuth_phase_deg: float = 0.0
     elevation_phase_deg: float = 0.0
-    frame_hz: Positive
 
     def build(self, around: Surroundings) -> Lissajous:
         """In SI units."""
-        return Lissajous.of(
-            rate_hz=around.rate_hz, frame_hz=self.frame_hz, mirrors=self.mirrors_for(around),
+        return self.in_si(
+            rate_hz=around.rate_hz, mirrors=self.mirrors_for(around),
             frequency_hz=(self.azimuth_hz, self.elevation_hz),
             phase_rad=(math.radians(self.azimuth_phase_deg), math.radians(self.elevation_phase_deg)),
             turn_rad=(math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)),
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
         )  # fmt: skip

@@ -10,27 +10,23 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.toml import FileModel
+from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning
 from ..scan.flash import LARGEST_HEIGHT
 from .pattern import read_pattern
 from .scanner_tables import (
-    Count,
     LissajousFile,
     MirrorFile,
     Positive,
     Rotation,
     ScannerFile,
-    Share,
     Surroundings,
 )
 
-Elevation = Annotated[float, Field(ge=-90, le=90)]
-Beam = Annotated[float, Field(ge=-45, le=45)]
-Azimuth = Annotated[float, Field(ge=-360, le=360)]
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
 
 
-class RasterFile(ScannerFile):
+class RasterFile(ScannerFile[Raster]):
     """[scanner] type = "raster": an even grid of directions, both edges included."""
 
     type: Literal["raster"]
@@ -57,26 +53,14 @@ class RasterFile(ScannerFile):
         return Raster.from_field_of_view(
             azimuth_fov=self.azimuth_fov_deg, elevation_fov=self.elevation_fov_deg,
             azimuth_step=self.azimuth_step_deg, elevation_step=self.elevation_step_deg,
-            unit_rad=math.pi / 180.0, rate_hz=around.rate_hz,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
+            unit_rad=math.pi / 180.0, rate_hz=around.rate_hz, **self.values_in_si(),
         )  # fmt: skip
 
 
-class SpinningFile(ScannerFile):
+class SpinningFile(ScannerFile[Spinning]):
     """[scanner] type = "spinning": a rotating head; the lists have one entry for each laser."""
 
     type: Literal["spinning"]
-    rotation_hz: Rotation = Field(description="positive is counter-clockwise seen from above")
-    cycle_us: Positive | None = Field(default=None, description="from cycle to cycle, if clocked by time")
-    columns_per_turn: Count | None = Field(
-        default=None, description="cycles in a turn, if clocked by the encoder"
-    )
-    start_azimuth_deg: Azimuth = 0.0
-    elevation_deg: Annotated[tuple[Elevation, ...], Field(min_length=1)]
-    azimuth_offset_deg: tuple[Azimuth, ...] | None = None
-    firing_time_us: tuple[Annotated[float, Field(ge=0)], ...] | None = Field(
-        default=None, description="after the start of the cycle; all at once if left out"
-    )
     forward_mm: tuple[Millimetres, ...] | None = Field(default=None, description="of the exits, in the head")
     left_mm: tuple[Millimetres, ...] | None = None
     height_mm: tuple[Millimetres, ...] | None = None
@@ -85,9 +69,8 @@ class SpinningFile(ScannerFile):
     def cycle_s(self) -> float:
         """From cycle to cycle."""
         if self.cycle_us is not None:
-            return self.cycle_us * 1e-6
-        assert self.columns_per_turn is not None
-        return 1.0 / (abs(self.rotation_hz) * self.columns_per_turn)
+            return si(float(self.cycle_us), "us")
+        return 1.0 / float(abs(self.rotation_hz) * self.columns_per_turn)
 
     def shot_period_us(self, pulse_period_us: float) -> float:
         """Each laser has a receiver of its own, which listens until that laser's next pulse."""
@@ -104,7 +87,7 @@ class SpinningFile(ScannerFile):
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
                 raise ValueError(f"{key} has {len(values)} entries, elevation_deg has {lasers}")
-        if self.firing_time_us and max(self.firing_time_us) * 1e-6 >= self.cycle_s:
+        if self.firing_time_us and si(max(self.firing_time_us), "us") >= self.cycle_s:
             raise ValueError(f"firing_time_us beyond the cycle of {self.cycle_s * 1e6:g} us came")
         if lasers / self.cycle_s > (2**31 - 1) * abs(self.rotation_hz):
             raise ValueError("fewer than 2^31 pulses in a frame were expected")
@@ -119,40 +102,15 @@ class SpinningFile(ScannerFile):
                 f"laser.repetition_rate_khz = {around.rate_hz * 1e-3:g} came, but {lasers} lasers every"
                 f" {self.cycle_s * 1e6:g} us fire {rate_hz * 1e-3:.3f} thousand pulses a second"
             )
-        zeros = (0.0,) * lasers
         starts = self.forward_mm, self.left_mm, self.height_mm
-        x, y, z = ([1e-3 * value for value in values or zeros] for values in starts)
-        return Spinning.of(
-            rotation_hz=self.rotation_hz,
-            cycle_s=None if self.cycle_us is None else self.cycle_s,
-            cycles_per_turn=self.columns_per_turn,
-            elevation_rad=[math.radians(a) for a in self.elevation_deg],
-            azimuth_rad=[math.radians(a) for a in self.azimuth_offset_deg or zeros],
-            firing_s=[1e-6 * t for t in self.firing_time_us or zeros],
-            start_m=None if starts == (None, None, None) else (x, y, z),
-            start_azimuth_rad=math.radians(self.start_azimuth_deg),
-            jitter_rad=self.jitter_rad,
-            encoder_rad=self.encoder_rad,
-        )
+        x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
+        return self.in_si(start_m=None if starts == (None, None, None) else (x, y, z))
 
 
-class PolygonFile(ScannerFile):
+class PolygonFile(ScannerFile[Polygon]):
     """[scanner] type = "polygon": one line for each facet."""
 
     type: Literal["polygon"]
-    rotation_hz: Rotation = Field(description="positive is counter-clockwise seen from above")
-    facet_tilt_deg: Annotated[tuple[Annotated[float, Field(ge=-40, le=40)], ...], Field(min_length=3)] = (
-        Field(
-            description="of each facet against the axis, in the order in which they pass; positive looks up"
-        )
-    )
-    duty: Share = Field(default=1.0, description="part of a facet's time in which pulses leave")
-    incidence_deg: Annotated[float, Field(ge=0, le=80)] = 45.0
-    side: Literal["left", "right"] = "left"
-    inradius_mm: Positive | None = Field(
-        default=None,
-        description="from the axis to the facets; without it the facets cut nothing off the aperture",
-    )
 
     @model_validator(mode="after")
     def _faces_the_beam(self) -> PolygonFile:
@@ -172,14 +130,8 @@ class PolygonFile(ScannerFile):
         on_facet = around.rate_hz * self.duty / (facets * abs(self.rotation_hz))
         if not 1.0 - 1e-6 <= on_facet < 2**24:
             raise InputError(f"scanner: {on_facet:.3g} pulses on each facet came, 1 to 2^24 were expected")
-        return Polygon.of(
-            rate_hz=around.rate_hz, rotation_hz=self.rotation_hz, duty=self.duty,
-            tilt_rad=[math.radians(a) for a in self.facet_tilt_deg],
-            incidence_rad=math.radians(self.incidence_deg), side=self.side,
-            inradius_m=None if self.inradius_mm is None else self.inradius_mm * 1e-3,
-            lens_radius_m=None if self.inradius_mm is None else around.lens_radius_m,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        lens_radius_m = None if self.inradius_mm is None else around.lens_radius_m
+        return self.in_si(rate_hz=around.rate_hz, lens_radius_m=lens_radius_m)
 
 
 class WedgeFile(FileModel):
@@ -194,30 +146,23 @@ class WedgeFile(FileModel):
     inclined_face: Literal["in", "out"] = Field(description="out is towards the scene")
 
 
-class RisleyFile(ScannerFile):
+class RisleyFile(ScannerFile[Risley]):
     """[scanner] type = "risley": two or three rotating wedges."""
 
     type: Literal["risley"]
     wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
-    frame_hz: Positive
-    beam_elevation_deg: Annotated[tuple[Beam, ...], Field(min_length=1)] | None = Field(
-        default=None, description="of each laser before the prisms; one along the axis if left out"
-    )
 
     def build(self, around: Surroundings) -> Risley:
         """In SI units."""
-        elevations = self.beam_elevation_deg
-        beams = None if elevations is None else [math.radians(e) for e in elevations]
-        scanner = Risley.of(
-            rate_hz=around.rate_hz, frame_hz=self.frame_hz,
+        scanner = self.in_si(
+            rate_hz=around.rate_hz,
             angle_rad=[math.radians(w.angle_deg) for w in self.wedges],
             index=[w.index for w in self.wedges],
             rotation_hz=[w.rotation_hz for w in self.wedges],
             phase_rad=[math.radians(w.phase_deg) for w in self.wedges],
             tilted=[w.inclined_face for w in self.wedges],
-            beam_elevation_rad=beams,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        )
+        beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
             raise InputError(
                 "scanner: light is totally reflected in these wedges; smaller angle_deg were expected"
@@ -235,20 +180,11 @@ class RisleyFile(ScannerFile):
         return not bool(np.all(share > 0.0))
 
 
-class FlashFile(ScannerFile):
+class FlashFile(ScannerFile[Flash]):
     """[scanner] type = "flash": all pixels at once; the laser's rate is that of the flashes."""
 
     type: Literal["flash"]
-    columns: Count
-    rows: Count
     pixel_pitch_um: Positive
-    projection: Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"] = (
-        "rectilinear"
-    )
-    falloff: Literal["pupil", "pupil_and_pixel"] = Field(
-        default="pupil",
-        description="what weakens the edge: foreshortened pupil, or solid angle of the pixels too",
-    )
 
     @model_validator(mode="after")
     def _nothing_turns(self) -> FlashFile:
@@ -260,20 +196,17 @@ class FlashFile(ScannerFile):
 
     def build(self, around: Surroundings) -> Flash:
         """In SI units."""
-        pitch = self.pixel_pitch_um * 1e-6 / around.focal_length_m
+        pitch = si(self.pixel_pitch_um, "um") / around.focal_length_m
         height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
         if height >= LARGEST_HEIGHT[self.projection]:
             raise InputError(
                 f"scanner: a pixel {height:.3g} focal lengths off the axis came, less than"
                 f" {LARGEST_HEIGHT[self.projection]:.3g} was expected of a lens that is {self.projection}"
             )
-        return Flash(
-            columns=self.columns, rows=self.rows, pitch=pitch, frame_rate_hz=around.rate_hz,
-            projection=self.projection, falloff=self.falloff, jitter_rad=self.jitter_rad,
-        )  # fmt: skip
+        return self.in_si(pitch=pitch, frame_rate_hz=around.rate_hz)
 
 
-class TableFile(ScannerFile):
+class TableFile(ScannerFile[Pattern]):
     """[scanner] type = "table": a pattern of one's own, CSV or npz."""
 
     type: Literal["table"]
@@ -286,12 +219,7 @@ class TableFile(ScannerFile):
 
     def build(self, around: Surroundings) -> Pattern:
         """In SI units."""
-        return read_pattern(
-            around.folder / self.file,
-            frame_s=None if self.frame_ms is None else self.frame_ms * 1e-3,
-            jitter_rad=self.jitter_rad,
-            encoder_rad=self.encoder_rad,
-        )
+        return read_pattern(around.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
 
 
 AnyScannerFile = (

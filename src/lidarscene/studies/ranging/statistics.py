@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from .plane import Target
 
 Matrix = np.ndarray[Any, Any]
 
-TAILS = ("gaussian", "mcintyre", "webb", "exact")
+Tail = Literal["gaussian", "mcintyre", "webb", "exact"]
+TAILS: tuple[Tail, ...] = get_args(Tail)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
 
 
 def false_alarm_probability(
-    sensor: Sensor, target: Target, *, sky: bool = False, tail: str | None = None
+    sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None
 ) -> float:
     """P_f of one comparison, with the target's background.
 
@@ -137,7 +138,7 @@ def false_alarm_probability(
     diode = sensor.detector
     if not isinstance(diode, Apd) or tail not in TAILS:
         raise ValueError(f"tail '{tail}' came; an APD and one of {', '.join(TAILS)} were expected")
-    if tail in ("gaussian", "mcintyre"):
+    if tail == "gaussian" or tail == "mcintyre":
         changed = dataclasses.replace(sensor, detector=dataclasses.replace(diode, tail=tail))
         return false_alarm_probability(changed, target, sky=sky)
     numbers = electrons(sensor, float(background[0]))

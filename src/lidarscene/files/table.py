@@ -1,0 +1,95 @@
+"""Tables of files whose keys are declared by the class that is made of them, with `maths.units.Quantity`."""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Container, Sequence
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
+
+from pydantic import Field
+
+from ..maths.units import Key, Quantity
+from .toml import FileModel
+
+Made = TypeVar("Made")
+
+
+class Table(FileModel, Generic[Made]):
+    """Base of ``class LaserFile(Table[Laser])``: each field of Laser with a `Key` is a key here, in the file's unit.
+
+    Of a class that is made by its method `of`, the parameters of that. A key that is written out in the table, or in
+    a base of it, takes the place of a declared one. With ``only``, the other fields are no keys.
+    """
+
+    made: ClassVar[type[Any]]
+    """Laser."""
+    keys: ClassVar[dict[str, tuple[str, Key]]]
+    """Its fields to the keys of the file, and how they are declared."""
+
+    def __init_subclass__(cls, only: Container[str] | None = None, **options: Any) -> None:
+        """Add the declared keys to the annotations, from which pydantic then makes a model."""
+        super().__init_subclass__(**options)
+        made = next(
+            (one for base in cls.__bases__ for one in _arguments(base) if isinstance(one, type)), None
+        )
+        if made is None:
+            return
+        cls.made, cls.keys = made, {}
+        maker = _maker(made)
+        hints = typing.get_type_hints(maker, include_extras=True)
+        for field, parameter in inspect.signature(maker).parameters.items():
+            hint = hints[field]
+            key = next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Key)), None)
+            if key is None or (only is not None and field not in only):
+                continue
+            name = key.of(field)
+            cls.keys[field] = (name, key)
+            if name not in cls.__annotations__ and name not in cls.model_fields:
+                cls.__annotations__[name] = _type_in_file(hint.__origin__, key)
+                given = parameter.default is not parameter.empty
+                default = {"default": key.in_file(parameter.default)} if given else {}
+                setattr(cls, name, Field(description=key.about, **default))
+
+    def in_si(self, **more: Any) -> Made:
+        """What the table is of, in SI units; ``more`` are its other fields."""
+        made: Made = _maker(self.made)(**(self.values_in_si() | more))
+        return made
+
+    def values_in_si(self) -> dict[str, Any]:
+        """The values by field."""
+        return {field: key.in_si(getattr(self, name)) for field, (name, key) in self.keys.items()}
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, key: str) -> Any:
+            """Any of the declared keys."""
+
+
+def _arguments(base: type) -> tuple[Any, ...]:
+    """(Laser,) of ``Table[Laser]``."""
+    return tuple(getattr(base, "__pydantic_generic_metadata__", {}).get("args", ()))
+
+
+def _maker(made: type[Any]) -> Callable[..., Any]:
+    """What makes such an object: its method `of`, or the class itself."""
+    maker: Callable[..., Any] = getattr(made, "of", made)
+    return maker
+
+
+def _type_in_file(hint: Any, key: Key) -> Any:
+    """The type that a file takes for a field: of an array, one number; of a sequence, a list."""
+    if not isinstance(key, Quantity):
+        return hint
+    options = typing.get_args(hint)
+    number: Any = int if key.whole or int in (hint, *options) else float
+    if key.bounds:
+        number = Annotated[number, Field(**key.bounds)]
+    if typing.get_origin(hint) is tuple:  # of a fixed length
+        number = tuple[(number,) * len(options)]  # type: ignore[misc]
+    if any(typing.get_origin(one) is Sequence for one in (hint, *options)):
+        number = (
+            Annotated[tuple[number, ...], Field(min_length=key.least)] if key.least else tuple[number, ...]
+        )
+    return number | None if NoneType in options else number

@@ -1,0 +1,101 @@
+"""Units of the numbers in files, and the declaration of such a number beside the field that holds it.
+
+A number is declared once, on the field of the dataclass that takes it in SI units:
+``pulse_fwhm_s: Annotated[float, Quantity("ns", gt=0)] = 5e-9``. The key of the file (`pulse_fwhm_ns`), its bounds,
+its default, its place in the JSON Schema and the conversion follow from that (`files.table.Table`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, TypeVar
+
+UNITS = {
+    "nm": ("m", 1e-9), "um": ("m", 1e-6), "mm": ("m", 1e-3), "km": ("m", 1e3),
+    "ps": ("s", 1e-12), "ns": ("s", 1e-9), "us": ("s", 1e-6), "ms": ("s", 1e-3),
+    "khz": ("hz", 1e3), "mhz": ("hz", 1e6),
+    "na": ("a", 1e-9), "ua": ("a", 1e-6),
+    "mrad": ("rad", 1e-3), "deg": ("rad", math.pi / 180.0), "deg_s": ("rad_s", math.pi / 180.0),
+}  # fmt: skip
+"""Units that people write, as the names of keys end: the SI unit, and the factor to it."""
+
+Number = TypeVar("Number", float, float | None, tuple[float, ...])
+
+
+def si(value: Number, unit: str) -> Number:
+    """A number in this unit, or several, in SI units; None stays None."""
+    if value is None:
+        return None
+    factor = UNITS[unit][1]
+    return tuple(one * factor for one in value) if isinstance(value, tuple) else value * factor
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """That a field can be given in a file.
+
+    name   of the key in the file, where it is not the field's own (with the unit of the file)
+    about  what it is, for the JSON Schema
+    """
+
+    _: KW_ONLY
+    name: str | None = None
+    about: str | None = None
+
+    def of(self, field: str) -> str:
+        """The key in the file."""
+        return self.name or field
+
+    def in_si(self, value: Any) -> Any:
+        """The field's value from the file's."""
+        return value
+
+    def in_file(self, value: Any) -> Any:
+        """The file's value from the field's."""
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity(Key):
+    """That a number can be given in a file.
+
+    unit            in the file, a key of `UNITS`; None: the field's own
+    gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several
+    whole           of an array: the file takes whole numbers only
+    least           how many numbers there are at least, where the field has several
+    """
+
+    unit: str | None = None
+    _: KW_ONLY
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    whole: bool = False
+    least: int = 0
+
+    @property
+    def bounds(self) -> dict[str, Any]:
+        """Those that there are, by name."""
+        limits = {"gt": self.gt, "ge": self.ge, "lt": self.lt, "le": self.le}
+        return {name: limit for name, limit in limits.items() if limit is not None}
+
+    def of(self, field: str) -> str:
+        """The key in the file: with its unit in place of the field's."""
+        if self.name or self.unit is None:
+            return self.name or field
+        ending = f"_{UNITS[self.unit][0]}"
+        if not field.endswith(ending):
+            raise TypeError(f"{field}: a name that ends in {ending} was expected of a number in {self.unit}")
+        return f"{field.removesuffix(ending)}_{self.unit}"
+
+    def in_si(self, value: Any) -> Any:
+        """The field's value from the file's; of a whole number, the float."""
+        if self.unit is not None:
+            return si(value, self.unit)
+        return float(value) if self.whole else value
+
+    def in_file(self, value: Any) -> Any:
+        """The file's value from the field's."""
+        return value if self.unit is None or not value else value / UNITS[self.unit][1]

@@ -1,0 +1,161 @@
+"""Units of files, and tables of files that dataclasses declare."""
+
+import inspect
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import pytest
+from pydantic import Field
+
+from lidarscene.errors import InputError
+from lidarscene.files.table import Table
+from lidarscene.files.toml import validated
+from lidarscene.maths.units import UNITS, Key, Quantity, si
+from lidarscene.scene import file as _scene  # noqa: F401 all tables are known once it is
+from lidarscene.sensor import file as _sensor  # noqa: F401
+
+FACTORS = {
+    "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "km": 1e3, "ps": 1e-12, "ns": 1e-9, "us": 1e-6, "ms": 1e-3,
+    "khz": 1e3, "mhz": 1e6, "na": 1e-9, "ua": 1e-6, "mrad": 1e-3,
+}  # fmt: skip
+ENDINGS = {"m": ("nm", "um", "mm", "km"), "s": ("ps", "ns", "us", "ms"), "hz": ("khz", "mhz"),
+           "a": ("na", "ua"), "rad": ("mrad", "deg"), "rad_s": ("deg_s",)}  # fmt: skip
+
+
+@pytest.mark.parametrize("value", [905.0, 3.0, 0.1, 7.3, 1e-3 / 3.0, -12.7, 55.7])
+def test_conversion(value: float) -> None:
+    """A product with the decimal factor, to the last bit: some of these differ from the quotient by 1e9."""
+    assert {unit: si(value, unit) for unit in FACTORS} == {u: value * factor for u, factor in FACTORS.items()}
+    assert si(value, "deg") == si(value, "deg_s") == math.radians(value)
+    assert si((value, 1.0), "ns") == (value * 1e-9, 1e-9)
+    assert si(None, "ns") is None
+
+
+def test_units_are_those_of_the_names() -> None:
+    assert {*FACTORS, "deg", "deg_s"} == set(UNITS)
+    assert {unit: ending for ending, units in ENDINGS.items() for unit in units} == {
+        unit: ending for unit, (ending, _) in UNITS.items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Made by `of`."""
+
+    all_s: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls, times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
+        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None, other: int = 0,
+    ) -> "Row":  # fmt: skip
+        """From lists."""
+        return cls((*times_s, *(more_s or ())))
+
+
+class RowFile(Table[Row]):
+    """Lists."""
+
+
+def test_lists_of_a_class_that_is_made_by_its_method() -> None:
+    assert validated(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
+    both = validated(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
+    assert both == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
+    with pytest.raises(InputError, match="times_ns: a list of at least 2 was expected"):
+        validated(RowFile, {"times_ns": [3.0]}, "file")
+    with pytest.raises(InputError, match=r"times_ns\[1\]: 1 or more was expected, 0.5 came"):
+        validated(RowFile, {"times_ns": [3.0, 0.5]}, "file")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lamp:
+    width_s: Annotated[Any, Quantity("ns", gt=0, le=9, about="of the flash")]
+    power_w: Annotated[Any, Quantity(ge=0)] = 2.5
+    radius_m: Annotated[Any | None, Quantity("mm", gt=0)] = None
+    turn_rad: Annotated[float, Quantity("deg", name="tilt_deg")] = math.radians(45.0)
+    cells: Annotated[Any, Quantity(ge=1, whole=True)] = 4.0
+    count: Annotated[int, Quantity(ge=1)] = 1
+    shape: Annotated[Literal["round", "square"], Key(name="form")] = "round"
+    inner: float = 7.0
+
+
+class LampFile(Table[Lamp]):
+    """A lamp."""
+
+    count: Annotated[int, Field(ge=3)] = 3
+    extra: bool = False
+
+
+class ShortFile(Table[Lamp], only=("width_s", "power_w")):
+    """Some keys of a lamp."""
+
+
+def test_a_table_has_the_declared_keys() -> None:
+    schema = LampFile.model_json_schema()
+    assert schema["required"] == ["width_ns"]
+    assert set(schema["properties"]) == {
+        "width_ns", "power_w", "radius_mm", "tilt_deg", "cells", "count", "form", "extra",
+    }  # fmt: skip
+    assert schema["properties"]["width_ns"] == {
+        "exclusiveMinimum": 0, "maximum": 9, "description": "of the flash", "title": "Width Ns", "type": "number",
+    }  # fmt: skip
+    assert schema["properties"]["tilt_deg"]["default"] == 45.0
+    assert schema["properties"]["count"]["minimum"] == 3
+    assert set(ShortFile.model_fields) == {"width_ns", "power_w"}
+
+
+def test_a_table_makes_what_declares_it() -> None:
+    assert LampFile(width_ns=3.0).in_si() == Lamp(width_s=3.0 * 1e-9, count=3)
+    tables = {"width_ns": 7.3, "power_w": 1, "radius_mm": 7.3, "tilt_deg": 7.3, "cells": 9, "form": "square"}
+    found = validated(LampFile, tables, "file").in_si(inner=1.0)
+    assert found == Lamp(
+        width_s=7.3 * 1e-9, power_w=1.0, radius_m=7.3 * 1e-3, turn_rad=math.radians(7.3), cells=9.0, count=3,
+        shape="square", inner=1.0,
+    )  # fmt: skip
+    assert isinstance(found.cells, float)
+
+
+@pytest.mark.parametrize(
+    ("tables", "told"),
+    [
+        ({"width_ns": 0.0}, "file: width_ns: more than 0 was expected, 0.0 came"),
+        ({"width_ns": 1.0, "cells": 1.5}, "file: cells: a whole number was expected, 1.5 came"),
+        ({"width_ns": 1.0, "form": "oval"}, "file: form: 'round' or 'square' was expected, \"oval\" came"),
+        ({"power_w": 1.0}, "file: key 'width_ns' is missing"),
+        ({"width_ns": 1.0, "inner": 1.0},
+         ("file: unknown key 'inner'; known here: "
+          "count, extra, width_ns, power_w, radius_mm, tilt_deg, cells, form")),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError) as error:
+        validated(LampFile, tables, "file")
+    assert str(error.value) == told
+
+
+def test_a_name_with_another_unit_is_refused() -> None:
+    with pytest.raises(TypeError, match="width_s: a name that ends in _m was expected of a number in mm"):
+        Quantity("mm").of("width_s")
+
+
+def tables() -> list[type[Table[Any]]]:
+    """All tables of the package."""
+    found, todo = [], [Table]
+    while todo:
+        one = todo.pop()
+        todo += one.__subclasses__()
+        if "keys" in vars(one) and one.__module__.startswith("lidarscene."):
+            found.append(one)
+    return found
+
+
+@pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
+def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
+    """To the last bit; a default that the file writes in another unit comes back from there."""
+    parameters = inspect.signature(getattr(table.made, "of", table.made)).parameters
+    for field, (name, key) in table.keys.items():
+        info = table.model_fields[name]
+        if not info.is_required() and parameters[field].default is not inspect.Parameter.empty:
+            assert key.in_si(info.default) == parameters[field].default, name
