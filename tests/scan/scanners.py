@@ -1,5 +1,6 @@
 """One scanner of each kind, as a sensor file would make it."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,6 +16,17 @@ VLP16_HEIGHT_MM = (
 )  # fmt: skip
 """FIELD.md 5.4 has those of lasers 7 to 15; the others by their symmetry."""
 
+WEDGE = ("angle_rad", "index", "rotation_hz", "phase_rad", "tilted")
+
+
+def _made(of, numbers, **parts):
+    """A scanner from its numbers: those of its parts, those of its errors, and the rest."""
+    errors = {name: numbers.pop(name, None) for name in ("jitter_rad", "encoder_rad")}
+    for name, kind in parts.items():
+        names = [field.name for field in dataclasses.fields(kind)]
+        numbers[name] = kind(**{one: numbers.pop(one) for one in names})
+    return of(**numbers).with_errors(**errors)
+
 
 def vlp16(**changes):
     """User manual 63-9243 by FIELD.md 5.4: a laser every 2.304 us, a cycle every 55.296 us."""
@@ -24,15 +36,18 @@ def vlp16(**changes):
         "firing_s": [2.304e-6 * n for n in range(16)],
         "start_m": ([0.0] * 16, [0.0] * 16, [1e-3 * h for h in VLP16_HEIGHT_MM]),
     }  # fmt: skip
-    return scan.Spinning.of(**(numbers | changes))
+    return _made(scan.Spinning.of, numbers | changes, bank=scan.Bank)
 
 
 def encoder_clocked():
     """Lasers in no order, fired in groups of two, clocked by the encoder."""
     return scan.Spinning.of(
         rotation_hz=20.0, cycle_s=None, cycles_per_turn=1024,
-        elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
-        firing_s=[3e-6, 0.0, 3e-6, 0.0], start_azimuth_rad=PI,
+        bank=scan.Bank(
+            elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
+            firing_s=[3e-6, 0.0, 3e-6, 0.0],
+        ),
+        start_azimuth_rad=PI,
     )  # fmt: skip
 
 
@@ -53,15 +68,16 @@ def lissajous(**changes):
         "rate_hz": 200e3, "frame_hz": 10.0, "mirrors": gimbal(incidence_rad=0.3, side="left"),
         "frequency_hz": (1310.0, 1190.0), "phase_rad": (0.3, 1.2), "turn_rad": (12 * DEG, 8 * DEG),
     }  # fmt: skip
-    return scan.Lissajous.of(**(numbers | changes))
+    return _made(scan.Lissajous.of, numbers | changes)
 
 
 def polygon(**changes):
     numbers = {
         "rate_hz": 150e3, "rotation_hz": 30.0, "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
-        "duty": 0.6, "incidence_rad": 40 * DEG, "side": "left", "inradius_m": 0.03, "lens_radius_m": 0.012,
+        "duty": 0.6, "incidence_rad": 40 * DEG, "side": "left",
+        "size": scan.FacetSize(inradius_m=0.03, lens_radius_m=0.012),
     }  # fmt: skip
-    return scan.Polygon.of(**(numbers | changes))
+    return _made(scan.Polygon.of, numbers | changes)
 
 
 def mid40(**changes):
@@ -71,7 +87,12 @@ def mid40(**changes):
         "index": [1.51, 1.51], "rotation_hz": [-121.5657, 77.7430], "phase_rad": [0.0, 0.0],
         "tilted": ["out", "in"],
     }  # fmt: skip
-    return scan.Risley.of(**(numbers | changes))
+    numbers |= changes
+    wedges = zip(*(numbers.pop(name) for name in WEDGE), strict=True)
+    numbers["wedges"] = [
+        scan.Wedge.of(rate_hz=numbers["rate_hz"], **dict(zip(WEDGE, one, strict=True))) for one in wedges
+    ]
+    return _made(scan.Risley.of, numbers)
 
 
 def six_beams():
@@ -118,7 +139,7 @@ ALL = {
     "lissajous": lissajous,
     "lissajous_pair": lambda: lissajous(mirrors=scan.MirrorPair(last="azimuth")),
     "polygon": polygon,
-    "polygon_backwards": lambda: polygon(rotation_hz=-30.0, side="right", inradius_m=None),
+    "polygon_backwards": lambda: polygon(rotation_hz=-30.0, side="right", size=None),
     "mid40": mid40,
     "six_beams": six_beams,
     "three_wedges": three_wedges,

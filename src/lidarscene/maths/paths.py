@@ -9,16 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .arrays import Array, xp
+from .arrays import Lanes, Numbers, xp
 from .pose import rotation_numbers
 from .trajectory import Motion
 from .vectors import Vector
-
-Matrix = np.ndarray[Any, Any]
 
 STEP_S = 5e-4
 """Longest step of the tables. Straight lines between: 10 m/s2 are missed by 0.3 um, 10 rad/s2 by 0.3 urad, and an arc
@@ -38,7 +35,7 @@ class Placement:
     """
 
     origin_m: Vector
-    rotation: tuple[Array, ...]
+    rotation: tuple[Lanes, ...]
     velocity_m_s: Vector | None = None
     turning_rad_s: Vector | None = None
 
@@ -83,13 +80,13 @@ class Paths:
     count    of motions
     """
 
-    table: Array
-    rate_hz: Array
-    last: Array
+    table: Lanes
+    rate_hz: Lanes
+    last: Lanes
     count: int
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Matrix) -> Paths:
+    def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Numbers) -> Paths:
         """From ``start_s`` on; ``centre_m`` (3,) is the origin of the traced frame."""
         steps = max(math.ceil(length_s / STEP_S), 1)
         times = start_s + np.linspace(0.0, length_s, steps + 1)
@@ -106,7 +103,7 @@ class Paths:
             table=np.stack(rows).ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions)
         )
 
-    def at(self, time_s: Array, which: int) -> Placement:
+    def at(self, time_s: Lanes, which: int) -> Placement:
         """Where the ``which``-th motion has come, (n,) seconds after the start."""
         ops = xp(time_s)
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
@@ -114,7 +111,7 @@ class Paths:
         share = place - lower
         first = (ops.int32(lower) + which * (ops.int32(self.last) + 1)) * _NUMBERS
 
-        def number(column: int) -> Array:
+        def number(column: int) -> Lanes:
             before = ops.take(self.table, first + column)
             return before + share * (ops.take(self.table, first + (column + _NUMBERS)) - before)
 
@@ -128,7 +125,7 @@ class Paths:
         )
 
 
-def _quaternion(rotation: Matrix) -> Matrix:
+def _quaternion(rotation: Numbers) -> Numbers:
     """(n, 4) unit quaternions (w, x, y, z) of (n, 3, 3) rotations: the eigenvector that Bar-Itzhack's matrix has to 1.
 
     J. Guidance, Control, and Dynamics 23 (2000), 1085: no case by case, and good for every angle.
@@ -143,7 +140,7 @@ def _quaternion(rotation: Matrix) -> Matrix:
     return np.asarray(np.linalg.eigh(k)[1][:, :, -1])
 
 
-def _continuous(quaternion: Matrix) -> Matrix:
+def _continuous(quaternion: Numbers) -> Numbers:
     """The same turns with signs chosen so that neighbours are near each other."""
     signs = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
     flips = np.concatenate([[1.0], np.cumprod(np.where(signs < 0.0, -1.0, 1.0))])

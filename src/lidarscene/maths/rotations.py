@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from .arrays import Numbers
 
 
-def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
+def quaternion(rotation: Numbers) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), w not negative, of a (3, 3) rotation.
 
     By the largest of the four, from which the others follow without cancellation (Shepperd, J. Guidance and
@@ -32,7 +31,7 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def yaw_pitch_roll_rad(rotation: Matrix) -> tuple[float, float, float]:
+def yaw_pitch_roll_rad(rotation: Numbers) -> tuple[float, float, float]:
     """Angles of Rz(yaw) Ry(pitch) Rx(roll), a positive pitch looking down, as ROS, OSI and ISO 8855 have it."""
     r = np.asarray(rotation, dtype=np.float64)
     pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from .arrays import frozen
+from .arrays import Numbers, frozen
 from .pose import Pose
-
-Matrix = np.ndarray[Any, Any]
 
 SMALL_ANGLE_RAD = 1e-4
 """Below it the series of sin(x)/x and its like, cut after x^2, are good to 1e-17."""
@@ -33,10 +31,10 @@ class States:
     turning_rad_s   (n, 3) angular velocity, in the parent's axes
     """
 
-    position_m: Matrix
-    rotation: Matrix
-    velocity_m_s: Matrix
-    turning_rad_s: Matrix
+    position_m: Numbers
+    rotation: Numbers
+    velocity_m_s: Numbers
+    turning_rad_s: Numbers
 
     def __matmul__(self, child: Pose) -> States:
         """The states of a frame that is fixed in this one."""
@@ -60,7 +58,7 @@ class Motion(Protocol):
     def span_s(self) -> tuple[float, float]:
         """First and last instant for which it does."""
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """States at (n,) times [s] within the span; beyond it, as at its end."""
 
 
@@ -92,7 +90,7 @@ class Course:
         """For ever."""
         return ALWAYS
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
         time_s = np.asarray(time_s, dtype=np.float64)
         yaw = self.yaw_rate_rad_s * time_s
@@ -127,7 +125,7 @@ class Riding:
         """As long as the carrier's."""
         return self.carrier.span_s
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """The carrier's states, moved to this pose in it."""
         return self.carrier.at(time_s) @ self.pose
 
@@ -150,7 +148,7 @@ class Spline:
     at constant speed, is met exactly.
     """
 
-    time_s: Matrix
+    time_s: Numbers
     poses: tuple[Pose, ...]
     _segments: _Segments = field(init=False)
 
@@ -170,7 +168,7 @@ class Spline:
         """From the first pose to the last."""
         return float(self.time_s[0]), float(self.time_s[-1])
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """States; before the first pose and after the last as there."""
         time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
         segment = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.poses) - 2)
@@ -181,13 +179,13 @@ class Spline:
 class _Segments:
     """The pieces of a spline: lengths (k,), start rotations and places, and the three twists (k, 3, 6) of each."""
 
-    length_s: Matrix
-    rotation: Matrix
-    place: Matrix
-    twists: Matrix
+    length_s: Numbers
+    rotation: Numbers
+    place: Numbers
+    twists: Numbers
 
     @classmethod
-    def through(cls, time_s: Matrix, poses: tuple[Pose, ...]) -> _Segments:
+    def through(cls, time_s: Numbers, poses: tuple[Pose, ...]) -> _Segments:
         length = np.diff(time_s)
         rotation = np.stack([pose.rotation for pose in poses])
         place = np.stack([pose.position_m for pose in poses])
@@ -215,7 +213,7 @@ class _Segments:
             twists=np.stack([first, middle, last], axis=1),
         )
 
-    def at(self, segment: Matrix, since_s: Matrix) -> States:
+    def at(self, segment: Numbers, since_s: Numbers) -> States:
         length = self.length_s[segment]
         u = (since_s / length)[:, None]
         weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
@@ -237,10 +235,10 @@ class _Segments:
 
 
 # SE(3) as pairs (rotation (n, 3, 3), place (n, 3)); twists are (n, 6): velocity, then angular velocity.
-_Rigid = tuple[Matrix, Matrix]
+_Rigid = tuple[Numbers, Numbers]
 
 
-def _apply(rotation: Matrix, vector: Matrix) -> Matrix:
+def _apply(rotation: Numbers, vector: Numbers) -> Numbers:
     return np.asarray(np.einsum("nij,nj->ni", rotation, vector))
 
 
@@ -248,13 +246,13 @@ def _product(a: _Rigid, b: _Rigid) -> _Rigid:
     return a[0] @ b[0], a[1] + _apply(a[0], b[1])
 
 
-def _between(rotation: Matrix, place: Matrix, later_rotation: Matrix, later_place: Matrix) -> _Rigid:
+def _between(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
     """The later pose as seen from the earlier."""
     back = rotation.transpose(0, 2, 1)
     return back @ later_rotation, _apply(back, later_place - place)
 
 
-def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
+def _seen_from(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist of the frame before the step, in that after it: Ad(step^-1) twist."""
     back = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]
@@ -263,13 +261,13 @@ def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
     )
 
 
-def _skew(v: Matrix) -> Matrix:
+def _skew(v: Numbers) -> Numbers:
     x, y, z = v.T
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
 
 
-def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+def _coefficients(angle: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, each (n, 1, 1)."""
     a = angle[:, None, None]
     small = a < SMALL_ANGLE_RAD
@@ -281,7 +279,7 @@ def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     )
 
 
-def _exp(twist: Matrix) -> _Rigid:
+def _exp(twist: Numbers) -> _Rigid:
     """Rodrigues' formula, and the integral of the rotation for the place."""
     turn = _skew(twist[:, 3:])
     first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
@@ -291,7 +289,7 @@ def _exp(twist: Matrix) -> _Rigid:
     return rotation, _apply(along, twist[:, :3])
 
 
-def _log(rotation: Matrix, place: Matrix) -> Matrix:
+def _log(rotation: Numbers, place: Numbers) -> Numbers:
     """The twist whose exponential this is, for turns below 180 degrees."""
     cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
     odd = rotation - rotation.transpose(0, 2, 1)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from .arrays import Array, xp
+from .arrays import Lanes, xp
 
-Vector = tuple[Array, Array, Array]
+Vector = tuple[Lanes, Lanes, Lanes]
 
 
-def dot(a: Vector, b: Vector) -> Array:
+def dot(a: Vector, b: Vector) -> Lanes:
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -17,7 +17,7 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def mixed(a: Array, u: Vector, b: Array, v: Vector) -> Vector:
+def mixed(a: Lanes, u: Vector, b: Lanes, v: Vector) -> Vector:
     """a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
@@ -33,7 +33,7 @@ def reflected(direction: Vector, normal: Vector) -> Vector:
     return mixed(1.0, direction, -2.0 * dot(direction, normal), normal)
 
 
-def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Vector, Array]:
+def refracted(direction: Vector, normal: Vector, index_ratio: Lanes) -> tuple[Vector, Lanes]:
     """A ray through a face, by Snell's law in vector form, and cos(theta_t) / cos(theta_i).
 
     normal       unit, pointing the way that the light goes (d . n > 0)
@@ -50,7 +50,7 @@ def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Ve
     return bent, cos_out / cos_in
 
 
-def angles_of(direction: Vector) -> tuple[Array, Array]:
+def angles_of(direction: Vector) -> tuple[Lanes, Lanes]:
     """Azimuth and elevation [rad] of a direction; the inverse of `maths.pose.direction_from_angles`."""
     x, y, z = direction
     ops = xp(x, y, z)

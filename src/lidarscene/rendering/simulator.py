@@ -19,6 +19,7 @@ from ..kernel.rays import columns as collect
 from ..kernel.rays.trace import INTERACTIONS, MOST_INTERACTIONS
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.model import Scene
@@ -30,12 +31,10 @@ from .stages import Chain, Stages
 from .summary import Summary as Summary
 from .tiles import PACKET, Tiling
 
-Matrix = np.ndarray[Any, Any]
-
 DEFAULT_CHUNK = 2**20
 """Pulses traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
-Observer = Callable[[Matrix, Mapping[str, Matrix]], None]
+Observer = Callable[[Numbers, Mapping[str, Numbers]], None]
 """Told, chunk by chunk, the pulse number of each point of the cloud, and `collect.surfaces` of all pulses."""
 
 
@@ -116,8 +115,8 @@ class Simulator:
         chunk: int = DEFAULT_CHUNK,
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
-        missed: Callable[[Matrix, Matrix], None] | None = None,
-        ambient: Callable[[Matrix, Matrix], None] | None = None,
+        missed: Callable[[Numbers, Numbers], None] | None = None,
+        ambient: Callable[[Numbers, Numbers], None] | None = None,
         observer: Observer | None = None,
         summary: Summary | None = None,
     ) -> PointCloud:
@@ -162,8 +161,8 @@ class Simulator:
         chunk: int = DEFAULT_CHUNK,
         frame: str = "world",
         progress: Callable[[int], None] | None = None,
-        missed: Callable[[Matrix, Matrix], None] | None = None,
-        ambient: Callable[[Matrix, Matrix], None] | None = None,
+        missed: Callable[[Numbers, Numbers], None] | None = None,
+        ambient: Callable[[Numbers, Numbers], None] | None = None,
         summary: Summary | None = None,
     ) -> None:
         """One frame, chunk by chunk: the memory that it takes does not grow with its pulses.
@@ -213,8 +212,8 @@ class Simulator:
         chunk: int,
         frame: str,
         progress: Callable[[int], None] | None,
-        missed: Callable[[Matrix, Matrix], None] | None,
-        ambient: Callable[[Matrix, Matrix], None] | None,
+        missed: Callable[[Numbers, Numbers], None] | None,
+        ambient: Callable[[Numbers, Numbers], None] | None,
         observer: Observer | None,
         summary: Summary,
     ) -> None:
@@ -244,10 +243,10 @@ class Simulator:
         chunk: int,
         goal: Pose,
         summary: Summary,
-        ambient: Callable[[Matrix, Matrix], None] | None,
+        ambient: Callable[[Numbers, Numbers], None] | None,
         observer: Observer | None,
         ordered: bool,
-    ) -> Iterator[tuple[int, dict[str, Any] | None, Matrix]]:
+    ) -> Iterator[tuple[int, dict[str, Any] | None, Numbers]]:
         """First pulse, columns of the kept points (None without any) and outcomes of each chunk, in order; outcomes
         by pulse if they have to be ``ordered``.
 
@@ -318,7 +317,7 @@ class Simulator:
     def waveforms(
         self,
         pulses: Sequence[int],
-        times_s: Matrix | None = None,
+        times_s: Numbers | None = None,
         *,
         seed: int = 0,
         number: int = 0,
@@ -346,7 +345,7 @@ class Simulator:
 
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing
-    ) -> tuple[Matrix, dict[str, Any] | None]:
+    ) -> tuple[Numbers, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         found = [self._on_device(part, placing) for part in parts]
         kept = [one for one in found if one is not None]
@@ -375,7 +374,7 @@ class Simulator:
             turn=placing.turn, shift=placing.shift,
         )  # fmt: skip
 
-    def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
+    def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
         """`collect.surfaces` of a chunk; empty without any."""
         on_device = collect.surfaces(
             world=self.world, pulse=part.pulse, paths=part.paths, rays=self.rays, detection=part.detection

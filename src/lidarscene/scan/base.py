@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.vectors import Vector, angles_of
-
-Matrix = np.ndarray[Any, Any]
 
 
 class Scanner(Protocol):
@@ -35,28 +33,28 @@ class Scanner(Protocol):
         """Pulses of a scan line (of a bank of lasers, a firing of all) if lines follow each other side by side."""
 
     @property
-    def jitter_rad(self) -> Array | None:
+    def jitter_rad(self) -> Lanes | None:
         """Standard deviation of the pointing across the beam, on each of two axes, or None: exact."""
 
-    def direction(self, pulse: Array) -> Vector:
+    def direction(self, pulse: Lanes) -> Vector:
         """Unit vector (x, y, z) in which each pulse leaves, without the jitter."""
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad] that the sensor reports: of `direction`, as its encoders read it."""
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Channel (row, laser, ring, facet) of each pulse."""
 
-    def aperture_share(self, pulse: Array) -> Array:
+    def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0) of (4): what is left of the receiver's aperture in each pulse's direction."""
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """The same of aperture times field of view, by which an extended source fills the detector: of (8)."""
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """Where each beam starts in the sensor's frame, or None: all of them in its origin."""
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 emission time from the first pulse of frame 0."""
 
 
@@ -70,49 +68,53 @@ class Mechanism:
     The beam leaves where the mechanism is; the sensor believes its encoders, which round to the nearest step.
     """
 
-    jitter_rad: Array | None = None
-    encoder_rad: Array | None = None
+    jitter_rad: Lanes | None = None
+    encoder_rad: Lanes | None = None
+
+    def with_errors(self, *, jitter_rad: Lanes | None, encoder_rad: Lanes | None) -> Self:
+        """The same mechanism with this pointing jitter and these encoders."""
+        return replace(self, jitter_rad=jitter_rad, encoder_rad=encoder_rad)
 
     @property
     def line_pulses(self) -> int | None:
         """There are no scan lines."""
         return None
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         """Mechanical angles [rad] that an encoder could read."""
         raise NotImplementedError
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         """Direction, and share of the aperture, with the mechanism turned by so much."""
         raise NotImplementedError
 
-    def _read(self, pulse: Array) -> tuple[Array, ...]:
+    def _read(self, pulse: Lanes) -> tuple[Lanes, ...]:
         """The mechanical angles as the encoders give them."""
         step = self.encoder_rad
         turned = self._mechanism(pulse)
         return turned if step is None else tuple(xp(a).rint(a / step) * step for a in turned)
 
-    def direction(self, pulse: Array) -> Vector:
+    def direction(self, pulse: Lanes) -> Vector:
         """Unit vector (x, y, z) in which each pulse leaves."""
         return self._optics(pulse, self._mechanism(pulse))[0]
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad] that the sensor reports."""
         return angles_of(self._optics(pulse, self._read(pulse))[0])
 
-    def aperture_share(self, pulse: Array) -> Array:
+    def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0)."""
         return self._optics(pulse, self._mechanism(pulse))[1]
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """What stops the beam takes aperture away and leaves the field of view as it is."""
         return self.aperture_share(pulse)
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Channel 0: there is one laser."""
         return xp(pulse).int32(pulse) * 0
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """All beams start in the sensor's origin."""
         return None
 
@@ -125,16 +127,16 @@ class GivenAngles(Mechanism):
 
     __slots__ = ()
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         azimuth, elevation = turned
         return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad], as the encoders read them."""
         azimuth, elevation = self._read(pulse)
         return azimuth, elevation
 
 
-def in_frame(pulse: Matrix, pulses: int) -> tuple[Matrix, Matrix]:
+def in_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
     """Number of the frame, and of the pulse in it; 64 bits."""
     return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism
+from .base import Mechanism
 from .mirror_optics import Mirrors
 from .turns import Turns
 
@@ -30,8 +30,8 @@ class Lissajous(Mechanism):
     mirrors: Mirrors
     azimuth: Turns
     elevation: Turns
-    azimuth_turn_rad: Array
-    elevation_turn_rad: Array
+    azimuth_turn_rad: Lanes
+    elevation_turn_rad: Lanes
 
     @classmethod
     def of(
@@ -43,8 +43,6 @@ class Lissajous(Mechanism):
         frequency_hz: tuple[float, float],
         phase_rad: tuple[float, float],
         turn_rad: tuple[float, float],
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
     ) -> Lissajous:
         """From frequencies, phases and amplitudes, each of azimuth and elevation."""
         azimuth, elevation = (
@@ -55,7 +53,6 @@ class Lissajous(Mechanism):
             pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, mirrors=mirrors,
             azimuth=azimuth, elevation=elevation,
             azimuth_turn_rad=turn_rad[0], elevation_turn_rad=turn_rad[1],
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
     @property
@@ -63,16 +60,16 @@ class Lissajous(Mechanism):
         """Length of a frame."""
         return self.pulses / self.rate_hz
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         return (
             self.azimuth_turn_rad * ops.sin(self.azimuth.angle_rad(pulse)),
             self.elevation_turn_rad * ops.sin(self.elevation.angle_rad(pulse)),
         )
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         return self.mirrors.beam(turned[0], turned[1])
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

@@ -20,10 +20,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
-from .base import Matrix, Mechanism, in_frame
+from .base import Mechanism, in_frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FacetSize:
+    """What decides how much of the receiver's beam a facet takes.
+
+    inradius_m     from the axis to the facets
+    lens_radius_m  of the receiver
+    """
+
+    inradius_m: Lanes
+    lens_radius_m: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,21 +46,19 @@ class Polygon(Mechanism):
     incidence_rad  of the beam on the facet in the middle of its line
     side           1 if the beam comes from the left, -1 from the right
     tilt_rad       of each facet; positive looks up
-    inradius_m     from the axis to the facets, or None: the facets are wider than the beam at every turn
-    lens_radius_m  of the receiver; used with an inradius only
+    size           of the facets, or None: they are wider than the beam at every turn
     """
 
     facets: int
     columns: int
     rate_hz: float
     rotation_hz: float
-    turn_rad: Array
-    incidence_rad: Array
-    side: Array
+    turn_rad: Lanes
+    incidence_rad: Lanes
+    side: Lanes
     tilt_rad: Table
-    half_facet: Array
-    inradius_m: Array | None = None
-    lens_radius_m: Array | None = None
+    half_facet: Lanes
+    size: FacetSize | None = None
 
     @classmethod
     def of(
@@ -60,10 +70,7 @@ class Polygon(Mechanism):
         duty: float,
         incidence_rad: float,
         side: str,
-        inradius_m: float | None = None,
-        lens_radius_m: float | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        size: FacetSize | None = None,
     ) -> Polygon:
         """As many facets as tilts; pulses leave during ``duty`` of the time that a facet has."""
         facets = len(tilt_rad)
@@ -77,10 +84,7 @@ class Polygon(Mechanism):
             side=1.0 if side == "left" else -1.0,
             tilt_rad=Table(np.asarray(tilt_rad, dtype=np.float64)),
             half_facet=math.tan(math.pi / facets),
-            inradius_m=inradius_m,
-            lens_radius_m=lens_radius_m,
-            jitter_rad=jitter_rad,
-            encoder_rad=encoder_rad,
+            size=size,
         )
 
     @property
@@ -98,16 +102,16 @@ class Polygon(Mechanism):
         """Pulses of a facet."""
         return self.columns
 
-    def _facet_and_column(self, pulse: Array) -> tuple[Array, Array]:
+    def _facet_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns
         return line % self.facets, number - line * self.columns
 
-    def _mechanism(self, pulse: Array) -> tuple[Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         column = self._facet_and_column(pulse)[1]
         return (xp(pulse).float32(2 * column + 1 - self.columns) * (0.5 * self.turn_rad),)
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         (turn,) = turned
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
@@ -118,22 +122,22 @@ class Polygon(Mechanism):
         normal = mixed(ops.cos(tilt), level, ops.sin(tilt), (0.0, 0.0, 1.0))
         cos_incidence = -dot(incoming, normal)
         direction = reflected(incoming, normal)
-        if self.inradius_m is None:
+        if self.size is None:
             return direction, 1.0
         # In inradii: the beam's axis passes `rest`, the facet's middle is `level`. From there along the beam to the
         # facet's plane, and then how far along the facet that is from its middle.
         along = (1.0 - dot(level, rest)) / dot(level, incoming)
         met = mixed(1.0, rest, along, incoming)
         aside = dot(met, (-level[1], level[0], 0.0))
-        scale = cos_incidence * self.inradius_m / self.lens_radius_m
+        scale = cos_incidence * self.size.inradius_m / self.size.lens_radius_m
         share = slit_share(left=(self.half_facet + aside) * scale, right=(self.half_facet - aside) * scale)
         return direction, share
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Facet of each pulse."""
         return self._facet_and_column(pulse)[0]
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the rate; lines start when their facets come round."""
         line, column = in_frame(pulse, self.columns)
         return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)

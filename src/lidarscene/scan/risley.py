@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.vectors import Vector, refracted
-from .base import Matrix, Mechanism
+from .base import Mechanism
 from .turns import Turns
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -35,12 +35,27 @@ class Wedge:
     tilted  which face is inclined: "out" (towards the scene) or "in"
     """
 
-    angle_rad: Array
-    index: Array
+    angle_rad: Lanes
+    index: Lanes
     turns: Turns
     tilted: str
 
-    def bend(self, direction: Vector, phase_rad: Array) -> tuple[Vector, Array]:
+    @classmethod
+    def of(
+        cls,
+        *,
+        rate_hz: float,
+        angle_rad: float,
+        index: float,
+        rotation_hz: float,
+        phase_rad: float,
+        tilted: str,
+    ) -> Wedge:
+        """Seen ``rate_hz`` times a second. Positive rotation goes from y (left) to z (up)."""
+        turns = Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)
+        return cls(angle_rad=angle_rad, index=index, turns=turns, tilted=tilted)
+
+    def bend(self, direction: Vector, phase_rad: Lanes) -> tuple[Vector, Lanes]:
         """The beam behind the wedge, and by how much its cross-section has grown."""
         ops = xp(phase_rad, self.angle_rad)
         # The inclined face recedes from its thick side: forward on the way out, backward on the way in.
@@ -72,30 +87,16 @@ class Risley(Mechanism):
         *,
         rate_hz: float,
         frame_hz: float,
-        angle_rad: Sequence[float],
-        index: Sequence[float],
-        rotation_hz: Sequence[float],
-        phase_rad: Sequence[float],
-        tilted: Sequence[str],
+        wedges: Sequence[Wedge],
         beam_elevation_rad: Sequence[float] | None = None,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
     ) -> Risley:
-        """From lists by wedge, the first one next to the laser. Positive rotation goes from y (left) to z (up)."""
-        wedges = tuple(
-            Wedge(
-                angle_rad=a, index=n, tilted=t,
-                turns=Turns.per_pulse(frequency_hz=f, rate_hz=rate_hz, start_rad=p),
-            )
-            for a, n, f, p, t in zip(angle_rad, index, rotation_hz, phase_rad, tilted, strict=True)
-        )  # fmt: skip
+        """From the wedges, the first one next to the laser, turned at the same rate of pulses."""
         return cls(
-            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=wedges,
+            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=tuple(wedges),
             beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
             beam_elevation_rad=(
                 None if beam_elevation_rad is None else Table(np.asarray(beam_elevation_rad, dtype=np.float64))
             ),
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
     @property
@@ -103,21 +104,23 @@ class Risley(Mechanism):
         """Length of a frame."""
         return self.pulses / self.rate_hz
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         return tuple(wedge.turns.angle_rad(pulse) for wedge in self.wedges)
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         if self.beam_elevation_rad is None:
             return self.through(turned)
         ops = xp(pulse)
         return self.through(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
         number = xp(pulse).int32(pulse)
         return number - number // self.beams * self.beams
 
-    def through(self, phases_rad: tuple[Array, ...], elevation_rad: Array = None) -> tuple[Vector, Array]:
+    def through(
+        self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None
+    ) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture with the wedges' thick sides in these directions.
 
         elevation_rad  of the beam before the prisms; along the axis if left out
@@ -126,16 +129,16 @@ class Risley(Mechanism):
         if elevation_rad is not None:
             ops = xp(elevation_rad)
             direction = ops.cos(elevation_rad), 0.0 * elevation_rad, ops.sin(elevation_rad)
-        share: Array = 1.0
+        share: Lanes = 1.0
         for wedge, phase in zip(self.wedges, phases_rad, strict=True):
             direction, widened = wedge.bend(direction, phase)
             share = share * widened
         return direction, share
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """Refraction trades aperture for field of view: their product is that of the lens alone."""
         return 1.0
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

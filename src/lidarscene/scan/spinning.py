@@ -15,13 +15,28 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.pose import direction_from_angles
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism, in_frame
+from .base import Mechanism, in_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bank:
+    """The lasers of a head, in any order.
+
+    azimuth_rad  of each laser, from the head's own
+    firing_s     after the cycle's start
+    start_m      (x, y, z) of each laser's exit in the head, or None: all in the origin
+    """
+
+    elevation_rad: Sequence[float]
+    azimuth_rad: Sequence[float]
+    firing_s: Sequence[float]
+    start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,7 +51,7 @@ class Spinning(Mechanism):
     cycles: int
     lasers: int
     cycle_s: float
-    firing_s: Matrix
+    firing_s: Numbers
     head: Turns
     elevation_rad: Table
     azimuth_rad: Table
@@ -51,15 +66,10 @@ class Spinning(Mechanism):
         rotation_hz: float,
         cycle_s: float | None,
         cycles_per_turn: int | None,
-        elevation_rad: Sequence[float],
-        azimuth_rad: Sequence[float],
-        firing_s: Sequence[float],
-        start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
+        bank: Bank,
         start_azimuth_rad: float = 0.0,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
     ) -> Spinning:
-        """From the lists of the lasers, in any order; the numbers of `channel` are places in these lists.
+        """From the bank of lasers; the numbers of `channel` are places in its lists.
 
         rotation_hz      positive is counter-clockwise seen from above
         cycle_s          clocked by time, or
@@ -73,7 +83,8 @@ class Spinning(Mechanism):
             assert cycle_s is not None
             cycles_per_turn = max(1, round(period_s / cycle_s))
             step = Fraction(rotation_hz) * Fraction(cycle_s)
-        order = np.argsort(np.asarray(firing_s), kind="stable")
+        starts = bank.start_m
+        order = np.argsort(np.asarray(bank.firing_s), kind="stable")
 
         def table(values: object) -> Table:
             return Table(np.asarray(values, dtype=np.float64)[order])
@@ -82,15 +93,13 @@ class Spinning(Mechanism):
             cycles=cycles_per_turn,
             lasers=len(order),
             cycle_s=cycle_s,
-            firing_s=np.asarray(firing_s, dtype=np.float64)[order],
+            firing_s=np.asarray(bank.firing_s, dtype=np.float64)[order],
             head=Turns.of_fraction(step, start_rad=start_azimuth_rad),
-            elevation_rad=table(elevation_rad),
-            azimuth_rad=table(azimuth_rad),
-            lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
+            elevation_rad=table(bank.elevation_rad),
+            azimuth_rad=table(bank.azimuth_rad),
+            lead_rad=table(_TWO_PI * rotation_hz * np.asarray(bank.firing_s)),
             lasers_by_place=table(np.arange(len(order))),
-            start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
-            jitter_rad=jitter_rad,
-            encoder_rad=encoder_rad,
+            start_m=None if starts is None else (table(starts[0]), table(starts[1]), table(starts[2])),
         )
 
     @property
@@ -108,37 +117,37 @@ class Spinning(Mechanism):
         """Pulses of a cycle."""
         return self.lasers
 
-    def _place(self, pulse: Array) -> tuple[Array, Array]:
+    def _place(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Cycle of each pulse, and its laser's place in the firing order."""
         number = xp(pulse).int32(pulse)
         cycle = number // self.lasers
         return cycle, number - cycle * self.lasers
 
-    def _mechanism(self, pulse: Array) -> tuple[Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         cycle, place = self._place(pulse)
         ops = xp(pulse)
         return (self.head.angle_rad(ops.uint32(cycle)) + ops.float32(ops.take(self.lead_rad, place)),)
 
-    def _azimuth_elevation(self, pulse: Array, head: Array) -> tuple[Array, Array]:
+    def _azimuth_elevation(self, pulse: Lanes, head: Lanes) -> tuple[Lanes, Lanes]:
         ops, place = xp(pulse), self._place(pulse)[1]
         azimuth = head + ops.float32(ops.take(self.azimuth_rad, place))
         azimuth = azimuth - _TWO_PI * ops.rint(azimuth * (1.0 / _TWO_PI))
         return azimuth, ops.float32(ops.take(self.elevation_rad, place))
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         azimuth, elevation = self._azimuth_elevation(pulse, turned[0])
         return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth, -pi to pi, and elevation [rad] that the sensor reports."""
         return self._azimuth_elevation(pulse, self._read(pulse)[0])
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser, as given."""
         ops = xp(pulse)
         return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """The laser's exit, turned with the head."""
         if self.start_m is None:
             return None
@@ -148,7 +157,7 @@ class Spinning(Mechanism):
         cos, sin = ops.cos(head), ops.sin(head)
         return cos * x - sin * y, sin * x + cos * y, z
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """By the firing table."""
         cycle, place = in_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])

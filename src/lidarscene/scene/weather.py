@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from ..maths.arrays import Array
+from ..maths.arrays import Lanes
 from ..physics.weather import fog, precipitation
 from ..physics.weather.precipitation import Sizes
 
@@ -29,7 +29,7 @@ class Medium:
     extinction_per_m: float
     backscatter_per_m_sr: float
     sizes: Sizes | None = None
-    particle_m2_sr: Callable[..., Array] | None = None
+    particle_m2_sr: Callable[..., Lanes] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..physics.optics import radiometry
 from ..scan import Scanner
@@ -28,8 +28,8 @@ class Laser:
     """
 
     wavelength_m: float
-    peak_power_w: Array
-    pulse_fwhm_s: Array
+    peak_power_w: Lanes
+    pulse_fwhm_s: Lanes
     repetition_rate_hz: float
     divergence_rad: float = 0.0
     profile: str = "gaussian"
@@ -67,8 +67,8 @@ class Halo:
     divergence_rad  full angle at 1/e^2
     """
 
-    share: Array
-    divergence_rad: Array
+    share: Lanes
+    divergence_rad: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,16 +80,16 @@ class Optics:
     halo                 around the spot, or None
     """
 
-    aperture_radius_m: Array
-    focal_length_m: Array
-    efficiency_laser: Array
-    efficiency_sun: Array
-    sun_irradiance_w_m2: Array
+    aperture_radius_m: Lanes
+    focal_length_m: Lanes
+    efficiency_laser: Lanes
+    efficiency_sun: Lanes
+    sun_irradiance_w_m2: Lanes
     overlap: Overlap | None = None
     halo: Halo | None = None
 
     @property
-    def aperture_m2(self) -> Array:
+    def aperture_m2(self) -> Lanes:
         """A(0)."""
         return radiometry.disc_area_m2(radius_m=self.aperture_radius_m)
 
@@ -114,27 +114,27 @@ class Tdc:
     ambient_window_s          time in which the background is counted, or None: the whole window
     """
 
-    window_s: Array
-    bandwidth_hz: Array
-    threshold_to_noise: Array | None
-    threshold_level: Array | None = None
-    least_significant_bit_s: Array = 0.0
-    jitter_s: Array = 0.0
+    window_s: Lanes
+    bandwidth_hz: Lanes
+    threshold_to_noise: Lanes | None
+    threshold_level: Lanes | None = None
+    least_significant_bit_s: Lanes = 0.0
+    jitter_s: Lanes = 0.0
     stops: int = 1
     keep: str = "first"
-    blanking_s: Array = 0.0
-    dead_time_s: Array = 0.0
+    blanking_s: Lanes = 0.0
+    dead_time_s: Lanes = 0.0
     both_edges: bool = False
     walk: str = "corrected"
-    ambient_window_s: Array | None = None
+    ambient_window_s: Lanes | None = None
 
     @property
-    def listening_s(self) -> Array:
+    def listening_s(self) -> Lanes:
         """Time in which crossings are taken."""
         return self.window_s - self.blanking_s
 
     @property
-    def ambient_s(self) -> Array:
+    def ambient_s(self) -> Lanes:
         """Time in which the background is counted."""
         return self.window_s if self.ambient_window_s is None else self.ambient_window_s
 
@@ -150,10 +150,10 @@ class Intensity:
     """
 
     kind: str
-    reference_m: Array = 10.0
-    white_value: Array = 100.0
+    reference_m: Lanes = 10.0
+    white_value: Lanes = 100.0
     retro: str = "logarithmic"
-    retro_reflectivity: Array = 1000.0
+    retro_reflectivity: Lanes = 1000.0
 
     @property
     def unit(self) -> str:
@@ -168,7 +168,7 @@ class MultiLevel:
     levels  in thresholds, rising, from 1 on
     """
 
-    levels: tuple[Array, ...]
+    levels: tuple[Lanes, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,9 +183,9 @@ class Adc:
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Array
-    step: Array
-    full_scale: Array
+    rate_hz: Lanes
+    step: Lanes
+    full_scale: Lanes
     samples: int
     room: int
     estimator: str = "matched_filter"
@@ -216,7 +216,7 @@ class Sensor:
         """Whether it knows for how long a pulse was above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
-    def working_point(self, background_power_w: Array) -> WorkingPoint:
+    def working_point(self, background_power_w: Lanes) -> WorkingPoint:
         """The detector under this background."""
         return self.detector.working_point(
             background_power_w=background_power_w,
@@ -225,10 +225,11 @@ class Sensor:
             pulse_fwhm_s=self.laser.pulse_fwhm_s,
         )
 
-    def threshold(self, point: WorkingPoint) -> Array:
+    def threshold(self, point: WorkingPoint) -> Lanes:
         """Comparator level U: TNR sigma_0 or the fixed level, never below what the detector can resolve."""
         if self.tdc.threshold_level is not None:
-            level: Array = self.tdc.threshold_level
+            level: Lanes = self.tdc.threshold_level
         else:
+            assert self.tdc.threshold_to_noise is not None
             level = self.tdc.threshold_to_noise * point.noise
         return xp(level, point.least_threshold).maximum(level, point.least_threshold)

@@ -145,8 +145,8 @@ class OverlapFile(FileModel):
             profile=laser.profile,
             half_divergence_rad=0.5 * laser.mean_divergence_rad,
             exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
-            aperture_radius_m=optics.aperture_radius_m,
-            field_rad=detector_radius_m / optics.focal_length_m,
+            aperture_radius_m=float(optics.aperture_radius_m),
+            field_rad=float(detector_radius_m / optics.focal_length_m),
             offset_m=1e-3 * math.hypot(*self.transmitter_offset_mm),
             crossing_m=self.parallax_free_at_m or math.inf,
             focus_m=self.focus_at_m or math.inf,
@@ -204,6 +204,7 @@ class OpticsFile(FileModel):
     def build(self, folder: Path) -> Optics:
         """In SI units, without the overlap; a filter's transmittance file lies in ``folder``."""
         sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
+        assert sun is not None
         return Optics(
             aperture_radius_m=self.aperture_radius_mm * 1e-3,
             focal_length_m=self.focal_length_mm * 1e-3,

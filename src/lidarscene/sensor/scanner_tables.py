@@ -156,5 +156,4 @@ class LissajousFile(_MirrorsFile):
             frequency_hz=(self.azimuth_hz, self.elevation_hz),
             phase_rad=(math.radians(self.azimuth_phase_deg), math.radians(self.elevation_phase_deg)),
             turn_rad=(math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)),
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        ).with_errors(jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad)  # fmt: skip

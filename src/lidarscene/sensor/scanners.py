@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.toml import FileModel
-from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning
+from ..scan import Bank, FacetSize, Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
 from .pattern import read_pattern
 from .scanner_tables import (
@@ -58,8 +58,7 @@ class RasterFile(ScannerFile):
             azimuth_fov=self.azimuth_fov_deg, elevation_fov=self.elevation_fov_deg,
             azimuth_step=self.azimuth_step_deg, elevation_step=self.elevation_step_deg,
             unit_rad=math.pi / 180.0, rate_hz=around.rate_hz,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        ).with_errors(jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad)  # fmt: skip
 
 
 class SpinningFile(ScannerFile):
@@ -126,14 +125,14 @@ class SpinningFile(ScannerFile):
             rotation_hz=self.rotation_hz,
             cycle_s=None if self.cycle_us is None else self.cycle_s,
             cycles_per_turn=self.columns_per_turn,
-            elevation_rad=[math.radians(a) for a in self.elevation_deg],
-            azimuth_rad=[math.radians(a) for a in self.azimuth_offset_deg or zeros],
-            firing_s=[1e-6 * t for t in self.firing_time_us or zeros],
-            start_m=None if starts == (None, None, None) else (x, y, z),
+            bank=Bank(
+                elevation_rad=[math.radians(a) for a in self.elevation_deg],
+                azimuth_rad=[math.radians(a) for a in self.azimuth_offset_deg or zeros],
+                firing_s=[1e-6 * t for t in self.firing_time_us or zeros],
+                start_m=None if starts == (None, None, None) else (x, y, z),
+            ),
             start_azimuth_rad=math.radians(self.start_azimuth_deg),
-            jitter_rad=self.jitter_rad,
-            encoder_rad=self.encoder_rad,
-        )
+        ).with_errors(jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad)
 
 
 class PolygonFile(ScannerFile):
@@ -176,10 +175,10 @@ class PolygonFile(ScannerFile):
             rate_hz=around.rate_hz, rotation_hz=self.rotation_hz, duty=self.duty,
             tilt_rad=[math.radians(a) for a in self.facet_tilt_deg],
             incidence_rad=math.radians(self.incidence_deg), side=self.side,
-            inradius_m=None if self.inradius_mm is None else self.inradius_mm * 1e-3,
-            lens_radius_m=None if self.inradius_mm is None else around.lens_radius_m,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+            size=None if self.inradius_mm is None else FacetSize(
+                inradius_m=self.inradius_mm * 1e-3, lens_radius_m=around.lens_radius_m
+            ),
+        ).with_errors(jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad)  # fmt: skip
 
 
 class WedgeFile(FileModel):
@@ -210,14 +209,15 @@ class RisleyFile(ScannerFile):
         beams = None if elevations is None else [math.radians(e) for e in elevations]
         scanner = Risley.of(
             rate_hz=around.rate_hz, frame_hz=self.frame_hz,
-            angle_rad=[math.radians(w.angle_deg) for w in self.wedges],
-            index=[w.index for w in self.wedges],
-            rotation_hz=[w.rotation_hz for w in self.wedges],
-            phase_rad=[math.radians(w.phase_deg) for w in self.wedges],
-            tilted=[w.inclined_face for w in self.wedges],
+            wedges=[
+                Wedge.of(
+                    rate_hz=around.rate_hz, angle_rad=math.radians(w.angle_deg), index=w.index,
+                    rotation_hz=w.rotation_hz, phase_rad=math.radians(w.phase_deg), tilted=w.inclined_face,
+                )
+                for w in self.wedges
+            ],
             beam_elevation_rad=beams,
-            jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad,
-        )  # fmt: skip
+        ).with_errors(jitter_rad=self.jitter_rad, encoder_rad=self.encoder_rad)  # fmt: skip
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
             raise InputError(
                 "scanner: light is totally reflected in these wedges; smaller angle_deg were expected"

@@ -15,13 +15,11 @@ import numpy as np
 from ...detection.returns import Detection, Outcome, Status
 from ...light.beams import reported
 from ...light.hits import Hits
-from ...maths.arrays import Array, inverse, is_drjit, xp
+from ...maths.arrays import Lanes, Numbers, inverse, is_drjit, xp
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..world.build import World
-
-Matrix = np.ndarray[Any, Any]
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -147,8 +145,8 @@ def columns(
     detection: Detection,
     air_classes: Any,
     lanes: tuple[Any, Any],
-    turn: tuple[Array, ...],
-    shift: tuple[Array, Array, Array],
+    turn: tuple[Lanes, ...],
+    shift: tuple[Lanes, Lanes, Lanes],
 ) -> dict[str, Any]:
     """Columns of the kept points by attribute of PointCloud, on the device, not yet computed, xyz_m a Point3f; none of
     `ABSENT` where nothing moves, where nothing lets through or mirrors, or where widths are not measured.
@@ -259,7 +257,7 @@ def by_pulse(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return joined
 
 
-def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
+def _merged(pulses: Sequence[Numbers]) -> list[Numbers]:
     """Where each element of several lists goes in all of them together, sorted; what is equal keeps its order."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
     return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Array, Table, xp
+from ...maths.arrays import Lanes, Table, xp
 from ..device.backend import mitsuba
 
 _SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
@@ -30,15 +30,15 @@ class Draws:
     ray    (n,) its number within the pulse; 0: the only one
     """
 
-    seed: Array
-    pulse: Array
-    ray: Array = 0
+    seed: Lanes
+    pulse: Lanes
+    ray: Lanes = 0
 
-    def uniform(self, step: Array) -> Array:
+    def uniform(self, step: Lanes) -> Lanes:
         """A number in [0, 1) for each ray, at the surface that is number ``step`` on its way."""
         mi = mitsuba()
         step = mi.UInt32(step)
-        first, _ = random.words(seed=self.seed, stage=random.STAGE_GAPS, pulse=self.pulse, draw=step)
+        first, _ = random.words(seed=self.seed, stage=random.Stage.GAPS, pulse=self.pulse, draw=step)
         ops = xp(first)
         place = random.open_uniform(first) + mi.Float(self.ray) * ops.take(_SLOPES, step)
         return place - ops.floor(place)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
 
 from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
+from ...maths.arrays import Numbers
 from ...maths.paths import Placement
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..world.build import World
 from .trace import trace
-
-Matrix = np.ndarray[Any, Any]
 
 COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
 
@@ -25,7 +21,7 @@ def light_of(
     sensor: Sensor,
     ambient: Ambient,
     *,
-    sun: Matrix,
+    sun: Numbers,
     placements: tuple[Placement, Sequence[Placement] | None],
     first: int,
     count: int,

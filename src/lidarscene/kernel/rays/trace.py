@@ -9,7 +9,7 @@ from typing import Any
 from ...light.beams import Beams
 from ...light.footprint import Aim
 from ...light.hits import Hits
-from ...maths.arrays import Array, is_drjit, xp
+from ...maths.arrays import Lanes, is_drjit, xp
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
@@ -36,8 +36,8 @@ def trace(
     sensor_velocity_m_s: Vector | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
-    seed: Array = 0,
-    ray_number: Array = 0,
+    seed: Lanes = 0,
+    ray_number: Lanes = 0,
     aim: Aim | None = None,
 ) -> tuple[Hits, ...]:
     """The surface at the end of each ray's ways, on the device.
@@ -73,7 +73,7 @@ def trace(
         return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
 
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
     return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
@@ -84,7 +84,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     mi = mitsuba()
     through_glass = mi.Bool(False)
 
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
         nonlocal through_glass
         lit = sunny & ~moment.blocked(ray, sunny)
         through_glass = moment.glazed(ray, lit)
@@ -170,7 +170,7 @@ def _a_step_on(
     return way, met, gone
 
 
-def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
+def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Lanes]]) -> Hits:
     """A way whose end is known, as Hits; ``sunshine`` says of shadow rays whether the sun is seen, and how much."""
     import drjit as dr
 
@@ -214,7 +214,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     )
 
 
-def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
+def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Lanes]:
     """Whether the sun is seen along these rays, and how much of it."""
     speculars = moment.world.speculars
     if speculars is None or not speculars.lets_through:
@@ -223,16 +223,16 @@ def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[
     return share > 0.0, share
 
 
-def _receding(velocity_m_s: Vector | None, direction: Vector) -> Array:
+def _receding(velocity_m_s: Vector | None, direction: Vector) -> Lanes:
     """By how much the sensor's own motion adds to the range, per second."""
     return 0.0 if velocity_m_s is None else -_along(velocity_m_s, direction)
 
 
-def _along(velocity_m_s: Vector, direction: Vector) -> Array:
+def _along(velocity_m_s: Vector, direction: Vector) -> Lanes:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
-def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
+def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Lanes, Any]:
     """Diffuse transmittance of what was met, and where it shows sunlight that falls on its far side; None: nowhere."""
     import drjit as dr
 

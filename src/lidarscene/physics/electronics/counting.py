@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-from ...maths.arrays import Array, xp
+from dataclasses import dataclass
+
+from ...maths.arrays import Array, Lanes, xp
 
 _FEW = 10.0  # below this mean counts are drawn one by one
 _TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
 
 
-def detected_photons_hz(*, power_w: Array, efficiency: Array, photon_energy_j: Array) -> Array:
+def detected_photons_hz(*, power_w: Lanes, efficiency: Lanes, photon_energy_j: Lanes) -> Lanes:
     """Photons that are detected in a second, eta P / (h nu)."""
     return efficiency * power_w / photon_energy_j
 
 
-def fired_cells_hz(*, busy_share: Array, cells: Array, dead_time_s: Array) -> Array:
+def fired_cells_hz(*, busy_share: Lanes, cells: Lanes, dead_time_s: Lanes) -> Lanes:
     """Firings of all cells in a second: each that is busy has fired once in the last dead time, N b / tau."""
     return cells * busy_share / dead_time_s
 
 
-def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Array) -> Array:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    """How far the inversion of a Poisson distribution has come.
+
+    left   of the uniform number, above the probabilities so far
+    term   probability of this count
+    """
+
+    left: Array
+    term: Array
+    count: Array
+
+
+def poisson_count(*, mean: Lanes, uniform: Lanes, deviate: Lanes, narrowing: Lanes) -> Lanes:
     """A whole number from a Poisson distribution: a few one by one, many by a Cornish-Fisher expansion.
 
     uniform    in (0, 1], for small means
@@ -32,16 +47,14 @@ def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Arr
     term = ops.exp(-few)
     left = ops.where(mean < _FEW, uniform - term, 0.0)
 
-    def going(left: Array, term: Array, count: Array) -> Array:
-        return (left > 0.0) & (count < _TERMS)
-
-    def one_more(left: Array, term: Array, count: Array) -> tuple[Array, ...]:
-        count = count + 1.0
-        term = term * few / count
-        return left - term, term, count
+    def one_more(state: _Drawn) -> _Drawn:
+        count = state.count + 1.0
+        term = state.term * few / count
+        return _Drawn(left=state.left - term, term=term, count=count)
 
     # Lanes of large means end before they begin, and a loop ends with the last of its packet.
-    count = ops.loop((left, term + 0.0 * left, 0.0 * left), going, one_more)[2]
+    start = _Drawn(left=left, term=term + 0.0 * left, count=0.0 * left)
+    count = ops.loop(start, lambda state: (state.left > 0.0) & (state.count < _TERMS), one_more).count
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0
     drawn = many + narrowing * ops.sqrt(many) * deviate + narrowing * skew

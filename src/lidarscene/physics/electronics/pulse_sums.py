@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from ...maths.arrays import Array, State, xp
+from ...maths.arrays import Array, Lanes, Mask, xp
 
 SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
 
-Shape = tuple[Array, Array, Array]
+Shape = tuple[Lanes, Lanes, Lanes]
 """A function and its first two derivatives at some place."""
 
 _TOLERANCE = 1e-5
@@ -27,10 +28,12 @@ _RAISED = 60.0
 """Exponent by which parts are raised while they are multiplied: from e^-86 to e^71 nothing leaves single precision."""
 
 
-def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Array]) -> Shape:
+def sum_of_pulses(*, at: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]) -> Shape:
     """P(t) = sum_k P_k exp(-(t - t_k)^2 / 2) and its first two derivatives."""
     ops = xp(at, *centres[:1])
-    value, slope, bend = 0.0, 0.0, 0.0
+    value: Lanes = 0.0
+    slope: Lanes = 0.0
+    bend: Lanes = 0.0
     for centre, height in zip(centres, heights, strict=True):
         ahead = centre - at
         part = height * ops.exp(-0.5 * ahead * ahead)
@@ -40,7 +43,7 @@ def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Arra
 
 
 def evenly(
-    *, start: Array, spacing: Array, middle: Array, centres: Sequence[Array], heights: Sequence[Array]
+    *, start: Lanes, spacing: Lanes, middle: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]
 ) -> tuple[list[Array], list[Array]]:
     """The same sum at places u that follow each other evenly: each pulse's part of it at the first one, and by what
     that is multiplied from place to place.
@@ -63,14 +66,14 @@ def evenly(
     return parts, growths
 
 
-def even_sum(*, at: Array, middle: Array, parts: Sequence[Array]) -> Array:
+def even_sum(*, at: Lanes, middle: Lanes, parts: Sequence[Lanes]) -> Lanes:
     """P at one of the places of `evenly`, from the pulses' parts there."""
     off = at - middle
-    value: Array = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
+    value: Lanes = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
     return value
 
 
-def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, light_m_s: float) -> Array:
+def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, light_m_s: float) -> Lanes:
     """Width of the echo of a plane that leans by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
 
     Across the beam the power has the standard deviation w / 2, the ranges w tangent / 2, the times w tangent / c;
@@ -81,8 +84,8 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, li
 
 
 def highest_between(
-    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
+) -> tuple[Lanes, Shape]:
     """Where the waveform is highest between two places, uphill at the first and downhill at the second.
 
     Returns the place and the shape there.
@@ -90,7 +93,7 @@ def highest_between(
     wanted  (n,) bool, which lanes are looked at; the others' answers mean nothing
     """
 
-    def uphill(shape: Shape) -> tuple[Array, Array]:
+    def uphill(shape: Shape) -> tuple[Lanes, Lanes]:
         _, slope, bend = _relative(shape)
         return -slope, slope * slope - bend
 
@@ -98,11 +101,11 @@ def highest_between(
 
 
 def lowest_between(
-    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
+) -> tuple[Lanes, Shape]:
     """The same where it is lowest, downhill at the first place and uphill at the second."""
 
-    def downhill(shape: Shape) -> tuple[Array, Array]:
+    def downhill(shape: Shape) -> tuple[Lanes, Lanes]:
         _, slope, bend = _relative(shape)
         return slope, bend - slope * slope
 
@@ -110,15 +113,15 @@ def lowest_between(
 
 
 def crossing(
-    evaluate: Callable[[Array], Shape],
-    level: Array,
+    evaluate: Callable[[Lanes], Shape],
+    level: Lanes,
     *,
-    far: Array,
-    peak: Array,
+    far: Lanes,
+    peak: Lanes,
     top: Shape,
-    wanted: Array,
-    near: Array | None = None,
-) -> Array:
+    wanted: Mask,
+    near: Lanes | None = None,
+) -> Lanes:
     """Where the waveform crosses a level between a peak and a place on either side that lies lower.
 
     top   shape at the peak
@@ -131,7 +134,7 @@ def crossing(
     log_level = ops.log(ops.maximum(level, 1e-37))
     side = ops.where(far < peak, 1.0, -1.0)
 
-    def above(shape: Shape) -> tuple[Array, Array]:
+    def above(shape: Shape) -> tuple[Lanes, Lanes]:
         value, slope, _ = _relative(shape)
         return side * (ops.log(value) - log_level), side * slope
 
@@ -149,14 +152,31 @@ def _relative(shape: Shape) -> Shape:
     return kept, slope / kept, bend / kept
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Bracket:
+    """A root between two places.
+
+    at     the best guess, ``moved`` from the one before
+    steps  so far
+    shape  of the waveform at the guess before
+    """
+
+    low: Lanes
+    high: Lanes
+    at: Lanes
+    moved: Lanes
+    steps: Lanes
+    shape: Shape
+
+
 def _root(
-    evaluate: Callable[[Array], Shape],
-    residual: Callable[[Shape], tuple[Array, Array]],
-    low: Array,
-    high: Array,
-    guess: Array,
-    wanted: Array,
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape],
+    residual: Callable[[Shape], tuple[Lanes, Lanes]],
+    low: Lanes,
+    high: Lanes,
+    guess: Lanes,
+    wanted: Mask,
+) -> tuple[Lanes, Shape]:
     """Root of a residual that rises through zero from ``low`` to ``high``, by Newton's method kept between them.
 
     residual  its value and slope from the waveform's shape
@@ -164,19 +184,24 @@ def _root(
     ops = xp(low, high, guess)
     guess = ops.where((guess > low) & (guess < high), guess, 0.5 * (low + high))
 
-    def going(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> Array:
-        return (moved > _TOLERANCE) & (steps < _MOST_STEPS)
+    def active(state: _Bracket) -> Mask:
+        return (state.moved > _TOLERANCE) & (state.steps < _MOST_STEPS)
 
-    def step(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> State:
+    def step(state: _Bracket) -> _Bracket:
+        at = state.at
         there = evaluate(at)
         value, slope = residual(there)
-        low, high = ops.where(value < 0.0, at, low), ops.where(value < 0.0, high, at)
+        low, high = ops.where(value < 0.0, at, state.low), ops.where(value < 0.0, state.high, at)
         newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
         inside = (slope > 1e-30) & (newton >= low) & (newton <= high)
         following = ops.where(inside, newton, 0.5 * (low + high))
-        return low, high, following, ops.abs(following - at), steps + 1, *there
+        moved = ops.abs(following - at)
+        return _Bracket(low=low, high=high, at=following, moved=moved, steps=state.steps + 1, shape=there)
 
     nothing = ops.full(guess, 0.0)
-    start = (low, high, guess, ops.where(wanted, 1.0, nothing), ops.full(guess, 0), nothing, nothing, nothing)
-    _, _, place, _, _, *shape = ops.loop(start, going, step)
-    return place, tuple(shape)
+    start = _Bracket(
+        low=low, high=high, at=guess, moved=ops.where(wanted, 1.0, nothing), steps=ops.full(guess, 0),
+        shape=(nothing, nothing, nothing),
+    )  # fmt: skip
+    done = ops.loop(start, active, step)
+    return done.at, done.shape

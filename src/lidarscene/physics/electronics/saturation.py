@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 
@@ -24,14 +24,14 @@ LARGEST_OVERDRIVE = 80.0
 """In which exp still fits single precision."""
 
 
-def clipped(*, signal: Array, saturation: Array) -> Array:
+def clipped(*, signal: Lanes, saturation: Lanes) -> Lanes:
     """A peak as it comes out of the amplifier: no more than S."""
     return xp(signal, saturation).minimum(signal, saturation)
 
 
 def clipped_waveform(
-    *, time_s: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, time_s: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """v(t) of a pulse of this peak, centred on zero; the pulse itself where the peak is below S."""
     ops = xp(time_s, signal, saturation)
     pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
@@ -43,8 +43,8 @@ def clipped_waveform(
 
 
 def width_at_level_s(
-    *, level: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """Time that v(t) spends above a level at or below S: between the comparator's two crossings. 0 above the peak.
 
     Not saturated it is 2 t(U) with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)); else t(U) + max(t(U), t(S) +
@@ -60,8 +60,8 @@ def width_at_level_s(
 
 
 def held_until(
-    *, fall_s: Array, released_s: Array, level: Array, signal: Array, saturation: Array, recovery_s: Array
-) -> Array:
+    *, fall_s: Lanes, released_s: Lanes, level: Lanes, signal: Lanes, saturation: Lanes, recovery_s: Lanes
+) -> Lanes:
     """When v(t) falls through a level up to S, if the light does so at ``fall_s`` and through S at ``released_s``.
 
     Any unit of time will do. A peak below S falls with the light.
@@ -72,8 +72,8 @@ def held_until(
 
 
 def overdrive_of_width(
-    *, width_s: Array, level: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
 
     That grows with the peak without end, so there is one answer; by bisection, to 1e-7 of the largest it could be:
@@ -95,13 +95,13 @@ def overdrive_of_width(
     return 0.5 * (low + high)
 
 
-def overdrive_of_symmetric_width(*, width_s: Array, fwhm_s: Array) -> Array:
+def overdrive_of_symmetric_width(*, width_s: Lanes, fwhm_s: Lanes) -> Lanes:
     """The same of a pulse that falls as it rises: ln 2 (w / FWHM)^2."""
     ratio = width_s / fwhm_s
     return math.log(2.0) * ratio * ratio
 
 
-def walk_bias_m(*, threshold: Array, signal: Array, saturation: Array, fwhm_s: Array) -> Array:
+def walk_bias_m(*, threshold: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes) -> Lanes:
     """Range error that is left where the walk is corrected by the clipped peak: negative, too near; 0 below S.
 
     The edge crosses U at -t(U / s) of the pulse, and is thought to have at -t(U / S). Without noise. Of a detector

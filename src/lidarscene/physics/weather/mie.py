@@ -6,11 +6,10 @@ numpy in double precision only: needed once for a scene, never for a pulse.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from ...maths.arrays import Numbers
 
 # Wavelength in micrometres, n, k of liquid water at 25 C: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973),
 # and where their steps are too wide for the bands near 1.2 and 1.45 um D. J. Segelstein's thesis, University
@@ -38,7 +37,7 @@ def water_index(*, wavelength_m: float) -> complex:
     return complex(n, k)
 
 
-def efficiencies(*, size_parameter: Matrix, index: complex) -> tuple[Matrix, Matrix]:
+def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """Extinction and backscatter efficiency of spheres: cross-section over the disc's pi r^2.
 
     size_parameter  (n,) 2 pi r / lambda, above 0 and up to some 20000
@@ -59,7 +58,7 @@ def efficiencies(*, size_parameter: Matrix, index: complex) -> tuple[Matrix, Mat
     return extinction, backscatter
 
 
-def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
+def _of_alike(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """`efficiencies` of spheres in rising order of size, each summed to its own last term."""
     last = x + 4.05 * np.cbrt(x) + 2.0
     terms = int(last.max())
@@ -83,7 +82,7 @@ def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
     return 2.0 * forward / (x * x), np.abs(back) ** 2 / (x * x)
 
 
-def _logarithmic_derivatives(y: Matrix, terms: int) -> Matrix:
+def _logarithmic_derivatives(y: Numbers, terms: int) -> Numbers:
     """D_n(y) of n = 0 ... terms, by downward recurrence from well beyond |y|, where any start will do."""
     largest = float(np.abs(y).max())
     start = max(terms, int(largest + 4.05 * math.cbrt(largest))) + 16

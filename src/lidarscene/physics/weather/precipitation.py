@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from . import mie
 
 _DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # per metre, of one decibel per kilometre
@@ -90,7 +90,7 @@ def snow_extinction_per_m(*, rate_mm_h: float, wavelength_m: float, kind: str) -
     return float((slope * wavelength_m * 1e9 + constant) * rate_mm_h**power * _DB_PER_KM)
 
 
-def drop_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
+def drop_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     """What a raindrop sends straight back, W/sr for each W/m2 on it, by its two rays along the axis.
 
     The front reflects r = ((n - 1) / (n + 1))^2 and the back (1 - r)^2 r (n / (2 - n))^2 exp(-2 a D), where
@@ -132,6 +132,6 @@ def snow_lidar_ratio_sr(*, wavelength_m: float) -> float:
     return _FLAKE_LIDAR_RATIO_SR * math.exp(4.0 * math.pi * absorption_index / wavelength_m * _FLAKE_PATH_M)
 
 
-def flake_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
+def flake_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     """What a flake sends straight back: its extinction, twice its disc, over `snow_lidar_ratio_sr`."""
     return 0.5 * math.pi * diameter_m * diameter_m / snow_lidar_ratio_sr(wavelength_m=wavelength_m)
