@@ -28,7 +28,7 @@ def reported(
     scale = sensor.intensity
     if scale is None:
         return amplitude
-    power = shots.point.told_power_w(
+    power = shots.point.inferred_power_w(
         amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
     )
     if scale.kind == "range_corrected":

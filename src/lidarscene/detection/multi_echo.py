@@ -49,23 +49,23 @@ class _Stop:
     status: Lanes | None = None
 
 
-def detect(train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
     """Crossings of every pulse's waveform, and false alarms: those that the converter keeps, in order of time.
 
     seed   32-bit frame seed
     pulse  (n,) uint32 pulse numbers
     """
-    point = sensor.working_point(train.background_power_w)
+    point = sensor.working_point(pulse_train.background_power_w)
     converter = _Converter(
-        sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(train, sensor),
+        sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(pulse_train, sensor),
         seed=seed, pulse=pulse,
     )  # fmt: skip
     found = converter.search()
-    strongest = converter.strongest(train.surfaces)
-    stops = converter.with_alarms(found.stops, train.interference, *strongest)
+    strongest = converter.strongest(pulse_train.surfaces)
+    stops = converter.with_alarms(found.stops, pulse_train.interference, *strongest)
     if sensor.tdc.keep != "first":
         stops = _in_time(stops)
-    return converter.detection(train, found, stops, strongest[0])
+    return converter.detection(pulse_train, found, stops, strongest[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,7 +269,7 @@ class _Converter(Received):
         return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]
 
     def detection(
-        self, train: EchoTrain, found: _Found, stops: tuple[_Stop, ...], strongest: Array
+        self, pulse_train: EchoTrain, found: _Found, stops: tuple[_Stop, ...], strongest: Array
     ) -> Detection:
         """All that is known of the pulses."""
         ops = self.ops
@@ -278,7 +278,9 @@ class _Converter(Received):
         for stop in stops:
             assert stop.status is not None
             used = stop.key > _EMPTY
-            of_air = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= train.surfaces))
+            of_air = (stop.status == int(Status.ECHO)) & (
+                (stop.source < 0) | (stop.source >= pulse_train.surfaces)
+            )
             status = ops.where(of_air, int(Status.WEATHER), stop.status)
             kept = kept | (used & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.reported_s)
@@ -290,7 +292,7 @@ class _Converter(Received):
                     range_m=range_m,
                     amplitude=stop.amplitude,
                     intensity=intensity.reported(
-                        self, train, amplitude=stop.amplitude, width_s=width_s, range_m=range_m
+                        self, pulse_train, amplitude=stop.amplitude, width_s=width_s, range_m=range_m
                     ),
                     width_s=width_s,
                     snr=stop.snr,
@@ -302,7 +304,7 @@ class _Converter(Received):
         outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
-        outcome = ops.where(train.found, outcome, int(Outcome.NO_SURFACE))
+        outcome = ops.where(pulse_train.found, outcome, int(Outcome.NO_SURFACE))
         # The power is asked for once more: no derivatives come out of the search, and none of the place is needed,
         # since the slope of the waveform is zero there.
         lit = found.highest_w > 0.0
@@ -312,7 +314,9 @@ class _Converter(Received):
             snr=ops.where(lit, self.snr(signal), 0.0),
             detection_probability=ops.where(lit, probability, 0.0),
             outcome=outcome,
-            ambient=ambient.counts(train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
+            ambient=ambient.counts(
+                pulse_train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse
+            ),
             stops=tuple(returns),
             source=strongest,
         )

@@ -84,11 +84,11 @@ def sampled_pulses(
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
     powers, signals, backgrounds = [], [], []
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
-        train = train_of(int(together[0]), len(together))
-        power, signal = sampled(train, sensor, times)
+        pulse_train = train_of(int(together[0]), len(together))
+        power, signal = sampled(pulse_train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
-        backgrounds.append(train.background_power_w + np.zeros(len(together)))
+        backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))
     background = np.concatenate(backgrounds)
     threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
     pulse = (chosen + first_pulse).astype(np.uint32)

@@ -107,13 +107,13 @@ class Comb:
         return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
 
-def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
+def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
     """The sub-echoes of each pulse, taken apart into one array for each."""
-    ops = xp(train.parts[0].range_m)
+    ops = xp(pulse_train.parts[0].range_m)
     ranges, heights = (
         [
             ops.column(getattr(part, name), number, part.count)
-            for part in train.parts
+            for part in pulse_train.parts
             for number in range(part.count)
         ]
         for name in ("range_m", "peak_power_w")
@@ -131,18 +131,18 @@ def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
     ]
     return Waveform(
         origin_m=origin, unit_m=unit, fwhm_s=sensor.laser.pulse_fwhm_s,
-        centres=centres, heights=heights, volume=train.volume,
+        centres=centres, heights=heights, volume=pulse_train.volume,
     )  # fmt: skip
 
 
-def sampled(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Optical power and the detector's mean signal against time, without noise: each (n, times), numpy.
 
     times_s  (times,) after the pulse left
     """
     times = np.asarray(times_s, dtype=np.float64)
-    power = np.zeros((np.size(train.background_power_w), len(times)))
-    for part in train.parts:
+    power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
+    for part in pulse_train.parts:
         arrival = np.asarray(radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64)))
         peak = np.asarray(part.peak_power_w)
         for first in range(part.count):
@@ -151,13 +151,15 @@ def sampled(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers
                 time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
             )
             power += peak[lanes, None] * pulses
-    if train.volume is not None:
-        scale, end_m = (np.asarray(values)[:, None] for values in (train.volume.scale, train.volume.end_m))
+    if pulse_train.volume is not None:
+        scale, end_m = (
+            np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m)
+        )
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
         power += _volume_w(
-            replace(train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
+            replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
         )
-    point = sensor.working_point(np.asarray(train.background_power_w)[:, None])
+    point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
     return power, np.asarray(point.signal(power))
 
 

@@ -339,7 +339,7 @@ class Simulator:
         def train_of(first: int, count: int) -> EchoTrain:
             begin = now.first_pulse + first
             pulse, numbers = transfer.counter(begin, count), numbered(begin, count)
-            return cast(EchoTrain, transfer.fetched(self._stages.train(now, pulse, numbers, seed_word)))
+            return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulse, numbers, seed_word)))
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 

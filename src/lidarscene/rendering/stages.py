@@ -96,7 +96,7 @@ class Stages:
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
         return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
-    def train(self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any) -> EchoTrain:
+    def pulse_train(self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
         return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
 

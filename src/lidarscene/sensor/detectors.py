@@ -58,7 +58,7 @@ class WorkingPoint:
             return signal
         return saturation.clipped(signal=signal, saturation=self.saturation)
 
-    def told_power_w(
+    def inferred_power_w(
         self, measured: Lanes, *, width_s: Lanes | None, threshold: Lanes, pulse_fwhm_s: Lanes
     ) -> Lanes:
         """Optical peak power that a sensor infers from an amplitude and, if it times both edges, the pulse's width.
