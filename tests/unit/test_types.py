@@ -134,6 +134,14 @@ def test_where_any_takes_a_state(where: str, request: pytest.FixtureRequest) -> 
     assert found.other is None
 
 
+def test_both_array_types_have_every_function(mi) -> None:
+    """`xp` promises `Ops`, which no type checker compares with functions that Dr.Jit brings."""
+    promised = [name for name in vars(arrays.Ops) if not name.startswith("_")]
+    assert len(promised) > 20
+    for ops in (NUMPY, arrays.xp(mi.Float(0.0))):
+        assert [name for name in promised if not callable(getattr(ops, name, None))] == []
+
+
 def test_numbers_of_stages_are_never_given_out_again() -> None:
     """Old clouds can be made again because each stage keeps its number; a new stage takes the next one."""
     assert {stage.name: stage.value for stage in random.Stage} == {
