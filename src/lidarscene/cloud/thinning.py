@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..detection.returns import Status
 from .points import PointCloud
-
-Array = np.ndarray[Any, Any]
 
 MOST_POINTS = 1 << 22
 """More are drawn one over the other: a picture has some two million pixels."""
