@@ -144,7 +144,7 @@ MISTAKES = [
         "scanner.type: one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', 'risley', 'flash',",
     ),
     ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: more than 0 was expected, 0.0 came"),
-    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, azimuth_fov_deg,"),
+    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, jitter_mrad,"),
 ]
 
 
