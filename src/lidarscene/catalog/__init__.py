@@ -1,4 +1,8 @@
-"""The catalogue: sensors and materials as data files, with a source for every number."""
+"""The catalogue: sensors and materials as data files, with a source for every number.
+
+A sensor or material is a TOML file in a folder of its kind, and its name is the file's. To add one takes no code. This
+module knows names and paths only; `sensor.catalogue` and `materials.catalogue` read the files.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,16 @@
-"""TODO."""
+"""Read and write files, whatever is in them.
+
+What every reader and writer needs, once: output that appears whole or not at all, errors of one line that name file and
+key, and optional packages that are imported when they are first needed, with a hint what to install.
+
+atomic    output that appears whole or not at all
+toml      TOML files as checked models
+table     models of tables whose keys a dataclass declares
+csv       CSV files with a line of column names
+png       PNG files
+protobuf  Protocol Buffers on the wire
+spool     rows that wait on disk to be read again
+optional  optional packages, or what to install
+open3d    Open3D
+pvlib     pvlib: standard spectra, position of the sun
+"""

@@ -1,1 +1,10 @@
-"""The only files that know Mitsuba and Dr.Jit: scenes in, geometry and scattering out."""
+"""Everything that knows Mitsuba and Dr.Jit: scenes in, geometry and scattering out.
+
+A ray tracer on a just-in-time compiler has rules of its own: what is a number in a kernel, what is memory, how many
+scenes one kernel may ask. They are kept here, so that physics and electronics are plain formulas on arrays. No module
+elsewhere imports Mitsuba (`maths.arrays` knows Dr.Jit's functions).
+
+device  choose a back end, move numbers, record kernels
+world   a scene as Mitsuba scenes and tables
+rays    the ray queries of a frame, and the points off the device
+"""

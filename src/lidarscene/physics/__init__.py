@@ -3,4 +3,10 @@
 "The paper" is X. Guo, "Ranging Performance Analysis in Automotive DToF Lidars"; (n) is its equation n.
 Where the paper and its derivation differ, both exist, and the name says which. Every function takes
 Python floats, numpy arrays or Dr.Jit arrays (`lidarscene.maths.arrays`).
+
+constants    physical constants
+optics       pulse, beam, surfaces, air, receiver, sun
+electronics  detectors, comparators and clocks
+weather      fog, rain and snow
+eye_safety   emission limits of IEC 60825-1:2014
 """

@@ -1,7 +1,21 @@
-"""Scanners: pulse number in; direction, time and aperture out. One small module for each mechanism.
+"""Scanners: where each pulse of a frame goes, and when.
 
-A real pattern is not an even grid: mirrors bend it, facets cut the aperture, encoders round the reported angles. So
-each mechanism is modelled by its own geometry.
+A real pattern is not an even grid: mirrors bend it, facets cut the aperture, encoders round the reported angles. So each
+mechanism is modelled by its own geometry, in a small module. A scanner is a function of the pulse's number, so that any
+part of a frame can be traced without the rest, and pulses need no memory.
+
+base           what all scanners have in common
+raster         rows and columns, without a mechanism
+spinning       a rotating head of channels
+mirror_raster  lines by a fast mirror, one below the other by a slow one
+mirror_optics  where one or two mirrors send a beam
+polygon        a rotating polygon of facets
+lissajous      two resonant axes
+risley         rotating prisms
+flash          all directions at once
+pattern        a table of directions and times
+turns          how far something that rotates or swings has come
+aperture       how much of the receiver is left off the axis
 """
 
 from .base import Scanner as Scanner

@@ -1,1 +1,15 @@
-"""What light can meet: bodies, sun, sky, air and weather, and the files that describe them."""
+"""What there is to see: bodies, light, weather, and the files that describe them.
+
+A `Scene` is plain data in metres and radians. Files are TOML, Mitsuba XML or what trimesh holds; each mistake in one is
+one line that names file and key.
+
+model       `Scene`, `Body`, `Part`, `Sun`, `Sky`, `Air`
+weather     fog, rain and snow as data
+file        `load_scene`
+tables      the tables of a scene file
+motion      motion in scene files
+poses       trajectory files
+meshes      mesh files and primitives
+mesh_cache  meshes kept as arrays between runs
+foreign     scenes of trimesh and Mitsuba
+"""

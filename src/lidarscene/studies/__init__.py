@@ -1,1 +1,14 @@
-"""What designers ask of a sensor without tracing anything: ranges, and what limits them."""
+"""What designers ask of a sensor, answered as numbers, charts and pages.
+
+The studies use the very stages of the simulation, on NumPy and mostly without tracing: a range limit and a rendered
+board cannot drift apart.
+
+ranging        range limits, SNR and their statistics over any axis
+field_of_view  what a scan pattern covers, how densely, how soon
+eye_safety     class 1 by IEC 60825-1
+compare        different sensors on one scene
+paper          the claims of the paper, recomputed
+sipm_events    a SiPM cell by cell in time: validation, not product
+budget         the link budget of points
+catalogue      catalogue sensors against published figures
+"""

@@ -1,1 +1,14 @@
-"""View: clouds and scenes in, a page in the browser out, served on this machine or in one file."""
+"""Clouds and scenes in the browser: one page, served here or saved as a file.
+
+A saved page has to be clicked, coloured and filtered without a server, and no viewer library's export can do that. So
+the page is 900 lines of plain JavaScript and WebGL (static/), which works alike in both forms and loads nothing from
+elsewhere.
+
+sources   what is shown: files, or a scene to render
+points    a cloud as a blob
+solid     a scene as shaded triangles
+blob      header and arrays as bytes
+controls  the sliders, and what they change
+page      the page as one file
+serve     the server, on this machine only
+"""

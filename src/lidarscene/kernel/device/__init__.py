@@ -1,1 +1,12 @@
-"""TODO."""
+"""Dr.Jit and its back ends: find one, feed it, and launch kernels without compiling them again.
+
+A kernel takes 10 to 500 ms to compile and often less than one to run. So everything that changes between frames has
+to be data. Python takes half the time of a small frame to describe it to Dr.Jit; that is done once, where it can be.
+
+backend    choose a Mitsuba variant that works
+llvm       find an LLVM library that Dr.Jit can use
+transfer   numbers to the device, results back
+replay     record stages once, launch them again
+gradients  derivatives of formulas
+profile    count kernels, measure memory
+"""

@@ -1,1 +1,13 @@
-"""TODO."""
+"""Trace the rays of a frame, from the sensor to the columns of its points.
+
+A beam may go on through panes and gaps and off mirrors, among bodies that move. Each module answers one question about
+a ray; `trace` asks them in order.
+
+trace    the surface at the end of each path of a beam
+meeting  the nearest surface among bodies that move
+onward   beyond a pane, gap or mirror
+gaps     which rays pass a porous surface
+glints   specular returns into the receiver
+columns  the points off the device
+relit    the light of chosen pulses, traced again
+"""

@@ -1,1 +1,11 @@
-"""Fog, rain and snow: particle sizes, extinction, and the light they send back."""
+"""Fog, rain and snow.
+
+What floats or falls takes light from an echo and sends some of its own. Fog is a medium; a drop or flake in the beam is
+a target of its own. Both come from size distributions and scattering theory, with sources.
+
+fog            fog: sizes of droplets, extinction, backscatter
+precipitation  rain and snow: sizes, extinction, backscatter
+particles      the strongest drops and flakes in a beam
+mie            Mie scattering of a sphere
+soft_target    the echo of a target without a surface
+"""
