@@ -130,9 +130,7 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
                 transfer.start([one.found, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
             history.take()
             traced_s = history.device_s
-            whole = pulse_train.together(
-                light, rays, sensor, ambient, rays=count, air=None, seed=seed, pulse=pulse
-            )
+            whole = pulse_train.together(light, rays, rays=count)
             found = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
             kept = [
                 array

@@ -1,10 +1,12 @@
 """Table 1 of the paper in SI units and, typed out by hand, the powers (5) and (8) and the noise (18)."""
 
+import dataclasses
 from math import cos, exp, pi, radians, sqrt
 
 from scipy.constants import c, e, h, k
 
-from lidarscene.physics.electronics import apd
+from lidarscene.physics.electronics import apd, range_limit
+from lidarscene.physics.optics import radiometry
 
 PT, RHO, TAU, ETA_R, RA, ESUN, CS, ETA_RS = 45.0, 0.1, 0.98, 0.7206, 0.025, 29.4, cos(pi / 3), 0.7986
 F, BW, RPD, LAMBDA, R, THETA = 0.03, 167e6, 1e-4, 905e-9, 100.0, radians(20.0)
@@ -23,11 +25,28 @@ AVALANCHE = {"gain": M, "excess_noise": FM, "bandwidth_hz": BW}
 CELLS = {"pde": PDE, "cells": N}
 DARK = {"dark_count_rate_hz": DCR, "dead_time_s": DEAD}
 RECEIVER = {"aperture_m2": A, "transmittance": TAU}
-COMMON = {
+_COMMON = {
     "peak_power_w": PT, "reflectivity": RHO, "aperture_m2": A, "sun_irradiance_w_m2": ESUN,
     "focal_over_radius": F / RPD, "threshold_to_noise": TNR, "photon_energy_j": HNU, "transmittance": TAU,
     "efficiency_laser": ETA_R, "efficiency_sun": ETA_RS, "cos_incidence": cos(THETA), "cos_sun": CS,
 }  # fmt: skip
+
+
+def plane_and_receiver(**changed):
+    """What (29) and (30) have alike."""
+    numbers = _COMMON | changed
+    of_plane = {field.name for field in dataclasses.fields(range_limit.Plane)}
+    return (
+        range_limit.Plane(**{name: value for name, value in numbers.items() if name in of_plane}),
+        range_limit.Receiver(**{name: value for name, value in numbers.items() if name not in of_plane}),
+    )
+
+
+def field_of_view_sr(detector_radius_m, focal_length_m):
+    """Solid angle of the detector behind its lens, as (8) has it."""
+    return radiometry.field_of_view_solid_angle_sr(
+        detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
+    )
 
 
 def sigma_18(power_w):
@@ -42,5 +61,11 @@ def noise_18(**changed):
     numbers = {
         "responsivity_a_w": K_PD, "background_power_w": P_RS, "surface_dark_current_a": IDS,
         "bulk_dark_current_a": IDB, "temperature_k": T, "load_resistance_ohm": RL, **AVALANCHE,
-    }  # fmt: skip
-    return apd.noise_without_echo_a(**(numbers | changed))
+    } | changed  # fmt: skip
+    of_amplifier = {field.name for field in dataclasses.fields(apd.Amplifier)}
+    power_w = numbers.pop("background_power_w")
+    return apd.noise_without_echo_a(
+        apd.Diode(**{name: value for name, value in numbers.items() if name not in of_amplifier}),
+        apd.Amplifier(**{name: value for name, value in numbers.items() if name in of_amplifier}),
+        background_power_w=power_w,
+    )

@@ -125,12 +125,19 @@ def test_exponents_are_those_of_the_closed_form():
     """The closed form (29) derived, differentiated as `derivatives` does, gives the quarters too."""
     values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
     rest = {
-        "focal_over_radius": 300.0, "threshold_to_noise": 5.0, "quantum_efficiency": 0.7, "excess_noise": 3.7,
-        "bandwidth_hz": 167e6, "photon_energy_j": 2.2e-19,
+        "focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19,
     }  # fmt: skip
-    reach, slopes = derivatives.differences(
-        lambda numbers: range_limit.maximum_range_apd_m(**numbers, **rest), values
-    )
+
+    def reach_m(numbers):
+        of_plane = ("reflectivity", "sun_irradiance_w_m2")
+        of_lidar = {name: value for name, value in numbers.items() if name not in of_plane}
+        plane = range_limit.Plane(**{name: numbers[name] for name in of_plane})
+        return range_limit.maximum_range_apd_m(
+            plane, range_limit.Receiver(**of_lidar, **rest),
+            quantum_efficiency=0.7, excess_noise=3.7, bandwidth_hz=167e6,
+        )  # fmt: skip
+
+    reach, slopes = derivatives.differences(reach_m, values)
     exponents = {name: slopes[name] * value / reach for name, value in values.items()}
     expected = {"reflectivity": 0.25, "aperture_m2": 0.25, "sun_irradiance_w_m2": -0.25, "peak_power_w": 0.5}
     assert exponents == pytest.approx(expected, rel=1e-9)

@@ -124,8 +124,8 @@ def test_many_rays_on_one_pulse(case, name, mi):
         on_device = not isinstance(at["range_m"], np.ndarray)
         sensor = transfer.opaque(equipped) if on_device else equipped
         pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
-        rays, ambient, light = light_of(at, sensor)
-        whole = trains_of.together([light], rays, sensor, ambient, rays=RAYS, air=None, seed=0, pulse=pulse)
+        rays, _, light = light_of(at, sensor)
+        whole = trains_of.together([light], rays, rays=RAYS)
         return getattr(multi_echo.detect(whole, sensor, seed=0, pulse=pulse), name)
 
     far = (at for at in map(numbers_around, range(60, 1000, 20)) if np.median(result(at, "snr")) < 5.5)
@@ -167,9 +167,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))
     ambient = transfer.opaque(ambient_of(described, equipped))
     light = echoes.receive(fan, hits, sensor, ambient)
-    whole = trains_of.together(
-        [light], fan, sensor, ambient, rays=7, air=None, seed=transfer.opaque_uint32(0), pulse=pulse
-    )  # fmt: skip
+    whole = trains_of.together([light], fan, rays=7)
     snr = multi_echo.detect(whole, sensor, seed=transfer.opaque_uint32(0), pulse=pulse).snr
     dr.backward(dr.sum(snr))
     total = float(np.sum(dr.detach(snr).numpy()))

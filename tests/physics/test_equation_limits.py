@@ -7,7 +7,6 @@ from scipy.constants import e, k
 from table_1 import (
     BW,
     CELLS,
-    COMMON,
     CS,
     DARK,
     DCR,
@@ -38,7 +37,9 @@ from table_1 import (
     R,
     T,
     X,
+    field_of_view_sr,
     noise_18,
+    plane_and_receiver,
     sigma_18,
 )
 
@@ -60,7 +61,7 @@ def test_scaling_of_units(metre, second, watt):
     assert echo == pytest.approx(watt * P_R / cos(THETA), rel=1e-12)
     sun = radiometry.lambertian_sun_power_w(
         sun_irradiance_w_m2=ESUN * watt / metre**2, reflectivity=RHO, cos_sun=CS, aperture_m2=A * metre**2,
-        detector_radius_m=RPD * metre, focal_length_m=F * metre, transmittance=TAU, efficiency=ETA_RS,
+        field_of_view_sr=field_of_view_sr(RPD * metre, F * metre), transmittance=TAU, efficiency=ETA_RS,
     )  # fmt: skip
     assert sun == pytest.approx(watt * P_RS, rel=1e-12)
     photons = sipm.background_photons(
@@ -68,13 +69,15 @@ def test_scaling_of_units(metre, second, watt):
     )
     assert photons == pytest.approx(N_BP, rel=1e-12)
     limit = range_limit.maximum_range_sipm_m(
+        *plane_and_receiver(
+            peak_power_w=PT * watt, aperture_m2=A * metre**2,
+            sun_irradiance_w_m2=ESUN * watt / metre**2, photon_energy_j=HNU * watt * second,
+        ),
         pulse_fwhm_s=FWHM * second, pde=PDE, dead_time_s=DEAD * second,
-        **COMMON | {
-            "peak_power_w": PT * watt, "aperture_m2": A * metre**2,
-            "sun_irradiance_w_m2": ESUN * watt / metre**2, "photon_energy_j": HNU * watt * second,
-        },
     )  # fmt: skip
-    still = range_limit.maximum_range_sipm_m(pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD, **COMMON)
+    still = range_limit.maximum_range_sipm_m(
+        *plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD
+    )
     assert limit == pytest.approx(metre * still, rel=1e-12)
 
 

@@ -13,7 +13,6 @@ from table_1 import (
     AVALANCHE,
     BW,
     CELLS,
-    COMMON,
     CS,
     DARK,
     DCR,
@@ -49,7 +48,9 @@ from table_1 import (
     R,
     T,
     X,
+    field_of_view_sr,
     noise_18,
+    plane_and_receiver,
     sigma_18,
 )
 
@@ -88,8 +89,8 @@ CASES = {
     ),
     "8": (
         radiometry.lambertian_sun_power_w(
-            sun_irradiance_w_m2=ESUN, reflectivity=RHO, cos_sun=CS, detector_radius_m=RPD, focal_length_m=F,
-            efficiency=ETA_RS, **RECEIVER,
+            sun_irradiance_w_m2=ESUN, reflectivity=RHO, cos_sun=CS,
+            field_of_view_sr=field_of_view_sr(RPD, F), efficiency=ETA_RS, **RECEIVER,
         ),
         P_RS,
     ),
@@ -243,26 +244,33 @@ OPTICS = (cos(THETA) * TAU**1.5 * ETA_R / (2 * pi * CS * sqrt(HNU * ETA_RS * CS)
 
 def test_closed_range_limits():
     """(29) and (30) as printed, and the factors between printed and derived."""
-    for_apd = {"quantum_efficiency": QE, "excess_noise": FM, "bandwidth_hz": BW, **COMMON}
-    for_sipm = {"pulse_fwhm_s": FWHM, "pde": PDE, "dead_time_s": DEAD, **COMMON}
-    printed = range_limit.maximum_range_apd_m(as_printed=True, **for_apd)
+    light_in = plane_and_receiver()
+    for_apd = {"quantum_efficiency": QE, "excess_noise": FM, "bandwidth_hz": BW}
+    for_sipm = {"pulse_fwhm_s": FWHM, "pde": PDE, "dead_time_s": DEAD}
+    printed = range_limit.maximum_range_apd_m(*light_in, as_printed=True, **for_apd)
     light = (QE * RHO * A / (ESUN * FM * BW)) ** 0.25 * (PT * F / (TNR * RPD)) ** 0.5
     assert printed == pytest.approx(OPTICS * light, rel=1e-12)
-    assert range_limit.maximum_range_apd_m(**for_apd) == pytest.approx(
+    assert range_limit.maximum_range_apd_m(*light_in, **for_apd) == pytest.approx(
         printed * sqrt(sqrt(2) * CS), rel=1e-12
     )
-    printed = range_limit.maximum_range_sipm_m(as_printed=True, **for_sipm)
+    printed = range_limit.maximum_range_sipm_m(*light_in, as_printed=True, **for_sipm)
     light = (PDE * RHO * A / ESUN) ** 0.25 * (PT * FWHM * F / (TNR * RPD)) ** 0.5 / DEAD**0.25
     assert printed == pytest.approx(OPTICS * light, rel=1e-12)
-    assert range_limit.maximum_range_sipm_m(**for_sipm) == pytest.approx(printed * sqrt(CS), rel=1e-12)
+    assert range_limit.maximum_range_sipm_m(*light_in, **for_sipm) == pytest.approx(
+        printed * sqrt(CS), rel=1e-12
+    )
 
 
 def test_derived_limits_solve_the_background_limited_snr():
     """(29) derived: (19) with background shot noise only is TNR there; (30): (28) is."""
-    reach = range_limit.maximum_range_apd_m(quantum_efficiency=QE, excess_noise=FM, bandwidth_hz=BW, **COMMON)
+    reach = range_limit.maximum_range_apd_m(
+        *plane_and_receiver(), quantum_efficiency=QE, excess_noise=FM, bandwidth_hz=BW
+    )
     echo = P_R * (R / reach) ** 2
     assert K_PD * M * echo / sqrt(2 * e * K_PD * P_RS * M**2 * FM * BW) == pytest.approx(TNR, rel=1e-12)
-    reach = range_limit.maximum_range_sipm_m(pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD, **COMMON)
+    reach = range_limit.maximum_range_sipm_m(
+        *plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD
+    )
     signal = N_SP * (R / reach) ** 2
     snr = sipm.snr_approximate(signal_photons=signal, background_photons=N_BP, pde=PDE)
     assert snr == pytest.approx(TNR, rel=1e-12)

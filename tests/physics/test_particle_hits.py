@@ -33,10 +33,10 @@ def spread(r):
 
 
 def made(count):
-    return particles.strengths(
-        sizes=SIZES, backscatter_m2_sr=SIGMA, beam_area_m2=beam_area_m2, overlap=overlap,
-        extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M, count=count,
+    sight = particles.Sight(
+        beam_area_m2=beam_area_m2, overlap=overlap, extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M
     )  # fmt: skip
+    return particles.strengths(sight, sizes=SIZES, backscatter_m2_sr=SIGMA, count=count)
 
 
 @pytest.fixture(scope="module")

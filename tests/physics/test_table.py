@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from table_1 import field_of_view_sr
 
 from lidarscene import load_sensor
 from lidarscene.physics.electronics import range_limit, sipm, tdc
@@ -44,8 +45,8 @@ def test_lambertian_forms_agree_with_the_stage():
     )  # fmt: skip
     sun = radiometry.lambertian_sun_power_w(
         sun_irradiance_w_m2=29.4, reflectivity=0.1, cos_sun=0.5, aperture_m2=optics.aperture_m2,
-        detector_radius_m=detector.radius_m, focal_length_m=optics.focal_length_m, transmittance=0.98,
-        efficiency=0.7986,
+        field_of_view_sr=field_of_view_sr(detector.radius_m, optics.focal_length_m),
+        transmittance=0.98, efficiency=0.7986,
     )  # fmt: skip
     assert echo == pytest.approx(light().peak_power_w[0], rel=1e-12)
     assert sun == pytest.approx(light().background_power_w[0], rel=1e-12)
@@ -102,17 +103,18 @@ def test_false_alarms_and_correct_probability():
 
 
 def closed_forms(**changes):
-    light_and_optics = {
-        "peak_power_w": 45.0, "reflectivity": 0.1, "aperture_m2": APD.optics.aperture_m2,
-        "sun_irradiance_w_m2": 29.4, "focal_over_radius": 300.0, "threshold_to_noise": 5.0,
-        "photon_energy_j": APD.laser.photon_energy_j, "transmittance": 0.98, "efficiency_laser": 0.7206,
-        "efficiency_sun": 0.7986, "cos_sun": 0.5,
-    } | changes  # fmt: skip
+    light_and_optics = (
+        range_limit.Plane(reflectivity=0.1, sun_irradiance_w_m2=29.4, transmittance=0.98, cos_sun=0.5),
+        range_limit.Receiver(
+            peak_power_w=45.0, aperture_m2=APD.optics.aperture_m2, focal_over_radius=300.0, threshold_to_noise=5.0,
+            photon_energy_j=APD.laser.photon_energy_j, efficiency_laser=0.7206, efficiency_sun=0.7986,
+        ),
+    )  # fmt: skip
     apd_m = range_limit.maximum_range_apd_m(
-        quantum_efficiency=0.7, excess_noise=80**0.3, bandwidth_hz=167e6, **light_and_optics
+        *light_and_optics, quantum_efficiency=0.7, excess_noise=80**0.3, bandwidth_hz=167e6, **changes
     )
     sipm_m = range_limit.maximum_range_sipm_m(
-        pulse_fwhm_s=6e-9, pde=0.22, dead_time_s=6e-9, **light_and_optics
+        *light_and_optics, pulse_fwhm_s=6e-9, pde=0.22, dead_time_s=6e-9, **changes
     )
     return apd_m, sipm_m
 

@@ -207,10 +207,7 @@ def train_of(range_m, power_w, shape):
     )  # fmt: skip
     count = len(power_w)
     beams = Beams(pulse=np.arange(count), origin_m=(0.0,) * 3, direction=(1.0, 0.0, 0.0), aperture_m2=1.0)
-    return together(
-        [light], beams, load_sensor("table1-apd"), None, rays=shape.rays, skirt=shape.skirt, air=None, seed=0,
-        pulse=np.arange(count),
-    )  # fmt: skip
+    return together([light], beams, rays=shape.rays, skirt=shape.skirt)
 
 
 @pytest.mark.parametrize("rays", [4, 7, 16, 64])

@@ -126,7 +126,7 @@ def test_a_table_makes_what_declares_it() -> None:
         ({"power_w": 1.0}, "file: key 'width_ns' is missing"),
         ({"width_ns": 1.0, "inner": 1.0},
          ("file: unknown key 'inner'; known here: "
-          "count, extra, width_ns, power_w, radius_mm, tilt_deg, cells, form")),
+          "width_ns, power_w, radius_mm, tilt_deg, cells, form, count, extra")),
     ],
 )  # fmt: skip
 def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -> None:

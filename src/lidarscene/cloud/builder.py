@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..formats.columns import MEASURED, NAMES, TRUTH, Cloud, Fields, fitted, is_constant
-
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 
 class CloudBuilder:
@@ -26,7 +25,7 @@ class CloudBuilder:
     """
 
     def __init__(self, *, capacity: int = 0) -> None:
-        self._columns: dict[str, Array] = {}
+        self._columns: dict[str, Numbers] = {}
         self._description: dict[str, Any] = {}
         self._capacity, self._points, self._chunks = capacity, 0, 0
 
@@ -61,7 +60,7 @@ class CloudBuilder:
             self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
         self.append({c: getattr(cloud, c) for c in (MEASURED + TRUTH if cloud.has_truth else MEASURED)})
 
-    def _with_room(self, column: Array, end: int) -> Array:
+    def _with_room(self, column: Numbers, end: int) -> Numbers:
         """The column, or its points in a longer one if it is the first chunk's or too short."""
         if self._chunks > 2 and len(column) >= end:
             return column

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..maths.arrays import Numbers
 from .points import PointCloud
 
 JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
@@ -64,5 +65,5 @@ class Merging:
         )
 
 
-def _constant(number: int, points: int) -> np.ndarray[Any, Any]:
+def _constant(number: int, points: int) -> Numbers:
     return np.broadcast_to(np.uint8(number), points)

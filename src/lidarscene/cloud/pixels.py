@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..formats.columns import Cloud
+from ..maths.arrays import Numbers
 
-Array = np.ndarray[Any, Any]
 Vector = tuple[float, float, float]
 
 NOTHING = -1
@@ -27,11 +26,11 @@ SAME_ANGLE_RAD = 2e-5
 class Camera:
     """A pinhole: ``axes`` has the rows right, down, forward; the full angle across is ``fov_deg``."""
 
-    eye_m: Array
-    axes: Array
+    eye_m: Numbers
+    axes: Numbers
     fov_deg: float
 
-    def project(self, xyz_m: Array, *, width: int, height: int) -> tuple[Array, Array, Array]:
+    def project(self, xyz_m: Numbers, *, width: int, height: int) -> tuple[Numbers, Numbers, Numbers]:
         """Pixel column, row and depth in metres of each point, float32; a depth <= 0 is behind."""
         right, down, depth = (self.axes @ (xyz_m - self.eye_m).T).astype(np.float32)
         focal = 0.5 * width / math.tan(0.5 * math.radians(self.fov_deg))
@@ -60,7 +59,7 @@ def camera_for(
     return Camera(eye_m=eye, axes=np.stack([right, np.cross(look, right), look]), fov_deg=fov_deg)
 
 
-def _near_field(echoes_m: Array) -> tuple[float, Array, float]:
+def _near_field(echoes_m: Numbers) -> tuple[float, Numbers, float]:
     """How far the bulk reaches, where it lies (a horizontal unit vector, 0 if all around), its height."""
     distance = np.linalg.norm(echoes_m[:, :2], axis=1)
     if not len(distance) or not distance.max() > 0:
@@ -74,8 +73,8 @@ def _near_field(echoes_m: Array) -> tuple[float, Array, float]:
 
 
 def splat(
-    camera: Camera, xyz_m: Array, *, size: tuple[int, int], large: Array | None = None
-) -> tuple[Array, Array]:
+    camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbers | None = None
+) -> tuple[Numbers, Numbers]:
     """Which point each pixel shows, (height, width) int32, and the depth in metres, inf where none.
 
     xyz_m  (n, 3), drawn as discs that fill a part of the picture and grow with nearness
@@ -98,7 +97,7 @@ def splat(
     return front, np.where(front == NOTHING, np.float32(np.inf), depth[front])
 
 
-def _discs(front: Array, index: Array, u: Array, v: Array, radius: Array) -> None:
+def _discs(front: Numbers, index: Numbers, u: Numbers, v: Numbers, radius: Numbers) -> None:
     """Write each point's index over the pixels of its disc; the points come farthest first."""
     h, w = front.shape
     starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
@@ -115,12 +114,12 @@ def _discs(front: Array, index: Array, u: Array, v: Array, radius: Array) -> Non
             front[y[kept], x[kept]] = np.broadcast_to(index[part][:, None], x.shape)[kept]
 
 
-def coloured(point: Array, rgb: Array, *, nothing: Array) -> Array:
+def coloured(point: Numbers, rgb: Numbers, *, nothing: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
     return np.asarray(np.vstack([rgb, nothing]).astype(np.uint8)[point])  # NOTHING is the last index
 
 
-def lit(image: Array, depth_m: Array, *, reduction: int) -> Array:
+def lit(image: Numbers, depth_m: Numbers, *, reduction: int) -> Numbers:
     """The image, smaller by this factor, and darker beside what is nearer so that edges show.
 
     Known as eye-dome lighting; image (height, width, 3) uint8, depth_m (height, width), inf where none.
@@ -142,11 +141,11 @@ class Cells:
     azimuth_deg (columns + 1,), elevation_deg (rows + 1,), point (rows, columns) int32
     """
 
-    azimuth_deg: Array
-    elevation_deg: Array
-    point: Array
+    azimuth_deg: Numbers
+    elevation_deg: Numbers
+    point: Numbers
 
-    def image(self, *, size: tuple[int, int]) -> Array:
+    def image(self, *, size: tuple[int, int]) -> Numbers:
         """(height, width) int32 point of each pixel; left is left, up is up."""
         width, height = size
         azimuth = _centres(self.azimuth_deg[-1], self.azimuth_deg[0], width)
@@ -156,7 +155,7 @@ class Cells:
         return np.asarray(self.point[row[:, None], column])
 
 
-def _centres(first: float, last: float, n: int) -> Array:
+def _centres(first: float, last: float, n: int) -> Numbers:
     """The middles of n equal steps."""
     return first + (last - first) * (np.arange(n) + 0.5) / n
 
@@ -169,7 +168,7 @@ def cells_of(cloud: Cloud) -> Cells:
     return cells_of_beams(cloud.column("azimuth"), cloud.column("elevation"), cloud.column("return_number"))
 
 
-def cells_of_beams(azimuth_rad: Array, elevation_rad: Array, return_number: Array) -> Cells:
+def cells_of_beams(azimuth_rad: Numbers, elevation_rad: Numbers, return_number: Numbers) -> Cells:
     """`cells_of`, of (n,) angles; of several in one cell the first with the lowest number is shown."""
     azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
     n = max(len(azimuth), 1)
@@ -191,18 +190,18 @@ def cells_of_beams(azimuth_rad: Array, elevation_rad: Array, return_number: Arra
     return Cells(azimuth_deg=np.degrees(x), elevation_deg=np.degrees(y), point=point)
 
 
-def _span(values: Array) -> float:
+def _span(values: Numbers) -> float:
     """Largest less smallest."""
     return float(np.ptp(values)) if len(values) else 0.0
 
 
-def _groups(values: Array) -> Array:
+def _groups(values: Numbers) -> Numbers:
     """The different angles, rising, those of one beam taken together."""
     found = np.unique(values)
     return found[np.diff(found, prepend=-np.inf) > SAME_ANGLE_RAD]
 
 
-def _step_in_rows(values: Array, row: Array) -> float:
+def _step_in_rows(values: Numbers, row: Numbers) -> float:
     """The usual step between neighbours of one row, radians; 0 without neighbours."""
     order = np.lexsort((values, row))
     step = np.diff(values[order])[np.diff(row[order]) == 0]
@@ -210,7 +209,7 @@ def _step_in_rows(values: Array, row: Array) -> float:
     return float(np.median(step)) if len(step) else 0.0
 
 
-def _edges(centres: Array) -> Array:
+def _edges(centres: Numbers) -> Numbers:
     """Edges around rising centres: equal steps, with empty ones, if the gaps are multiples of one step."""
     if len(centres) < 2:
         middle = centres[0] if len(centres) else 0.0
@@ -224,7 +223,7 @@ def _edges(centres: Array) -> Array:
     return np.array([centres[0] - 0.5 * gaps[0], *middles, centres[-1] + 0.5 * gaps[-1]])
 
 
-def _bins(values: Array, step: float) -> Array:
+def _bins(values: Numbers, step: float) -> Numbers:
     """Edges of equal bins of about this width over all values."""
     low, span = (float(values.min()), _span(values)) if len(values) else (0.0, 0.0)
     count = int(min(max(span / step if step > 0 else 1, 0), 8192)) + 1

@@ -31,10 +31,9 @@ from ..formats.columns import (
 )
 from ..formats.described import reading
 from ..formats.registry import FORMATS, format_of
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .builder import CloudBuilder
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -53,31 +52,31 @@ class PointCloud:
     wrong shape, an integer out of range, a NaN anywhere.
     """
 
-    xyz_m: Array
-    range_m: Array
-    intensity: Array
-    pulse_width_s: Array
-    snr: Array
-    detection_probability: Array
-    ambient: Array
-    time_s: Array
-    channel: Array
-    azimuth_rad: Array
-    elevation_rad: Array
-    return_number: Array
-    status: Array
-    sensor_index: Array
-    true_range_m: Array | None = None
-    incidence_angle_rad: Array | None = None
-    reflectivity: Array | None = None
-    sun_angle_rad: Array | None = None
-    in_shadow: Array | None = None
-    interactions: Array | None = None
-    ghost: Array | None = None
-    radial_velocity_m_s: Array | None = None
-    body: Array | None = None
-    class_id: Array | None = None
-    material: Array | None = None
+    xyz_m: Numbers
+    range_m: Numbers
+    intensity: Numbers
+    pulse_width_s: Numbers
+    snr: Numbers
+    detection_probability: Numbers
+    ambient: Numbers
+    time_s: Numbers
+    channel: Numbers
+    azimuth_rad: Numbers
+    elevation_rad: Numbers
+    return_number: Numbers
+    status: Numbers
+    sensor_index: Numbers
+    true_range_m: Numbers | None = None
+    incidence_angle_rad: Numbers | None = None
+    reflectivity: Numbers | None = None
+    sun_angle_rad: Numbers | None = None
+    in_shadow: Numbers | None = None
+    interactions: Numbers | None = None
+    ghost: Numbers | None = None
+    radial_velocity_m_s: Numbers | None = None
+    body: Numbers | None = None
+    class_id: Numbers | None = None
+    material: Numbers | None = None
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
@@ -119,7 +118,7 @@ class PointCloud:
         return self.true_range_m is not None
 
     @property
-    def sensor_position_m(self) -> Array:
+    def sensor_position_m(self) -> Numbers:
         """(3,) float64 position of the sensor (of the first, of a rig) in the frame of the points."""
         return np.asarray(sensor_positions_m(self.metadata)[0])
 
@@ -164,12 +163,12 @@ class PointCloud:
         """The columns that this cloud has, in the order of files."""
         return tuple(c for c in COLUMNS if self.has_truth or not c.truth)
 
-    def column(self, name: str) -> Array:
+    def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {c.name: c for c in self.columns}
         if name not in choices:
             raise InputError(f"column '{name}': not in this cloud; the choices are {', '.join(choices)}")
-        values: Array = getattr(self, choices[name].attribute)
+        values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
     def select(self, mask_or_index: Any) -> PointCloud:
@@ -247,7 +246,7 @@ class PointCloud:
         with reading(path):
             return PointCloud(**fields)
 
-    def to_structured(self) -> Array:
+    def to_structured(self) -> Numbers:
         """(n,) structured array with a field for each column, by the names of files; copied."""
         names = [column.name for column in self.columns]
         rows = np.zeros(len(self), np.dtype([(name, self.column(name).dtype) for name in names]))
@@ -294,12 +293,12 @@ class PointCloud:
 
         return to_html(self)
 
-    def _arrays(self) -> dict[str, Array]:
+    def _arrays(self) -> dict[str, Numbers]:
         """The arrays by attribute."""
         return {a: getattr(self, a) for a in (MEASURED + TRUTH if self.has_truth else MEASURED)}
 
 
-def _checked(attribute: str, values: Any, n: int) -> Array:
+def _checked(attribute: str, values: Any, n: int) -> Numbers:
     """Return `fitted` values. Raises ValueError if there is a NaN."""
     array = fitted(attribute, values, n)
     distinct = array[:1] if is_constant(array) else array
@@ -308,7 +307,7 @@ def _checked(attribute: str, values: Any, n: int) -> Array:
     return array
 
 
-def _check_index(attribute: str, index: Array, names: tuple[str, ...]) -> None:
+def _check_index(attribute: str, index: Numbers, names: tuple[str, ...]) -> None:
     """ValueError unless each index is -1 or has a name; without names any index will do."""
     if is_constant(index):
         index = index[:1]

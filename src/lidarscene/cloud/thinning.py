@@ -6,14 +6,10 @@ kept before are thinned to it: the result does not depend on how the frame was c
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..detection.returns import Status
 from .points import PointCloud
-
-Array = np.ndarray[Any, Any]
 
 MOST_POINTS = 1 << 22
 """More are drawn one over the other: a picture has some two million pixels."""

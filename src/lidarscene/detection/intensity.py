@@ -3,39 +3,37 @@
 from __future__ import annotations
 
 from ..light.echoes import Echoes, EchoTrain
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 from ..physics.electronics import intensity as formulas
-from ..sensor.detectors import WorkingPoint
-from ..sensor.model import Sensor
+from .shots import Shots
 
 _LEAST_OVERLAP = 1e-3
 """Where less of the spot is seen the makers' correction would be noise; echoes from there count as dark."""
 
 
 def reported(
+    shots: Shots,
     echoes: Echoes | EchoTrain,
-    sensor: Sensor,
-    point: WorkingPoint,
-    threshold: Array,
     *,
-    amplitude: Array,
-    width_s: Array | None,
-    range_m: Array,
-) -> Array:
+    amplitude: Lanes,
+    width_s: Lanes | None,
+    range_m: Lanes,
+) -> Lanes:
     """(n,) the amplitude itself (raw), watts (range_corrected) or 0 to 255 (reflectivity).
 
     The sensor knows its own optics and what background it stands in, so that the amplitude gives the power (of a
     saturated pulse its width, if that is known); not the air, nor the angle of the surface.
     """
+    sensor = shots.sensor
     scale = sensor.intensity
     if scale is None:
         return amplitude
-    power = point.told_power_w(
-        amplitude, width_s=width_s, threshold=threshold, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
+    power = shots.point.inferred_power_w(
+        amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
     )
     if scale.kind == "range_corrected":
         return formulas.range_corrected_power_w(power_w=power, range_m=range_m, reference_m=scale.reference_m)
-    overlap: Array = 1.0
+    overlap: Lanes = 1.0
     if sensor.optics.overlap is not None:
         overlap = sensor.optics.overlap.share(range_m)
         overlap = xp(overlap).maximum(overlap, _LEAST_OVERLAP)

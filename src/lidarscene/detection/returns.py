@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any
 
 from ..light.echoes import Echoes
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Array, Lanes, Mask, chosen, xp
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
-from ..sensor.detectors import WorkingPoint
 from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
+from .shots import Shots
 
 
 class Status(enum.IntEnum):
@@ -63,16 +62,16 @@ class Returns:
                                 light tripped the comparator
     """
 
-    reported: Array
-    status: Array
-    range_m: Array
-    amplitude: Array
-    intensity: Array
-    width_s: Array | None = None
-    snr: Array | None = None
-    detection_probability: Array | None = None
-    source: Array | None = None
-    true_range_m: Array | None = None
+    reported: Mask
+    status: Lanes
+    range_m: Lanes
+    amplitude: Lanes
+    intensity: Lanes
+    width_s: Lanes | None = None
+    snr: Lanes | None = None
+    detection_probability: Lanes | None = None
+    source: Lanes | None = None
+    true_range_m: Lanes | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,24 +90,33 @@ class Detection:
     snr: Array
     detection_probability: Array
     outcome: Array
-    ambient: Array
+    ambient: Lanes
     stops: tuple[Returns, ...]
-    source: Array | None = None
+    source: Lanes | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edge:
     """The echo at the comparator: whether it trips, when, and how high it looks."""
 
-    found: Array
-    crossing_s: Array
-    reported_s: Array
-    amplitude: Array
-    width_s: Array | None
-    probability: Array
+    found: Mask
+    crossing_s: Lanes
+    reported_s: Lanes
+    amplitude: Lanes
+    width_s: Lanes | None
+    probability: Lanes
 
 
-def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Detection:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Alarm:
+    """An alarm as a stop reports it; ``status`` says whose it is."""
+
+    time_s: Lanes
+    amplitude: Lanes
+    status: Lanes
+
+
+def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
     """Threshold, detection, false alarms and time of every pulse.
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
@@ -116,42 +124,40 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     """
     ops = xp(echoes.range_m)
     point = sensor.working_point(echoes.background_power_w)
-    threshold = sensor.threshold(point)
-    edge = _edge(echoes, sensor, point, threshold, seed=seed, pulse=pulse)
+    shots = Shots(sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse)
+    edge = _edge(shots, echoes)
     in_window = edge.found & comparator.listening(sensor, edge.crossing_s)
-    arriving = comparator.false_alarms(sensor, point, threshold, echoes.interference, seed=seed, pulse=pulse)
     alarms = [
-        (time_s, height, alarm_status(theirs))
-        for kind in arriving
-        for time_s, height, theirs in comparator.first_of(kind, sensor.tdc.stops)
+        _Alarm(time_s=one.time_s, amplitude=one.amplitude, status=alarm_status(one.theirs))
+        for kind in comparator.false_alarms(shots, echoes.interference)
+        for one in comparator.first_of(kind, sensor.tdc.stops)
     ]
 
     echo_left = in_window
     stops = []
     for stop in range(sensor.tdc.stops):
         # Alarms come in order, so this stop holds the echo if it is still unreported and comes next.
-        used = stop - _as_int(ops, in_window & ~echo_left)
-        alarm_s, alarm_amplitude, status = _nth(ops, alarms, used)
-        alarm = alarm_s < sensor.tdc.window_s
-        echo_now = echo_left & ~(alarm & (alarm_s < edge.crossing_s))
+        used = stop - ops.where(in_window & ~echo_left, 1, 0)
+        next_alarm = _nth(alarms, used)
+        alarm = next_alarm.time_s < sensor.tdc.window_s
+        echo_now = echo_left & ~(alarm & (next_alarm.time_s < edge.crossing_s))
         echo_left = echo_left & ~echo_now
-        reported_s = ops.where(echo_now, edge.reported_s, alarm_s)
+        reported_s = ops.where(echo_now, edge.reported_s, next_alarm.time_s)
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=reported_s)
-        amplitude = ops.where(echo_now, edge.amplitude, alarm_amplitude)
+        amplitude = ops.where(echo_now, edge.amplitude, next_alarm.amplitude)
         width_s = None
         if edge.width_s is not None:
-            width_s = comparator.alarm_width_s(
-                sensor, point, threshold, alarm_amplitude, theirs=interferes(status)
-            )
-            width_s = ops.where(echo_now, edge.width_s, width_s)
+            theirs = interferes(next_alarm.status) if echoes.interference else None
+            alarm_width_s = comparator.alarm_width_s(shots, next_alarm.amplitude, theirs=theirs)
+            width_s = ops.where(echo_now, edge.width_s, alarm_width_s)
         stops.append(
             Returns(
                 reported=echo_now | alarm,
-                status=ops.where(echo_now, int(Status.ECHO), status),
+                status=ops.where(echo_now, int(Status.ECHO), next_alarm.status),
                 range_m=range_m,
                 amplitude=amplitude,
                 intensity=intensity.reported(
-                    echoes, sensor, point, threshold, amplitude=amplitude, width_s=width_s, range_m=range_m
+                    shots, echoes, amplitude=amplitude, width_s=width_s, range_m=range_m
                 ),
                 width_s=width_s,
             )
@@ -171,39 +177,27 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Array, pulse: Array) -> Dete
     )
 
 
-def _edge(
-    echoes: Echoes, sensor: Sensor, point: WorkingPoint, threshold: Array, *, seed: Array, pulse: Array
-) -> _Edge:
+def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     """The edge of a lone Gaussian pulse, in closed form."""
-    ops = xp(echoes.range_m)
+    ops, sensor = xp(echoes.range_m), shots.sensor
     fwhm = sensor.laser.pulse_fwhm_s
-    own = comparator.trip(point, threshold, echoes.peak_power_w, seed=seed, pulse=pulse)
+    own = comparator.trip(shots, echoes.peak_power_w)
     found = echoes.found & own.tripped
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
-    share = ops.where(found & (own.level < own.signal), point.power_w(own.level) / power, 1.0)
+    share = ops.where(found & (own.level < own.signal), shots.point.power_w(own.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
-    measured = comparator.amplitude(own, sensor, point, threshold, lag_s=early)
+    measured = comparator.amplitude(shots, own, lag_s=early)
     width_s = None
     if sensor.tdc.both_edges:
-        width_s = comparator.width_s(
-            own, sensor, point, threshold, peak_power_w=power, early_s=early, seed=seed, pulse=pulse
-        )
+        width_s = comparator.width_s(shots, own, peak_power_w=power, early_s=early)
     return _Edge(
         found=found,
         crossing_s=crossing,
         reported_s=comparator.reported_s(
-            sensor,
-            point,
-            threshold,
-            crossing,
-            measured=measured,
-            width_s=width_s,
-            true_power_w=power,
-            seed=seed,
-            pulse=pulse,
+            shots, crossing, measured=measured, width_s=width_s, true_power_w=power
         ),
         amplitude=measured,
         width_s=width_s,
@@ -211,28 +205,21 @@ def _edge(
     )
 
 
-def alarm_status(theirs: Array) -> Array:
-    """Noise, or another lidar's pulse; ``theirs`` is False where there is no other lidar."""
-    if theirs is False:
+def alarm_status(theirs: Mask | None) -> Lanes:
+    """Noise, or another lidar's pulse; ``theirs`` is None where there is no other lidar."""
+    if theirs is None:
         return int(Status.FALSE_ALARM)
     return xp(theirs).where(theirs, int(Status.INTERFERENCE), int(Status.FALSE_ALARM))
 
 
-def interferes(status: Array) -> Array:
-    """Whether a false alarm is another lidar's pulse; False where there is no other lidar."""
-    return False if isinstance(status, int) else status == int(Status.INTERFERENCE)
+def interferes(status: Lanes) -> Mask:
+    """Whether a false alarm is another lidar's pulse."""
+    return status == int(Status.INTERFERENCE)
 
 
-def _nth(ops: Any, alarms: list[tuple[Array, Array, Array]], index: Array) -> tuple[Array, Array, Array]:
+def _nth(alarms: list[_Alarm], index: Array) -> _Alarm:
     """The index-th alarm of each pulse (index differs by pulse)."""
-    time_s, amplitude, status = alarms[0]
-    for number, (later_s, later_amplitude, later_status) in enumerate(alarms[1:], start=1):
-        chosen = index >= number
-        time_s = ops.where(chosen, later_s, time_s)
-        amplitude = ops.where(chosen, later_amplitude, amplitude)
-        status = ops.where(chosen, later_status, status)
-    return time_s, amplitude, status
-
-
-def _as_int(ops: Any, flag: Array) -> Array:
-    return ops.where(flag, 1, 0)
+    found = alarms[0]
+    for number, later in enumerate(alarms[1:], start=1):
+        found = chosen(index >= number, later, found)
+    return found

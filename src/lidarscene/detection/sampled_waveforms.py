@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..light.echoes import EchoTrain
 from ..light.waveform import sampled
+from ..maths.arrays import Numbers
 from ..physics.optics import radiometry
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
-
-Matrix = np.ndarray[Any, Any]
 
 MOST_PULSES = 10_000
 """Each has some ten thousand samples."""
@@ -39,20 +37,20 @@ class Waveforms:
     channel     (n,) uint16; azimuth_rad, elevation_rad (n,) float32, as the sensor reports them
     """
 
-    pulse: Matrix
-    time_s: Matrix
-    range_m: Matrix
-    power_w: Matrix
-    background_w: Matrix
-    signal: Matrix
-    threshold: Matrix
+    pulse: Numbers
+    time_s: Numbers
+    range_m: Numbers
+    power_w: Numbers
+    background_w: Numbers
+    signal: Numbers
+    threshold: Numbers
     unit: str
-    channel: Matrix
-    azimuth_rad: Matrix
-    elevation_rad: Matrix
+    channel: Numbers
+    azimuth_rad: Numbers
+    elevation_rad: Numbers
 
 
-def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Matrix:
+def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Numbers:
     """The different ones, rising. Raises InputError."""
     chosen = np.unique(np.asarray(pulses, dtype=np.int64))
     count = sensor.scanner.pulses
@@ -64,7 +62,7 @@ def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Matrix:
     return chosen
 
 
-def window_times_s(sensor: Sensor) -> Matrix:
+def window_times_s(sensor: Sensor) -> Numbers:
     """The converter's window in even steps."""
     step = float(sensor.laser.pulse_fwhm_s) / SAMPLES_PER_FWHM
     return np.asarray(step * np.arange(int(float(sensor.tdc.window_s) / step) + 1))
@@ -72,9 +70,9 @@ def window_times_s(sensor: Sensor) -> Matrix:
 
 def sampled_pulses(
     train_of: Callable[[int, int], EchoTrain],
-    chosen: Matrix,
+    chosen: Numbers,
     sensor: Sensor,
-    times_s: Matrix | None,
+    times_s: Numbers | None,
     *,
     first_pulse: int,
 ) -> Waveforms:
@@ -86,13 +84,13 @@ def sampled_pulses(
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
     powers, signals, backgrounds = [], [], []
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
-        train = train_of(int(together[0]), len(together))
-        power, signal = sampled(train, sensor, times)
+        pulse_train = train_of(int(together[0]), len(together))
+        power, signal = sampled(pulse_train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
-        backgrounds.append(train.background_power_w + np.zeros(len(together)))
+        backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))
     background = np.concatenate(backgrounds)
-    threshold = sensor.threshold(sensor.working_point(background)) + np.zeros(len(chosen))
+    threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
     pulse = (chosen + first_pulse).astype(np.uint32)
     azimuth, elevation = sensor.scanner.angles(pulse)
     return Waveforms(

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..maths.arrays import Numbers
 from .lines import COLOURS, GREY, GRID, INK
 from .maps import MARKERS, plain_axes, save_drawn
-
-Array = np.ndarray[Any, Any]
 
 _SCATTERED = 12_000  # points of a scatter plot that are drawn
 
@@ -25,11 +24,11 @@ class Series:
     """Values (n,) of one sensor with the ends of their intervals, and, if there is one, what was expected."""
 
     label: str
-    x: Array
-    y: Array
-    low: Array
-    high: Array
-    expected: Array | None = None
+    x: Numbers
+    y: Numbers
+    low: Numbers
+    high: Numbers
+    expected: Numbers | None = None
 
 
 def save_series(
@@ -101,8 +100,8 @@ def save_named(
 
 
 def save_snr(
-    path: str | os.PathLike[str], a: Array, b: Array, kind: Array, *, kinds: Sequence[str], x_label: str, y_label: str,
-    levels: tuple[float | None, float | None], title: str,
+    path: str | os.PathLike[str], a: Numbers, b: Numbers, kind: Numbers, *, kinds: Sequence[str],
+    x_label: str, y_label: str, levels: tuple[float | None, float | None], title: str,
 ) -> None:  # fmt: skip
     """SNR of B over that of A, both logarithmic, a colour for each kind; levels are the comparators' thresholds."""
 
@@ -133,7 +132,7 @@ def save_snr(
     save_drawn(path, draw, title, 5.4)
 
 
-def _marked(axes: Any, number: int, one: Series, x: Array, y: Array, *, vertical: bool) -> None:
+def _marked(axes: Any, number: int, one: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
     """Markers and bars of one sensor."""
     bars = {"yerr" if vertical else "xerr": np.stack([one.y - one.low, one.high - one.y]).clip(0.0)}
     axes.errorbar(

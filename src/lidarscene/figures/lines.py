@@ -16,8 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
-
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Blue, vermilion, green, purple, orange, sky, black; yellow is left out, being too pale on white."""
@@ -34,8 +33,8 @@ class Line:
     """One curve. NaN and infinite values leave gaps. Lines of one ``colour`` belong together."""
 
     label: str
-    x: Array
-    y: Array
+    x: Numbers
+    y: Numbers
     colour: int = 0
     style: str = "solid"
     width: float = 1.8

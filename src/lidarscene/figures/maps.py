@@ -14,9 +14,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
 from .lines import COLOURS, DPI, GREY, GRID, INK
-
-Array = np.ndarray[Any, Any]
 
 WIDTH_INCHES = 7.2
 NOTHING = "#e4e4e4"
@@ -27,8 +26,8 @@ MARKERS = "osD^vP*"
 class Raster:
     """A picture of numbers over two axes; NaN is grey, ``outside`` where there is nothing to show stays white."""
 
-    values: Array
-    outside: Array
+    values: Numbers
+    outside: Numbers
     extent: tuple[float, float, float, float]
     label: str
     title: str
@@ -68,7 +67,7 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
 
 
 def save_pattern(
-    path: str | os.PathLike[str], azimuth_deg: Array, elevation_deg: Array, time_s: Array, *,
+    path: str | os.PathLike[str], azimuth_deg: Numbers, elevation_deg: Numbers, time_s: Numbers, *,
     extent: tuple[float, float, float, float], title: str,
 ) -> None:  # fmt: skip
     """Pulses over azimuth and elevation, coloured by time. Raises OutputError."""
@@ -88,7 +87,7 @@ def save_pattern(
 
 
 def save_ground(
-    path: str | os.PathLike[str], count: Array, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
+    path: str | os.PathLike[str], count: Numbers, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
     title: str,
 ) -> None:  # fmt: skip
     """How many sensors see each place of the ground, x forward and up the page. Raises OutputError."""
@@ -123,7 +122,7 @@ def save_ground(
 
 
 def save_scatter(
-    path: str | os.PathLike[str], groups: Sequence[tuple[str, Array, Array]], *, x_label: str, y_label: str,
+    path: str | os.PathLike[str], groups: Sequence[tuple[str, Numbers, Numbers]], *, x_label: str, y_label: str,
     title: str,
 ) -> None:  # fmt: skip
     """Points of each group on logarithmic axes, told apart by colour and by shape. Raises OutputError."""

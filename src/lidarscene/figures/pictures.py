@@ -17,8 +17,8 @@ from ..cloud.thinning import Thinned
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..formats.columns import COLUMNS, STATUS_NAMES
+from ..maths.arrays import Numbers
 
-Array = np.ndarray[Any, Any]
 Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure
 
 BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
@@ -147,7 +147,7 @@ class _Shades:
         colours = self.map(np.asarray(self.norm(np.where(finite, values, 1.0))), bytes=True)[:, :3]
         self.rgb = np.where(finite[:, None], colours, _rgb(NO_SURFACE))
 
-    def _sort_kinds(self, values: Array, names: dict[int, str]) -> Array:
+    def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
         """Number the categories by how often they come; all after the palette's last share its colour."""
         found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
         order = np.argsort(-counts, kind="stable")
@@ -189,7 +189,7 @@ def _colour_map(name: str) -> Any:
     return colors.ListedColormap(mpl.colormaps[base](np.linspace(low, high, 256)))
 
 
-def _norm(values: Array, name: str) -> Any:
+def _norm(values: Numbers, name: str) -> Any:
     """The scale from the 1st to the 99th percentile; logarithmic for powers, finer for what is near."""
     from matplotlib import colors
 
@@ -252,7 +252,7 @@ def _draw_range_image(
         figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=9, ha="center")
 
 
-def _rgb(colour: str) -> Array:
+def _rgb(colour: str) -> Numbers:
     """(3,) uint8 of "#rrggbb"."""
     return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
 
@@ -275,7 +275,7 @@ def _pixels(figure: Any, box: Box) -> tuple[int, int]:
     return max(round(width * box[2]), 1), max(round(height * box[3]), 1)
 
 
-def _show(figure: Any, box: Box, image: Array, **options: Any) -> Any:
+def _show(figure: Any, box: Box, image: Numbers, **options: Any) -> Any:
     """Put the image there, pixel by pixel; returns its axes, which are off."""
     axes = figure.add_axes(box)
     axes.imshow(image, aspect="auto", interpolation="none", **options)

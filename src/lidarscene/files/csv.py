@@ -9,16 +9,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..maths.arrays import Numbers
 
-Matrix = np.ndarray[Any, Any]
 
-
-def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Matrix]:
+def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbers]:
     """(n,) float64 values of each known column by name; n may be 0. Raises InputError."""
     try:
         with path.open(encoding="utf-8-sig") as file:

@@ -9,17 +9,16 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GREY, COLOUR = 0, 2
 
 
-def encoded(image: Array, *, text: Mapping[str, str] | None = None) -> bytes:
+def encoded(image: Numbers, *, text: Mapping[str, str] | None = None) -> bytes:
     """Encode a (h, w, 3) uint8 or (h, w) uint16 image as a PNG file, with Latin-1 texts by keyword."""
     is_colour = image.ndim == 3
     height, width = image.shape[:2]

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 VARINT, FIXED64, BYTES = 0, 1, 2
 """Wire types."""
@@ -50,16 +49,16 @@ def message(field: int, *parts: bytes) -> bytes:
     return tag(field, BYTES) + varint(len(content)) + content
 
 
-Rows = Sequence["bytes | Array"]
+Rows = Sequence["bytes | Numbers"]
 """Parts of a message: bytes that are the same in each row, and (n, k) arrays of bytes."""
 
 
-def double_rows(field: int, values: Array) -> Rows:
+def double_rows(field: int, values: Numbers) -> Rows:
     """A double for each row."""
     return tag(field, FIXED64), np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8)
 
 
-def number_rows(field: int, values: Array, *, size: int) -> Rows:
+def number_rows(field: int, values: Numbers, *, size: int) -> Rows:
     """A whole number for each row, in ``size`` bytes: up to 2^(7 size) - 1, and 2^64 - 1 in ten."""
     shifts = 7 * np.arange(size, dtype=np.uint64)
     groups = (values.astype(np.uint64)[:, None] >> shifts & np.uint64(0x7F)).astype(np.uint8)
@@ -67,7 +66,7 @@ def number_rows(field: int, values: Array, *, size: int) -> Rows:
     return tag(field, VARINT), groups
 
 
-def message_rows(field: int, *parts: bytes | Array) -> Rows:
+def message_rows(field: int, *parts: bytes | Numbers) -> Rows:
     """A message for each row, made of parts."""
     size = sum(len(part) if isinstance(part, bytes) else part.shape[1] for part in parts)
     return tag(field, BYTES) + varint(size), *parts

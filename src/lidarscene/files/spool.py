@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 BLOCK_ROWS = 1 << 18
 
@@ -39,7 +39,7 @@ class Spool:
     def __len__(self) -> int:
         return self._rows
 
-    def append(self, **columns: Array) -> None:
+    def append(self, **columns: Numbers) -> None:
         """Add rows: an array for each field, all of one length."""
         rows = np.zeros(len(next(iter(columns.values()))), self.dtype)
         for name in self.dtype.names or ():
@@ -47,7 +47,7 @@ class Spool:
         self._file.write(rows.view(np.uint8).data)
         self._rows += len(rows)
 
-    def blocks(self) -> Iterator[Array]:
+    def blocks(self) -> Iterator[Numbers]:
         """Yield all rows in order, as structured arrays of at most BLOCK_ROWS."""
         self._file.flush()
         for first in range(0, self._rows, BLOCK_ROWS):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Sequence
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from ..maths.units import Key, Quantity
 from .toml import FileModel
@@ -22,6 +22,8 @@ class Table(FileModel, Generic[Made]):
     Of a class that is made by its method `of`, the parameters of that. A key that is written out in the table, or in
     a base of it, takes the place of a declared one. With ``only``, the other fields are no keys.
     """
+
+    model_config = ConfigDict(defer_build=True)  # start-up: most tables are only parts of a whole file
 
     made: ClassVar[type[Any]]
     """Laser."""
@@ -37,6 +39,7 @@ class Table(FileModel, Generic[Made]):
         if made is None:
             return
         cls.made, cls.keys = made, {}
+        written, declared = cls.__annotations__, {}
         maker = _maker(made)
         hints = typing.get_type_hints(maker, include_extras=True)
         for field, parameter in inspect.signature(maker).parameters.items():
@@ -46,11 +49,13 @@ class Table(FileModel, Generic[Made]):
                 continue
             name = key.of(field)
             cls.keys[field] = (name, key)
-            if name not in cls.__annotations__ and name not in cls.model_fields:
-                cls.__annotations__[name] = _type_in_file(hint.__origin__, key)
+            if name not in written and name not in cls.model_fields:
+                declared[name] = _type_in_file(hint.__origin__, key)
                 given = parameter.default is not parameter.empty
                 default = {"default": key.in_file(parameter.default)} if given else {}
                 setattr(cls, name, Field(description=key.about, **default))
+        tag = {name: written[name] for name in ("type", "kind") if name in written}
+        cls.__annotations__ = tag | declared | written
 
     def in_si(self, **more: Any) -> Made:
         """What the table is of, in SI units; ``more`` are its other fields."""

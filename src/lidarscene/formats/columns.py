@@ -16,10 +16,8 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from ..detection.returns import Status
-from ..maths.arrays import frozen
+from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
-
-Array = np.ndarray[Any, Any]
 
 Fields = dict[str, Any]
 """Arrays, names and metadata by attribute of a point cloud."""
@@ -115,7 +113,7 @@ class Cloud(Protocol):
         """Text by key."""
 
     @property
-    def xyz_m(self) -> Array:
+    def xyz_m(self) -> Numbers:
         """(n, 3) positions."""
 
     @property
@@ -123,7 +121,7 @@ class Cloud(Protocol):
         """Whether it has the columns of the truth."""
 
     @property
-    def sensor_position_m(self) -> Array:
+    def sensor_position_m(self) -> Numbers:
         """(3,) position of the sensor in the frame of the points."""
 
     @property
@@ -142,7 +140,7 @@ class Cloud(Protocol):
     def frame_start_s(self) -> float:
         """When the frame began."""
 
-    def column(self, name: str) -> Array:
+    def column(self, name: str) -> Numbers:
         """(n,) values by the name of files."""
 
     def select(self, mask_or_index: Any) -> Self:
@@ -154,11 +152,11 @@ class Cloud(Protocol):
     def in_sensor_frame(self) -> Self:
         """The same in the sensor's frame."""
 
-    def to_structured(self) -> Array:
+    def to_structured(self) -> Numbers:
         """(n,) rows of all columns."""
 
 
-def sensor_positions_m(metadata: Mapping[str, str]) -> Array:
+def sensor_positions_m(metadata: Mapping[str, str]) -> Numbers:
     """(sensors, 3) float64 positions of the sensors in the frame of the points; ValueError unless metadata tell."""
     frame, text = metadata.get("frame", "sensor"), metadata.get("sensor_position_m", "")
     if frame == "sensor":
@@ -176,7 +174,7 @@ def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
     return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
-def numbers(text: str, key: str, shape: tuple[int, ...]) -> Array:
+def numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
     """The numbers of an entry of the metadata; ValueError that names it if they do not have this shape."""
     try:
         return np.array([float(word) for word in text.split()]).reshape(shape)
@@ -185,7 +183,7 @@ def numbers(text: str, key: str, shape: tuple[int, ...]) -> Array:
         raise ValueError(f"metadata: '{key}': must be {count} numbers, got '{text}'") from None
 
 
-def fitted(attribute: str, values: Any, n: int) -> Array:
+def fitted(attribute: str, values: Any, n: int) -> Numbers:
     """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
@@ -200,6 +198,6 @@ def fitted(attribute: str, values: Any, n: int) -> Array:
         raise ValueError(f"PointCloud.{attribute}: {error}") from None
 
 
-def is_constant(column: Array) -> bool:
+def is_constant(column: Numbers) -> bool:
     """Whether it is one value that numpy repeats."""
     return len(column) > 0 and not any(column.strides)

@@ -17,9 +17,8 @@ import numpy as np
 
 from ..errors import InputError, LidarSceneError
 from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
-
-Array = np.ndarray[Any, Any]
 
 VERSION = 1
 LARGEST = np.finfo(np.float32).max
@@ -43,7 +42,7 @@ def unit_of(cloud: Cloud, name: str) -> str:
     return cloud.metadata.get(f"{name}_unit", unit)
 
 
-def described_fields(columns: Mapping[str, Array], text: str) -> Fields:
+def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     """The fields of the cloud of these columns, by name as in files, and this `description`.
 
     Raises ValueError if this is none of ours.

@@ -17,11 +17,10 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.optional import optional
+from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .columns import Cloud
 from .described import LARGEST, description
-
-Array = np.ndarray[Any, Any]
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {
@@ -73,7 +72,7 @@ def _write(e57: Any, file: Any, cloud: Cloud) -> None:
         _write_points(e57, file, points, columns)
 
 
-def _columns(cloud: Cloud) -> dict[str, Array]:
+def _columns(cloud: Cloud) -> dict[str, Numbers]:
     """The columns by the names of the standard and of our extension, finite and as it counts."""
     columns = {}
     for column in cloud.columns:
@@ -92,7 +91,7 @@ def _columns(cloud: Cloud) -> dict[str, Array]:
     return columns
 
 
-def _scan_tree(cloud: Cloud, columns: dict[str, Array], text: str) -> dict[str, Any]:
+def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str, Any]:
     """All that is said of the scan, but its points."""
     low, high = (
         (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3))
@@ -142,7 +141,7 @@ def _fill(e57: Any, file: Any, node: Any, tree: dict[str, Any]) -> None:
             node.set(name, kind(file, value))
 
 
-def _node(e57: Any, file: Any, values: Array) -> Any:
+def _node(e57: Any, file: Any, values: Numbers) -> Any:
     """The type of a field: a float as wide as the column, an integer with the limits of its values."""
     if values.dtype.kind == "f":
         precision = e57.E57_SINGLE if values.dtype == np.float32 else e57.E57_DOUBLE
@@ -152,7 +151,7 @@ def _node(e57: Any, file: Any, values: Array) -> Any:
     return e57.IntegerNode(file, low, low, high)
 
 
-def _write_points(e57: Any, file: Any, points: Any, columns: dict[str, Array]) -> None:
+def _write_points(e57: Any, file: Any, points: Any, columns: dict[str, Numbers]) -> None:
     """Block by block, through buffers that the library reads."""
     count = len(next(iter(columns.values())))
     capacity = min(BLOCK_POINTS, count)

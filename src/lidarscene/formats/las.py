@@ -20,10 +20,9 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.optional import optional
+from ..maths.arrays import Numbers
 from .columns import Cloud, Column, Fields
 from .described import described_fields, description, reading, unit_of
-
-Array = np.ndarray[Any, Any]
 
 STEP_M = 1e-5
 REACH_M = STEP_M * 2**31
@@ -133,7 +132,7 @@ class _Writer:
         self._writer.close()
         self._file.flush()
 
-    def read_back(self) -> Iterator[tuple[int, Array]]:
+    def read_back(self) -> Iterator[tuple[int, Numbers]]:
         """Place in the file and records, a block at a time, with the standard intensity put in from the column."""
         header = self._writer.header
         dtype, count = header.point_format.dtype(), header.point_count
@@ -204,7 +203,7 @@ def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str],
     return points
 
 
-def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Array]:
+def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Numbers]:
     """What LAS calls things, as far as it can hold them; ``peak`` is the largest intensity of the file."""
     returns = cloud.column("return_number").clip(1, MOST_RETURNS)
     angle = np.rint(np.degrees(cloud.column("azimuth").astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
@@ -218,7 +217,7 @@ def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Array]:
     }
 
 
-def _intensity(values: Array, peak: float) -> Array:
+def _intensity(values: Numbers, peak: float) -> Numbers:
     """16 bits of the largest intensity; all of it where that is not known yet."""
     return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
@@ -234,7 +233,7 @@ def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
         first = end
 
 
-def _pulse_changes(cloud: Cloud, which: slice) -> Array:
+def _pulse_changes(cloud: Cloud, which: slice) -> Numbers:
     """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
     key = (
         cloud.column("time")[which],
@@ -245,7 +244,7 @@ def _pulse_changes(cloud: Cloud, which: slice) -> Array:
     return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
 
 
-def returns_of_pulses(cloud: Cloud) -> Array:
+def returns_of_pulses(cloud: Cloud) -> Numbers:
     """(n,) how many points the pulse of each point has: neighbours of one time, channel and direction."""
     if not len(cloud):
         return np.zeros(0, np.uint8)
@@ -254,7 +253,7 @@ def returns_of_pulses(cloud: Cloud) -> Array:
     return np.repeat(counts, counts).clip(max=255).astype(np.uint8)
 
 
-def _classification(cloud: Cloud) -> Array:
+def _classification(cloud: Cloud) -> Numbers:
     classes = np.full(len(cloud), UNCLASSIFIED, np.int64)
     if cloud.has_truth:
         has_class = cloud.column("class") >= 0

@@ -13,18 +13,16 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import Any
 
 import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.protobuf import double, double_rows, joined, message, message_rows, number, number_rows
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from .columns import Cloud
-
-Array = np.ndarray[Any, Any]
 
 VERSION = (3, 7, 0)
 NO_OBJECT = 2**64 - 1
@@ -63,7 +61,7 @@ def timestamp(field: int, seconds: float) -> bytes:
     return message(field, number(1, whole), number(2, nanoseconds))
 
 
-def vector(field: int, values: Array) -> bytes:
+def vector(field: int, values: Numbers) -> bytes:
     """A Vector3d, a Dimension3d (length, width, height), a Spherical3d or an Orientation3d."""
     return message(field, *(double(i, float(value)) for i, value in enumerate(values, start=1)))
 

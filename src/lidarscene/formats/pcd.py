@@ -18,11 +18,10 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.optional import optional
+from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .columns import Cloud, Fields
 from .described import LARGEST, counted_stream, described_fields, description, reading
-
-Array = np.ndarray[Any, Any]
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "
@@ -106,7 +105,7 @@ def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
     return "\n".join(lines).encode("ascii")
 
 
-def _lines(rows: Array) -> Iterator[bytes]:
+def _lines(rows: Numbers) -> Iterator[bytes]:
     """A line of text for each point, that gives the same numbers back."""
     line = " ".join(_TEXT.get(rows.dtype[name].name, "%d") for name in rows.dtype.names or ()) + "\n"
     for row in rows.tolist():
@@ -149,7 +148,7 @@ def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
     return header, text
 
 
-def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Array]:
+def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Numbers]:
     """The columns by name; ValueError unless the file has all its points, and no more."""
     names = dtype.names or ()
     if data == "ascii":
@@ -173,7 +172,7 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
     return {name: np.frombuffer(content[ends[i] : ends[i + 1]], dtype[name]) for i, name in enumerate(names)}
 
 
-def _with_infinity(values: Array) -> Array:
+def _with_infinity(values: Numbers) -> Numbers:
     """float32 with infinity back in place of the largest number."""
     if values.dtype == np.float32:
         values[np.abs(values) == LARGEST] *= np.float32(np.inf)

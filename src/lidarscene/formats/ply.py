@@ -21,10 +21,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
 from .described import counted_stream
-
-Array = np.ndarray[Any, Any]
 
 VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
@@ -102,7 +101,7 @@ def _cloud_dtype(cloud: Cloud) -> np.dtype[Any]:
     return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
 
 
-def _blocks(cloud: Cloud) -> Iterator[Array]:
+def _blocks(cloud: Cloud) -> Iterator[Numbers]:
     """The points as they lie in a file, in memory that is used again."""
     columns = {c.name: cloud.column(c.name) for c in cloud.columns}
     block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud))
@@ -149,7 +148,7 @@ def _escaped_key(key: str) -> str:
     return f"\\x{ord(key[0]):02x}{key[1:]}" if key in _RESERVED else key
 
 
-def _as_text(part: Array) -> bytes:
+def _as_text(part: Numbers) -> bytes:
     """Points as lines of text that give the same numbers back."""
     kinds = {"float32": "%.9g", "float64": "%.17g", "int32": "%d", "uint8": "%d"}
     names = part.dtype.names or ()
@@ -216,7 +215,7 @@ def _unescaped(text: str) -> str:
     return text.encode("ascii", errors="replace").decode("unicode_escape")
 
 
-def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
+def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
     """The points as blocks; ValueError unless the size of the file is right to the byte."""
     start = file.tell()
     expected = start + header.points * header.dtype.itemsize
@@ -229,7 +228,7 @@ def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
         yield np.fromfile(file, header.dtype, count=min(BLOCK_POINTS, header.points - first))
 
 
-def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
+def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
     """The points as blocks; ValueError unless each line is there, and whole."""
     for first in range(0, header.points, BLOCK_POINTS):
         count = min(BLOCK_POINTS, header.points - first)
@@ -248,7 +247,7 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Array]:
         raise ValueError(f"longer than its header says: more than {header.points} lines of points came")
 
 
-def _gather(blocks: Iterator[Array], header: _Header, most: int) -> Fields:
+def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
     """The fields of the cloud of these blocks, of so many points at most."""
     has_truth = "true_range" in (header.dtype.names or ())
     scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
@@ -268,7 +267,7 @@ def _gather(blocks: Iterator[Array], header: _Header, most: int) -> Fields:
 
 
 def write_columns(
-    path: str | os.PathLike[str], columns: Mapping[str, Array], *, comments: Iterable[str] = ()
+    path: str | os.PathLike[str], columns: Mapping[str, Numbers], *, comments: Iterable[str] = ()
 ) -> None:
     """Write a property for each array, atomically, binary little-endian.
 

@@ -17,11 +17,10 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.optional import optional
+from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .columns import Cloud
 from .described import description
-
-Array = np.ndarray[Any, Any]
 
 POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
 BAG_VERSION = 8
@@ -91,7 +90,7 @@ def _write_frames(writer: Any, store: Any, frames: Iterable[Cloud], layout: str)
         writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
 
 
-def structured(cloud: Cloud, layout: str) -> Array:
+def structured(cloud: Cloud, layout: str) -> Numbers:
     """(n,) the points as they lie in the message: the driver's fields, then every other column."""
     fields, size = LAYOUTS[layout]
     taken = {"x", "y", "z", *fields, *_REPLACED[layout]}
@@ -114,7 +113,7 @@ def structured(cloud: Cloud, layout: str) -> Array:
     return rows
 
 
-def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Array:
+def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     """A field of a driver, in its unit; zero where the cloud has nothing of the kind."""
     scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
     column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
@@ -127,13 +126,13 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Array:
     return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
 
 
-def _points_message(rows: Array, store: Any, stamp_ns: int) -> Any:
+def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
     types = store.types
     fields = [
         types["sensor_msgs/msg/PointField"](
-            name=name, offset=rows.dtype.fields[name][1], datatype=_DATATYPES[kind.str[1:]], count=1
+            name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1
         )
-        for name, kind in ((name, rows.dtype[name]) for name in rows.dtype.names)
+        for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
     ]
     return types["sensor_msgs/msg/PointCloud2"](
         header=_header(store, stamp_ns, SENSOR_FRAME), height=1, width=len(rows), fields=fields,

@@ -11,19 +11,17 @@ then where the cloud shows the body: as seen from the sensor at the mean time of
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..formats.columns import frame_starts_s, sensor_positions_m
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
 from ..scene.model import Ball, Body, Part, Scene
 from .kinds import kind_of
-
-Array = np.ndarray[Any, Any]
 
 PIECE_POINTS = 1 << 20
 PICOSECOND = 1e-12
@@ -48,9 +46,9 @@ class Box:
     body: int
     name: str
     class_name: str
-    size_m: Array
+    size_m: Numbers
     pose: Pose
-    velocity_m_s: Array = field(default_factory=lambda: np.zeros(3))
+    velocity_m_s: Numbers = field(default_factory=lambda: np.zeros(3))
     points_inside: int = 0
     points_on: int = 0
     beams: int = 0
@@ -66,7 +64,7 @@ class Box:
         """Share of the beams that nothing stopped before the box; 0 without beams."""
         return self.reached / self.beams if self.beams else 0.0
 
-    def corners_m(self) -> Array:
+    def corners_m(self) -> Numbers:
         """(8, 3) corners, in the frame of its pose."""
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         return self.pose.apply(0.5 * self.size_m * signs)
@@ -141,7 +139,7 @@ class BoxTally:
             since_s = self._time_ps[number] * PICOSECOND / points
             self._boxes.append(self._at(body, index, float(self._starts_s[0] + later_s), since_s))
 
-    def count(self, xyz_m: Array, true_range_m: Array, status: Array, sensor_index: Array) -> None:
+    def count(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
         """Count points and beams in the boxes; columns of a cloud."""
         world_m = np.ascontiguousarray(self._to_world.apply(xyz_m.astype(np.float64)).T)
         sensors = _Beams.of(world_m, self._origins_m, true_range_m, status, sensor_index)
@@ -177,7 +175,7 @@ class BoxTally:
         return box
 
 
-def truth_of(cloud: PointCloud) -> tuple[Array, Array]:
+def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:
     """True range and body of each point. Raises InputError if the cloud has none."""
     if cloud.true_range_m is None or cloud.body is None:
         raise InputError("labels: the cloud has no truth, from which they are made")
@@ -213,7 +211,7 @@ def box_of(body: Body, index: int) -> Box:
     )
 
 
-def upright(box: Box) -> tuple[Array, float]:
+def upright(box: Box) -> tuple[Numbers, float]:
     """Length, width, height, and the turn to the left in radians, of the least box about z around this one.
 
     For formats that know no other turn. The same box where it stands upright.
@@ -224,19 +222,19 @@ def upright(box: Box) -> tuple[Array, float]:
     return np.ptp(box.corners_m() @ about_z, axis=0), yaw
 
 
-def _extent_m(body: Body) -> tuple[Array, Array]:
+def _extent_m(body: Body) -> tuple[Numbers, Numbers]:
     """Least and largest coordinates of a body in its own frame."""
     points = [_outline_m(part) for part in body.parts]
     return np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
 
 
-def _outline_m(part: Part | Ball) -> Array:
+def _outline_m(part: Part | Ball) -> Numbers:
     if isinstance(part, Ball):
         return np.array([[-part.radius_m] * 3, [part.radius_m] * 3])
     return part.vertices_m
 
 
-def _axes(rotation: Array) -> Array:
+def _axes(rotation: Numbers) -> Numbers:
     """(3, 3) rows forward, left and up of a body, each along one axis of its own frame.
 
     Up is the one nearest to the world's z; forward is its own x, or y where x is up.
@@ -248,7 +246,7 @@ def _axes(rotation: Array) -> Array:
     return np.stack([forward, np.cross(upward, forward), upward])
 
 
-def _inside(box: Box, xyz_m: Array) -> int:
+def _inside(box: Box, xyz_m: Numbers) -> int:
     """How many of (3, n) points of the box's frame are inside it."""
     half = np.abs(box.corners_m() - box.pose.position_m).max(axis=0)
     near = np.arange(xyz_m.shape[1])
@@ -262,13 +260,13 @@ def _inside(box: Box, xyz_m: Array) -> int:
 class _Beams:
     """The beams of one sensor that have an echo, into directions (3, k), as far as the surface they met (k,)."""
 
-    origin_m: Array
-    direction: Array
-    end_m: Array
+    origin_m: Numbers
+    direction: Numbers
+    end_m: Numbers
 
     @staticmethod
     def of(
-        world_m: Array, origins_m: Array, true_range_m: Array, status: Array, sensor_index: Array
+        world_m: Numbers, origins_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers
     ) -> list[_Beams]:
         """Of each sensor at ``origins_m`` (sensors, 3), for points at ``world_m`` (3, n)."""
         found = []
@@ -293,7 +291,7 @@ class _Beams:
         reaches = meets & (self.end_m[near] >= enter - STOPPED_M)
         return int(meets.sum()), int(reaches.sum())
 
-    def _towards(self, box: Box) -> Array:
+    def _towards(self, box: Box) -> Numbers:
         """Index of the beams in the cone around the box: no other can enter it."""
         x, y, z = box.pose.position_m - self.origin_m
         square, radius = float(x * x + y * y + z * z), 0.5 * float(np.linalg.norm(box.size_m))

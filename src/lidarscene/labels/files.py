@@ -25,6 +25,7 @@ from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..formats.registry import LABELS, format_of
+from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from ..scene.model import Scene
 from .boxes import PIECE_POINTS, Box, sensor_place, upright
@@ -33,7 +34,6 @@ from .kinds import kind_of
 from .osi_truth import ground_truth
 from .points import point_labels
 
-Array = np.ndarray[Any, Any]
 Append = Callable[[PointCloud], None]
 
 SENSOR_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -99,7 +99,7 @@ def kitti_calibration() -> str:
     return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in m.ravel())}\n" for name, m in entries.items())
 
 
-def semantic_kitti(cloud: PointCloud, scene: Scene) -> Array:
+def semantic_kitti(cloud: PointCloud, scene: Scene) -> Numbers:
     """(n,) uint32: class in the lower 16 bits, instance in the upper; instances from 65536 on begin again."""
     semantic, instance = point_labels(cloud, scene)
     short = np.where(instance > 0, (instance - 1) % 0xFFFF + 1, 0).astype(np.uint32)

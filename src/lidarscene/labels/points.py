@@ -6,11 +6,10 @@ echo is an outlier, so that a network learns what noise looks like.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..cloud.points import PointCloud
+from ..maths.arrays import Numbers
 from ..scene.model import Scene
 from .boxes import Box as Box
 from .boxes import box_of as box_of
@@ -22,10 +21,8 @@ from .kinds import KINDS as KINDS
 from .kinds import MOVING, OUTLIER, UNLABELLED
 from .kinds import kind_of as kind_of
 
-Array = np.ndarray[Any, Any]
 
-
-def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Array, Array]:
+def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     """(n,) SemanticKITTI number and (n,) instance of each point: body + 1 of a thing, else 0.
 
     What is no echo is an outlier, a point without a body unlabelled.

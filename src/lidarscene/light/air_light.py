@@ -9,21 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
-from ..physics.weather.particles import MEAN_HITS, Strengths, hits, strengths
+from ..physics.weather.particles import MEAN_HITS, Sight, Strengths, hits, strengths
+from ..physics.weather.precipitation import Sizes
 from ..scene.weather import Medium, Weather
 from ..sensor.model import Sensor
 from ..sensor.overlap import Overlap
 from .echoes import SubEchoes, Volume, hump_of
-
-Matrix = np.ndarray[Any, Any]
 
 NEAREST_SHARE = 1e-3
 """Particles are drawn from where the receiver sees this share of its beam on: nearer ones are lost in the dark."""
@@ -47,9 +45,9 @@ class AirLight:
     """
 
     shape: Table
-    far_m: Array
-    hump_m: tuple[Array, Array]
-    extinction_per_m: Array
+    far_m: Lanes
+    hump_m: tuple[Lanes, Lanes]
+    extinction_per_m: Lanes
     particles: tuple[tuple[Strengths, str], ...]
     names: tuple[str, ...]
     strongest: str
@@ -59,14 +57,14 @@ class AirLight:
         """Name of the medium of each sub-echo, in the order of `sub_echoes`."""
         return tuple(name for tables, name in self.particles for _ in range(tables.count))
 
-    def volume(self, *, scale: Array, end_m: Array) -> Volume:
+    def volume(self, *, scale: Lanes, end_m: Lanes) -> Volume:
         """Of pulses with this P_t eta A and fixed transmittance, whose light ends at ``end_m``."""
         return Volume(
             shape=self.shape, far_m=self.far_m, hump_m=self.hump_m,
             scale=scale, end_m=end_m, extinction_per_m=self.extinction_per_m,
         )  # fmt: skip
 
-    def sub_echoes(self, *, scale: Array, end_m: Array, seed: Array, pulse: Array) -> list[SubEchoes]:
+    def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Lanes, pulse: Lanes) -> list[SubEchoes]:
         """Drops and flakes of each pulse before its light ends."""
         found = []
         for number, (tables, _) in enumerate(self.particles):
@@ -89,17 +87,19 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     far_m = 0.5 * SPEED_OF_LIGHT_M_S * float(sensor.tdc.window_s)
     nearest_m = _nearest_m(overlap, far_m)
     area = _area_m2(sensor)
+    sight = Sight(
+        beam_area_m2=area, overlap=lambda range_m: np.asarray(overlap.share(range_m)),
+        extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
+    )  # fmt: skip
     drawn = {}
     for medium in media:
         if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
             continue
         drawn[medium.name] = _enough(
-            _least_strength(sensor),
-            sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr, beam_area_m2=area,
-            overlap=overlap.share, extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
-        )  # fmt: skip
+            _least_strength(sensor), sight, sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr
+        )
 
-    def left(medium: Medium, range_m: Matrix) -> Matrix:
+    def left(medium: Medium, range_m: Numbers) -> Numbers:
         """beta of what is not drawn."""
         if medium.name in drawn:
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
@@ -110,7 +110,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     shape = Table(
         soft_target.volume_response(
             range_m=grid,
-            backscatter_per_m_sr=lambda r: overlap.share(r) * sum(left(medium, r) for medium in media),
+            backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(left(medium, r) for medium in media),
             extinction_per_m=extinction_per_m, fwhm_s=fwhm_s, nearest_m=min(nearest_m, 0.1),
         )
     )  # fmt: skip
@@ -126,10 +126,12 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     )
 
 
-def _enough(least: float, **medium: Any) -> Strengths:
+def _enough(
+    least: float, sight: Sight, *, sizes: Sizes, backscatter_m2_sr: Callable[..., Lanes]
+) -> Strengths:
     """With as many particles for each pulse as it takes until those left out are weaker than `_LEFT_OUT` ``least``."""
     for count in MEAN_HITS:
-        found = strengths(count=count, **medium)
+        found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, count=count)
         if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
             break
     return found
@@ -164,11 +166,12 @@ def overlap_of(sensor: Sensor) -> Overlap:
 
 def _nearest_m(overlap: Overlap, far_m: float) -> float:
     ranges = np.geomspace(1e-2, far_m, 2000)
-    seen = overlap.share(ranges) >= NEAREST_SHARE * overlap.share(ranges).max()
+    share = np.asarray(overlap.share(ranges))
+    seen = share >= NEAREST_SHARE * share.max()
     return float(ranges[int(np.argmax(seen))])
 
 
-def _area_m2(sensor: Sensor) -> Callable[[Matrix], Matrix]:
+def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
     """pi w^2 on the beam's two axes; 0 of a beam without a width."""
     laser = sensor.laser
     waist = 0.5 * (laser.exit_diameter_m or 0.0)
@@ -177,7 +180,7 @@ def _area_m2(sensor: Sensor) -> Callable[[Matrix], Matrix]:
     )
     slopes = (math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second))
 
-    def area(range_m: Matrix) -> Matrix:
+    def area(range_m: Numbers) -> Numbers:
         a, b = (np.hypot(waist, slope * range_m) for slope in slopes)
         return np.asarray(math.pi * a * b)
 

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from ..maths import random
-from ..maths.arrays import Array
+from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import direction_from_angles
 from ..maths.vectors import Vector, across, mixed, unit
 from ..sensor.model import Sensor
@@ -25,20 +22,20 @@ class Beams:
     background_aperture_m2  that goes with the detector's own field of view in (8), or None: the same
     """
 
-    pulse: Array
+    pulse: Lanes
     origin_m: Vector
     direction: Vector
-    aperture_m2: Array
-    background_aperture_m2: Array | None = None
+    aperture_m2: Lanes
+    background_aperture_m2: Lanes | None = None
 
 
 def fire(
     sensor: Sensor,
     *,
-    pulse: Array,
+    pulse: Lanes,
     origin_m: Vector,
-    rotation: tuple[Array, ...],
-    seed: Array = 0,
+    rotation: tuple[Lanes, ...],
+    seed: Lanes = 0,
 ) -> Beams:
     """The rays of these pulses, where they really go: with the scanner's pointing jitter.
 
@@ -53,7 +50,7 @@ def fire(
     return _placed(sensor, pulse, direction, origin_m, rotation)
 
 
-def reported(sensor: Sensor, *, pulse: Array, origin_m: Vector, rotation: tuple[Array, ...]) -> Beams:
+def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
     """The rays of these pulses as the sensor believes them to be: by the angles that it reports."""
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
@@ -62,10 +59,10 @@ def reported(sensor: Sensor, *, pulse: Array, origin_m: Vector, rotation: tuple[
 
 def _placed(
     sensor: Sensor,
-    pulse: Array,
+    pulse: Lanes,
     direction: Vector,
     origin_m: Vector,
-    rotation: tuple[Array, ...],
+    rotation: tuple[Lanes, ...],
 ) -> Beams:
     """Rays in the tracing frame, from directions in the sensor's."""
     start = sensor.scanner.offset_m(pulse)
@@ -81,21 +78,21 @@ def _placed(
     )
 
 
-def _turned(r: tuple[Array, ...], v: Vector) -> Vector:
+def _turned(r: tuple[Lanes, ...], v: Vector) -> Vector:
     """A vector by a rotation of nine numbers."""
     x, y, z = (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2] for i in range(3))
     return x, y, z
 
 
-def _jittered(direction: Vector, jitter_rad: Array, *, seed: Array, pulse: Array) -> Vector:
+def _jittered(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
     """Gaussian pointing noise on both axes across the beam."""
-    words = random.words(seed=seed, stage=random.STAGE_POINTING, pulse=pulse)
+    words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)
     u, v = across(direction)
     first, second = random.normal_pair(words)
     aside = mixed(jitter_rad * first, u, jitter_rad * second, v)
     return unit(mixed(1.0, direction, 1.0, aside))
 
 
-def firing_time_s(sensor: Sensor, pulse: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def firing_time_s(sensor: Sensor, pulse: Numbers) -> Numbers:
     """(n,) float64 emission time of each pulse since the frame's first; float32 would lose nanoseconds."""
     return sensor.scanner.time_s(pulse)

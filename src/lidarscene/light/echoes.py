@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Mask, Table, xp
 from ..maths.vectors import Vector, dot, mixed
 from ..physics.electronics import intensity
 from ..physics.optics import air, radiometry, sunlight
@@ -26,9 +26,9 @@ class Interference:
     spread_db     standard deviation of their level
     """
 
-    rate_hz: Array
-    peak_power_w: Array
-    spread_db: Array
+    rate_hz: Lanes
+    peak_power_w: Lanes
+    spread_db: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,12 +44,12 @@ class Ambient:
     interferers          other lidars
     """
 
-    sun_irradiance_w_m2: Array
-    sky_irradiance_w_m2: Array
-    transmittance: Array
-    extinction_per_m: Array
+    sun_irradiance_w_m2: Lanes
+    sky_irradiance_w_m2: Lanes
+    transmittance: Lanes
+    extinction_per_m: Lanes
     sun_direction: Vector | None = None
-    lamps_w_m2: Array | None = None
+    lamps_w_m2: Lanes | None = None
     interferers: tuple[Interferer, ...] = ()
 
 
@@ -66,12 +66,12 @@ class Echoes:
                         scale of intensity has no use for it
     """
 
-    found: Array
-    range_m: Array
-    peak_power_w: Array
-    background_power_w: Array
+    found: Mask
+    range_m: Lanes
+    peak_power_w: Lanes
+    background_power_w: Lanes
     interference: tuple[Interference, ...] = ()
-    white_w_m2: Array = 1.0
+    white_w_m2: Lanes = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,11 +88,11 @@ class Volume:
     """
 
     shape: Table
-    far_m: Array
-    hump_m: tuple[Array, Array]
-    scale: Array
-    end_m: Array
-    extinction_per_m: Array
+    far_m: Lanes
+    hump_m: tuple[Lanes, Lanes]
+    scale: Lanes
+    end_m: Lanes
+    extinction_per_m: Lanes
 
 
 def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
@@ -114,8 +114,8 @@ class SubEchoes:
     peak_power_w  (n count,) peak of the sub-echo, 0 where there is none
     """
 
-    range_m: Array
-    peak_power_w: Array
+    range_m: Lanes
+    peak_power_w: Lanes
     count: int
 
 
@@ -134,11 +134,11 @@ class EchoTrain:
 
     parts: tuple[SubEchoes, ...]
     surfaces: int
-    found: Array
-    background_power_w: Array
+    found: Mask
+    background_power_w: Lanes
     volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
-    white_w_m2: Array = 1.0
+    white_w_m2: Lanes = 1.0
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
@@ -200,12 +200,12 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     )
 
 
-def background_aperture_m2(beams: Beams) -> Array:
+def background_aperture_m2(beams: Beams) -> Lanes:
     """Aperture of (8)."""
     return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
 
-def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Array:
+def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
     """Sunlight that comes straight into the field of view."""
     assert ambient.sun_direction is not None
     # The chord is the angle where it matters, and single precision has it there; an arc cosine would not.
@@ -220,7 +220,7 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> A
     )
 
 
-def _white_w_m2(beams: Beams, sensor: Sensor) -> Array:
+def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     """What the sensor's scale of intensity takes for white."""
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         return 1.0

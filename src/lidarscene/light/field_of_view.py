@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Table, xp
 from ..maths.vectors import dot, mixed
 from ..physics.optics import radiometry, sunlight
 from ..sensor.model import Sensor
@@ -28,7 +28,7 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
 
 def background_power_w(
     rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int
-) -> Array:
+) -> Lanes:
     """(n,) mean over what the rays of each pulse see, by all ways of each; where one sees the sun's disc, its radiance.
 
     rays, paths  ``count`` of each pulse, lane = pulse lane * count + number
@@ -38,7 +38,7 @@ def background_power_w(
     return sum(ops.column(seen, number, count) for number in range(count)) * (1.0 / count)
 
 
-def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Array:
+def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
     """Background if all of the field of view saw what this ray does."""
     light = receive(rays, hits, sensor, replace(ambient, sun_direction=None))
     if ambient.sun_direction is None:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.vectors import Vector, cross, dot, mixed, unit
 from ..physics.optics import beam
 from ..sensor.model import Halo, Laser
@@ -35,10 +34,10 @@ class Skirt:
     """
 
     count: int
-    share: Array
-    slope: Array
+    share: Lanes
+    slope: Lanes
 
-    def weight(self, ray: Array, rays: int) -> Array:
+    def weight(self, ray: Lanes, rays: int) -> Lanes:
         """Share of the pulse in each of its rays."""
         core = rays - self.count
         return xp(ray, self.share).where(
@@ -58,9 +57,9 @@ class Footprint:
     """
 
     points: Table
-    exit_radius_m: Array
-    slope: tuple[Array, Array]
-    turn_rad: Array
+    exit_radius_m: Lanes
+    slope: tuple[Lanes, Lanes]
+    turn_rad: Lanes
     skirt: Skirt | None = None
 
     @property
@@ -86,13 +85,13 @@ class Aim:
     """
 
     across: tuple[Vector, Vector]
-    exit_radius_m: Array
-    slope: tuple[Array, Array]
+    exit_radius_m: Lanes
+    slope: tuple[Lanes, Lanes]
     profile: str
-    aperture_m2: Array
+    aperture_m2: Lanes
 
 
-def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Array, ...]) -> Aim:
+def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, ...]) -> Aim:
     """Of the beams whose axes these are."""
     return Aim(
         across=_axes(axes.direction, shape.turn_rad, rotation),
@@ -122,7 +121,7 @@ def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
     )
 
 
-def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
+def points(profile: str, rays: int) -> Numbers:
     """(rays, 2) places in a round beam of radius 1, each for the same share of its power.
 
     profile  "gaussian" or "top_hat"
@@ -137,7 +136,7 @@ def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
     number = np.arange(rays)
     radius = np.sqrt(ring(inside=number / rays, outside=(number + 1) / rays))
     angle = _GOLDEN_ANGLE * number
-    spiral: np.ndarray[Any, Any] = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    spiral: Numbers = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     spiral -= spiral.mean(axis=0)
     if rays < 3:
         return spiral
@@ -146,7 +145,7 @@ def points(profile: str, rays: int) -> np.ndarray[Any, Any]:
     return np.asarray(stretched)
 
 
-def spread(rays: Beams, shape: Footprint, *, ray: Array, rotation: tuple[Array, ...]) -> Beams:
+def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
     """Beams of whole pulses to sub-rays: lane by lane, each pulse already on as many lanes as it has rays.
 
     ray       (n,) number of the ray in its pulse
@@ -174,8 +173,8 @@ def spread(rays: Beams, shape: Footprint, *, ray: Array, rotation: tuple[Array, 
 
 
 def _with_skirt(
-    rays: Beams, shape: Footprint, skirt: Skirt, ray: Array, first: Array, second: Array
-) -> tuple[Array, Array, tuple[Array, Array]]:
+    rays: Beams, shape: Footprint, skirt: Skirt, ray: Lanes, first: Lanes, second: Lanes
+) -> tuple[Lanes, Lanes, tuple[Lanes, Lanes]]:
     """Places and slopes of rays some of which are a halo's: those are turned about the axis from pulse to pulse, since
     few rays that are the same for all pulses would see everything bright so many times.
     """
@@ -188,7 +187,7 @@ def _with_skirt(
     return cos * first - sin * second, sin * first + cos * second, slope
 
 
-def _axes(direction: Vector, turn_rad: Array, rotation: tuple[Array, ...]) -> tuple[Vector, Vector]:
+def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tuple[Vector, Vector]:
     """Across the beam: growing azimuth and growing elevation of the sensor, both turned."""
     left: Vector = (rotation[1], rotation[4], rotation[7])
     up: Vector = (rotation[2], rotation[5], rotation[8])

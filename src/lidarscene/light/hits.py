@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..maths.arrays import Array
+from ..maths.arrays import Lanes, Mask
 from ..maths.vectors import Vector
 
 
@@ -26,26 +26,27 @@ class Hits:
     radial_velocity_m_s (n,) of the surface against the sensor, along the ray, positive where they part; 0.0 where
                         nothing in the scene moves
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
-    goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps have to do with this ray or its sunlight
+    goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps have to do with this ray or its sunlight;
+                        None where all ways were traced
     throughput          (n,) share of the light that panes and mirrors leave, one way; back it is the same again
     interactions        (n,) uint32, panes, mirrors and gaps on the way
     direction           (x, y, z) unit vector along the last of the way, or None: that of the beam
     mirrored            (n,) bool, whether one of them mirrored it: the surface is not where the beam points
     """
 
-    found: Array
-    range_m: Array
-    cos_incidence: Array
-    backscatter_per_sr: Array
-    sun_scatter_per_sr: Array
-    reflectivity: Array
-    cos_sun: Array
-    lit: Array
-    face: Array
-    transmittance: Array = 0.0
-    radial_velocity_m_s: Array = 0.0
-    goes_on: Array = False
-    throughput: Array = 1.0
-    interactions: Array = 0
-    mirrored: Array = False
+    found: Mask
+    range_m: Lanes
+    cos_incidence: Lanes
+    backscatter_per_sr: Lanes
+    sun_scatter_per_sr: Lanes
+    reflectivity: Lanes
+    cos_sun: Lanes
+    lit: Mask
+    face: Lanes
+    transmittance: Lanes = 0.0
+    radial_velocity_m_s: Lanes = 0.0
+    goes_on: Mask | None = None
+    throughput: Lanes = 1.0
+    interactions: Lanes = 0
+    mirrored: Mask = False
     direction: Vector | None = None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Array, Lanes, xp
 from ..physics.optics import radiometry
 from ..sensor.model import Sensor
 from .air_light import AirLight
@@ -14,17 +14,30 @@ from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume
 from .footprint import Skirt
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LitAir:
+    """The air that some pulses go through.
+
+    light    what it sends back
+    sensor   that fired the pulses; ambient is what they go through
+    seed     32-bit frame seed
+    pulse    (n,) uint32 pulse numbers
+    """
+
+    light: AirLight
+    sensor: Sensor
+    ambient: Ambient
+    seed: Lanes
+    pulse: Array
+
+
 def together(
     paths: Sequence[Echoes],
     beams: Beams,
-    sensor: Sensor,
-    ambient: Ambient,
     *,
     rays: int,
     skirt: Skirt | None = None,
-    air: AirLight | None,
-    seed: Array,
-    pulse: Array,
+    air: LitAir | None = None,
 ) -> EchoTrain:
     """All that comes back of each pulse.
 
@@ -32,21 +45,20 @@ def together(
            way is that on which a ray sees its background
     rays   of a pulse, each with the same share of its power
     skirt  of them those of a halo, which have its share; None: there is none
-    air    what the air sends back
-    pulse  (n,) pulse numbers
+    air    what the pulses go through, if it sends anything back
     """
     first = paths[0]
     ops = xp(first.range_m)
 
-    def of_pulse(values: Array) -> Array:
+    def of_pulse(values: Lanes) -> Lanes:
         """What all rays of a pulse have alike."""
         return ops.column(values, 0, rays) if ops.width(values) > 1 else values
 
-    weight: Array = 1.0 / rays
+    weight: Lanes = 1.0 / rays
     if skirt is not None:
         weight = skirt.weight(ops.index(first.range_m) % rays, rays)
 
-    def over_rays(values: Array) -> Array:
+    def over_rays(values: Lanes) -> Lanes:
         if skirt is not None:
             return sum(ops.column(values * weight, ray, rays) for ray in range(rays))
         return sum(ops.column(values, ray, rays) for ray in range(rays)) * weight
@@ -57,17 +69,18 @@ def together(
     volume: Volume | None = None
     drops: list[SubEchoes] = []
     if air is not None:
-        scale = ops.full(pulse, 0.0) + radiometry.echo_power_w(
-            peak_power_w=sensor.laser.peak_power_w,
+        laser, optics = air.sensor.laser, air.sensor.optics
+        scale = ops.full(air.pulse, 0.0) + radiometry.echo_power_w(
+            peak_power_w=laser.peak_power_w,
             backscatter_per_sr=1.0,
             range_m=1.0,
-            transmittance=ambient.transmittance,
+            transmittance=air.ambient.transmittance,
             aperture_m2=of_pulse(beams.aperture_m2),
-            efficiency=sensor.optics.efficiency_laser,
+            efficiency=optics.efficiency_laser,
         )
-        end_m = _end_m(first, air.far_m, rays, rays if skirt is None else rays - skirt.count)
-        volume = air.volume(scale=scale, end_m=end_m)
-        drops = air.sub_echoes(scale=scale, end_m=end_m, seed=seed, pulse=pulse)
+        end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
+        volume = air.light.volume(scale=scale, end_m=end_m)
+        drops = air.light.sub_echoes(scale=scale, end_m=end_m, seed=air.seed, pulse=air.pulse)
     met = [ops.column(path.found, ray, rays) for path in paths for ray in range(rays)]
     found = met[0]
     for one in met[1:]:
@@ -85,7 +98,7 @@ def together(
     )
 
 
-def _end_m(path: Echoes, far_m: Array, rays: int, core: int) -> Array:
+def _end_m(path: Echoes, far_m: Lanes, rays: int, core: int) -> Lanes:
     """Where the last ray of each pulse meets a surface; the light around a beam's core makes no air bright."""
     ops = xp(path.range_m)
     last = ops.where(path.found, path.range_m, far_m)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Array, Lanes, Numbers, xp
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, Shape, even_sum, evenly, sum_of_pulses
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
@@ -33,14 +32,14 @@ class Waveform:
     volume            backscatter of the air, or None
     """
 
-    origin_m: Array
-    unit_m: Array
-    fwhm_s: Array
-    centres: Sequence[Array]
-    heights: Sequence[Array]
+    origin_m: Lanes
+    unit_m: Lanes
+    fwhm_s: Lanes
+    centres: Sequence[Lanes]
+    heights: Sequence[Lanes]
     volume: Volume | None
 
-    def at(self, place: Array) -> Shape:
+    def at(self, place: Lanes) -> Shape:
         """Power and its two derivatives there."""
         value, slope, bend = sum_of_pulses(at=place, centres=self.centres, heights=self.heights)
         if self.volume is None:
@@ -55,14 +54,14 @@ class Waveform:
             bend + (after - 2.0 * here + before) / (_HALF_STEP * _HALF_STEP),
         )
 
-    def evenly(self, start: Array, spacing: Array, middle: Array) -> Comb:
+    def evenly(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
         """The same at places that follow each other evenly, 2 t_FWHM to either side of the middle."""
         parts, growths = evenly(
             start=start, spacing=spacing, middle=middle, centres=self.centres, heights=self.heights
         )
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
-    def range_m(self, place: Array) -> Array:
+    def range_m(self, place: Lanes) -> Lanes:
         """Range from which light comes at this place."""
         return self.origin_m + place * self.unit_m
 
@@ -92,29 +91,29 @@ class Comb:
     """
 
     wave: Waveform
-    middle: Array
-    parts: Sequence[Array]
-    growths: Sequence[Array]
+    middle: Lanes
+    parts: Sequence[Lanes]
+    growths: Sequence[Lanes]
 
-    def power_w(self, place: Array, parts: Sequence[Array]) -> Array:
+    def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
         """At a place, from the parts there."""
         wave, value = self.wave, even_sum(at=place, middle=self.middle, parts=parts)
         return (
             value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
         )
 
-    def following(self, parts: Sequence[Array]) -> tuple[Array, ...]:
+    def following(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
         """Parts at the next place."""
         return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
 
-def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
+def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
     """The sub-echoes of each pulse, taken apart into one array for each."""
-    ops = xp(train.parts[0].range_m)
+    ops = xp(pulse_train.parts[0].range_m)
     ranges, heights = (
         [
             ops.column(getattr(part, name), number, part.count)
-            for part in train.parts
+            for part in pulse_train.parts
             for number in range(part.count)
         ]
         for name in ("range_m", "peak_power_w")
@@ -132,19 +131,19 @@ def waveform(train: EchoTrain, sensor: Sensor) -> Waveform:
     ]
     return Waveform(
         origin_m=origin, unit_m=unit, fwhm_s=sensor.laser.pulse_fwhm_s,
-        centres=centres, heights=heights, volume=train.volume,
+        centres=centres, heights=heights, volume=pulse_train.volume,
     )  # fmt: skip
 
 
-def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarray[Any, Any], ...]:
+def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Optical power and the detector's mean signal against time, without noise: each (n, times), numpy.
 
     times_s  (times,) after the pulse left
     """
     times = np.asarray(times_s, dtype=np.float64)
-    power = np.zeros((len(train.background_power_w), len(times)))
-    for part in train.parts:
-        arrival = radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64))
+    power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
+    for part in pulse_train.parts:
+        arrival = np.asarray(radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64)))
         peak = np.asarray(part.peak_power_w)
         for first in range(part.count):
             lanes = slice(first, None, part.count)
@@ -152,17 +151,19 @@ def sampled(train: EchoTrain, sensor: Sensor, times_s: Array) -> tuple[np.ndarra
                 time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
             )
             power += peak[lanes, None] * pulses
-    if train.volume is not None:
-        scale, end_m = (np.asarray(values)[:, None] for values in (train.volume.scale, train.volume.end_m))
+    if pulse_train.volume is not None:
+        scale, end_m = (
+            np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m)
+        )
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
         power += _volume_w(
-            replace(train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
+            replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
         )
-    point = sensor.working_point(np.asarray(train.background_power_w)[:, None])
-    return power, point.signal(power)
+    point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
+    return power, np.asarray(point.signal(power))
 
 
-def _volume_w(air: Volume, range_m: Array, fwhm_s: Array) -> Array:
+def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
     """Backscatter of the air; it ends where the last light meets a surface."""
     ops = xp(range_m, air.scale)
     left = soft_target.share_before_surface(

@@ -7,18 +7,183 @@ simulation with itself and `studies` compute with the very code that renders. Pl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
-Array: TypeAlias = Any
-"""A Python float, a numpy array or a Dr.Jit array; all operators work on each."""
 
-State: TypeAlias = tuple[Any, ...]
-"""What a loop carries from step to step: arrays of one length."""
+class Mask(Protocol):
+    """Yes or no for each lane, or for all of them: a bool goes with arrays of them."""
+
+    def __and__(self, other: Any, /) -> Mask: ...
+    def __rand__(self, other: Any, /) -> Mask: ...
+    def __or__(self, other: Any, /) -> Mask: ...
+    def __ror__(self, other: Any, /) -> Mask: ...
+    def __invert__(self) -> Mask: ...
+
+
+class Array(Protocol):
+    """The operators that numpy and Dr.Jit arrays share, on numbers, whole numbers and masks; all lane by lane."""
+
+    def __add__(self, other: Any, /) -> Array: ...
+    def __radd__(self, other: Any, /) -> Array: ...
+    def __sub__(self, other: Any, /) -> Array: ...
+    def __rsub__(self, other: Any, /) -> Array: ...
+    def __mul__(self, other: Any, /) -> Array: ...
+    def __rmul__(self, other: Any, /) -> Array: ...
+    def __truediv__(self, other: Any, /) -> Array: ...
+    def __rtruediv__(self, other: Any, /) -> Array: ...
+    def __pow__(self, other: Any, /) -> Array: ...
+    def __floordiv__(self, other: Any, /) -> Array: ...
+    def __mod__(self, other: Any, /) -> Array: ...
+    def __lt__(self, other: Any, /) -> Array: ...
+    def __le__(self, other: Any, /) -> Array: ...
+    def __gt__(self, other: Any, /) -> Array: ...
+    def __ge__(self, other: Any, /) -> Array: ...
+    def __and__(self, other: Any, /) -> Array: ...
+    def __rand__(self, other: Any, /) -> Array: ...
+    def __or__(self, other: Any, /) -> Array: ...
+    def __ror__(self, other: Any, /) -> Array: ...
+    def __xor__(self, other: Any, /) -> Array: ...
+    def __rxor__(self, other: Any, /) -> Array: ...
+    def __lshift__(self, other: Any, /) -> Array: ...
+    def __rshift__(self, other: Any, /) -> Array: ...
+    def __eq__(self, other: Any, /) -> Array: ...  # type: ignore[override]
+    def __neg__(self) -> Array: ...
+    def __invert__(self) -> Array: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: Any, /) -> Any: ...
+    def __float__(self) -> float: ...
+    def __array__(self) -> Numbers: ...
+
+
+Lanes: TypeAlias = float | Array
+"""A number for each lane, or one number for all of them."""
+
+Numbers: TypeAlias = NDArray[Any]
+"""A numpy array; its dtype and shape stand in the docstring."""
+
+S = TypeVar("S")
+"""What a loop carries from step to step: a dataclass or tuple of arrays, of dataclasses and of tuples."""
+
+
+class Ops(Protocol):
+    """The shared functions; `NumpyOps` and `DrjitOps` have them."""
+
+    def exp(self, x: Lanes, /) -> Array:
+        """e^x."""
+
+    def log(self, x: Lanes, /) -> Array:
+        """Natural logarithm."""
+
+    def sqrt(self, x: Lanes, /) -> Array:
+        """Square root."""
+
+    def sin(self, x: Lanes, /) -> Array:
+        """Sine."""
+
+    def cos(self, x: Lanes, /) -> Array:
+        """Cosine."""
+
+    def asin(self, x: Lanes, /) -> Array:
+        """Arc sine."""
+
+    def abs(self, x: Lanes, /) -> Array:
+        """Absolute value."""
+
+    def floor(self, x: Lanes, /) -> Array:
+        """Next whole number below."""
+
+    def rint(self, x: Lanes, /) -> Array:
+        """Nearest whole number, halves to the even one."""
+
+    def atan2(self, y: Lanes, x: Lanes, /) -> Array:
+        """Angle of (x, y)."""
+
+    def maximum(self, a: Lanes, b: Lanes, /) -> Array:
+        """The larger of two."""
+
+    def minimum(self, a: Lanes, b: Lanes, /) -> Array:
+        """The smaller of two."""
+
+    def where(self, condition: Mask, then: Lanes | Mask, otherwise: Lanes | Mask, /) -> Array:
+        """``then`` where the condition holds, else ``otherwise``."""
+
+    def uint32(self, x: Lanes) -> Array:
+        """32-bit unsigned integers."""
+
+    def float32(self, x: Lanes) -> Array:
+        """Single precision, as the device computes in."""
+
+    def int32(self, x: Lanes) -> Array:
+        """32-bit signed integers."""
+
+    def take(self, table: Table | Lanes, index: Lanes) -> Array:
+        """Entries of a table's values, or of an array's, one after the other."""
+
+    def full(self, like: Lanes | Mask, value: float) -> Array:
+        """As many times this number as ``like`` is long."""
+
+    def width(self, values: Lanes) -> int:
+        """How many numbers these are."""
+
+    def index(self, like: Lanes) -> Array:
+        """Number of each lane."""
+
+    def column(self, lanes: Lanes | Mask, number: int, columns: int) -> Array:
+        """Entry ``number`` of each group of ``columns`` lanes."""
+
+    def room(self, like: Lanes, size: int) -> Array:
+        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+
+    def put(self, room: Array, index: Lanes, value: Lanes) -> Array:
+        """The room with each lane's number ``index`` changed."""
+
+    def get(self, room: Array, index: Lanes) -> Array:
+        """Each lane's number ``index``."""
+
+    def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
+        """Step every lane of the state for as long as it is active."""
+
+    def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+
+
+def flattened(state: object) -> Iterator[Any]:
+    """The arrays of a loop's state, in the order in which dataclasses and tuples name them; None is no array."""
+    if dataclasses.is_dataclass(state):
+        for field in dataclasses.fields(state):
+            yield from flattened(getattr(state, field.name))
+    elif isinstance(state, tuple):
+        for part in state:
+            yield from flattened(part)
+    elif state is not None:
+        yield state
+
+
+def rebuilt(like: S, values: Iterator[Any]) -> S:
+    """A state of the form of ``like`` from the arrays that `flattened` gives."""
+    found: Any
+    if dataclasses.is_dataclass(like) and not isinstance(like, type):
+        names = [field.name for field in dataclasses.fields(like)]
+        found = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
+    elif isinstance(like, tuple):
+        found = tuple([rebuilt(part, values) for part in like])
+    else:
+        found = None if like is None else next(values)
+    return cast(S, found)
+
+
+def chosen(condition: Mask, then: S, otherwise: S) -> S:
+    """`Ops.where` on every array of two states."""
+    where = xp(condition).where
+    pairs = zip(flattened(then), flattened(otherwise), strict=True)
+    return rebuilt(otherwise, (where(condition, one, other) for one, other in pairs))
 
 
 class NumpyOps:
@@ -39,79 +204,76 @@ class NumpyOps:
     where = staticmethod(np.where)
 
     @staticmethod
-    def uint32(x: Array) -> Array:
+    def uint32(x: Any) -> Any:
         """32-bit unsigned integers, at least one-dimensional (numpy scalars warn on overflow)."""
         return np.atleast_1d(np.asarray(x)).astype(np.uint32)
 
     @staticmethod
-    def float32(x: Array) -> Array:
+    def float32(x: Any) -> Any:
         """Single precision, as on the device."""
         return np.asarray(x, dtype=np.float32)
 
     @staticmethod
-    def int32(x: Array) -> Array:
+    def int32(x: Any) -> Any:
         """32-bit signed integers."""
         return np.asarray(x).astype(np.int32)
 
     @staticmethod
-    def take(table: Table | Array, index: Array) -> Array:
+    def take(table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index."""
         return (table.values if isinstance(table, Table) else table).ravel()[index]
 
     @staticmethod
-    def full(like: Array, value: Any) -> Array:
+    def full(like: Any, value: Any) -> Any:
         """One value for each entry of ``like``."""
         return np.full(np.shape(like), value)
 
     @staticmethod
-    def width(values: Array) -> int:
+    def width(values: Any) -> int:
         """Number of entries."""
         return int(np.size(values))
 
     @staticmethod
-    def index(like: Array) -> Array:
+    def index(like: Any) -> Any:
         """(n,) 0 .. n - 1: number of each lane."""
         return np.arange(len(like), dtype=np.int32)
 
     @staticmethod
-    def column(lanes: Array, number: int, columns: int) -> Array:
+    def column(lanes: Any, number: int, columns: int) -> Any:
         """Entry ``number`` of each group of ``columns`` lanes."""
         return np.asarray(lanes)[number::columns]
 
     @staticmethod
-    def room(like: Array, size: int) -> Array:
+    def room(like: Any, size: int) -> Any:
         """Local memory: ``size`` numbers for each lane, part of a loop's state. Write before reading."""
         return np.zeros((size, *np.shape(like)))
 
     @staticmethod
-    def put(room: Array, index: Array, value: Array) -> Array:
+    def put(room: Any, index: Any, value: Any) -> Any:
         """The room with entry ``index`` of each lane set to ``value``."""
         room = room.copy()
         np.put_along_axis(room, np.asarray(index)[None], np.asarray(value)[None], axis=0)
         return room
 
     @staticmethod
-    def get(room: Array, index: Array) -> Array:
+    def get(room: Any, index: Any) -> Any:
         """Entry ``index`` of each lane."""
         return np.take_along_axis(room, np.asarray(index)[None], axis=0)[0]
 
     @staticmethod
-    def loop(state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
+    def loop(state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active.
 
         A lane that has ended keeps its values while others go on.
         """
-        while np.any(lanes := going(*state)):
-            changed = step(*state)
-            state = tuple(np.where(lanes, new, old) for new, old in zip(changed, state, strict=True))
+        while np.any(np.asarray(lanes := active(state))):
+            state = chosen(lanes, step(state), state)
         return state
 
     @staticmethod
-    def rarely(condition: Array, then: Callable[[], State], otherwise: State) -> State:
-        """``then()`` where the condition holds, else ``otherwise``. For expensive work that few lanes need."""
-        if not np.any(condition):
-            return otherwise
-        return tuple(np.where(condition, new, old) for new, old in zip(then(), otherwise, strict=True))
+    def where_any(condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+        return chosen(condition, then(), otherwise) if np.any(np.asarray(condition)) else otherwise
 
 
 class DrjitOps:
@@ -129,27 +291,27 @@ class DrjitOps:
 
     # dr.minimum and dr.maximum compile to LLVM's fminimum and fmaximum, which some releases cannot lower for scalars:
     # they abort the process ("Cannot select"). A comparison and a select always compile.
-    def minimum(self, a: Array, b: Array) -> Array:
+    def minimum(self, a: Any, b: Any) -> Any:
         """The smaller of two."""
         return self.where(a < b, a, b)
 
-    def maximum(self, a: Array, b: Array) -> Array:
+    def maximum(self, a: Any, b: Any) -> Any:
         """The larger of two."""
         return self.where(a > b, a, b)
 
-    def uint32(self, x: Array) -> Array:
+    def uint32(self, x: Any) -> Any:
         """32-bit unsigned integers."""
         return self._dr.uint32_array_t(type(x))(x)
 
-    def float32(self, x: Array) -> Array:
+    def float32(self, x: Any) -> Any:
         """Single precision, on the device."""
         return self._dr.float32_array_t(type(x))(x)
 
-    def int32(self, x: Array) -> Array:
+    def int32(self, x: Any) -> Any:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
 
-    def take(self, table: Table | Array, index: Array) -> Array:
+    def take(self, table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index.
 
         A table is uploaded once and stays on the device as long as the `Table` exists.
@@ -162,20 +324,20 @@ class DrjitOps:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
         return self._dr.gather(kind, uploaded[kind], self.uint32(index))
 
-    def full(self, like: Array, value: Any) -> Array:
+    def full(self, like: Any, value: Any) -> Any:
         """One value for each entry of ``like``."""
         kinds = {bool: self._dr.mask_t, int: self._dr.int32_array_t, float: self._dr.float32_array_t}
         return self._dr.full(kinds[type(value)](type(like)), value, self._dr.width(like))
 
-    def width(self, values: Array) -> int:
+    def width(self, values: Any) -> int:
         """Number of entries."""
         return int(self._dr.width(values))
 
-    def index(self, like: Array) -> Array:
+    def index(self, like: Any) -> Any:
         """(n,) 0 .. n - 1: number of each lane."""
         return self._dr.arange(self._dr.int32_array_t(type(like)), self._dr.width(like))
 
-    def column(self, lanes: Array, number: int, columns: int) -> Array:
+    def column(self, lanes: Any, number: int, columns: int) -> Any:
         """Entry ``number`` of each group of ``columns`` lanes."""
         if columns == 1:
             return lanes
@@ -183,44 +345,57 @@ class DrjitOps:
         index = self._dr.arange(self._dr.uint32_array_t(type(lanes)), count) * columns + number
         return self._dr.gather(type(lanes), lanes, index)
 
-    def room(self, like: Array, size: int) -> Array:
+    def room(self, like: Any, size: int) -> Any:
         """Local memory: ``size`` numbers for each lane, part of a loop's state. Write before reading."""
         return self._dr.alloc_local(self._dr.float32_array_t(type(like)), size)
 
-    def put(self, room: Array, index: Array, value: Array) -> Array:
+    def put(self, room: Any, index: Any, value: Any) -> Any:
         """The room with entry ``index`` of each lane set to ``value``."""
         room[self.uint32(index)] = value
         return room
 
-    def get(self, room: Array, index: Array) -> Array:
+    def get(self, room: Any, index: Any) -> Any:
         """Entry ``index`` of each lane."""
         return room[self.uint32(index)]
 
-    def loop(self, state: State, going: Callable[..., Array], step: Callable[..., State]) -> State:
+    def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active, as a loop inside the kernel.
 
         No derivatives pass through it: our loops search for places.
         """
-        with self._dr.suspend_grad():
-            done: State = self._dr.while_loop(state, going, step, mode="symbolic")
-        return done
 
-    def rarely(self, condition: Array, then: Callable[[], State], otherwise: State) -> State:
-        """``then()`` where the condition holds, else ``otherwise``. A packet of lanes without need skips it."""
-        found: State = self._dr.if_stmt((), condition, then, lambda: otherwise, mode="symbolic")
-        return found
+        def is_active(*values: Any) -> Mask:
+            return active(rebuilt(state, iter(values)))
+
+        def stepped(*values: Any) -> tuple[Any, ...]:
+            return tuple(flattened(step(rebuilt(state, iter(values)))))
+
+        with self._dr.suspend_grad():
+            done = self._dr.while_loop(tuple(flattened(state)), is_active, stepped, mode="symbolic")
+        return rebuilt(state, iter(done))
+
+    def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+        """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
+        found = self._dr.if_stmt(
+            (),
+            condition,
+            lambda: tuple(flattened(then())),
+            lambda: tuple(flattened(otherwise)),
+            mode="symbolic",
+        )
+        return rebuilt(otherwise, iter(found))
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
     """Values on an even grid, each axis from 0 to 1; looked up with numpy or Dr.Jit coordinates."""
 
-    values: np.ndarray[Any, Any]
+    values: Numbers
 
-    def at(self, *coordinates: Array) -> Array:
+    def at(self, *coordinates: Lanes) -> Lanes:
         """Multilinear interpolation; coordinates outside 0 .. 1 are clipped to the edge."""
         ops = xp(*coordinates)
-        corners: list[tuple[Array, Array]] = [(0, 1.0)]  # flat index and weight of each corner of the cell
+        corners: list[tuple[Lanes, Lanes]] = [(0, 1.0)]  # flat index and weight of each corner of the cell
         for x, size in zip(coordinates, self.values.shape, strict=True):
             scaled = ops.minimum(ops.maximum(x, 0.0), 1.0) * (size - 1.0)
             lower = ops.minimum(ops.floor(scaled), size - 2.0)
@@ -232,17 +407,17 @@ class Table:
             ]
         return sum(weight * ops.take(self, index) for index, weight in corners)
 
-    def at_row(self, row: Array) -> tuple[Array, ...]:
+    def at_row(self, row: Lanes) -> tuple[Lanes, ...]:
         """All entries of one row of a table with two axes."""
         ops, columns = xp(row), self.values.shape[1]
         return tuple(ops.take(self, row * columns + column) for column in range(columns))
 
 
 NUMPY = NumpyOps()
-_drjit: DrjitOps | None = None
+_drjit: Any = None
 
 
-def uploaded_tables() -> list[Array]:
+def uploaded_tables() -> list[Lanes]:
     """Device arrays of all tables that have been uploaded."""
     return [] if _drjit is None else [one for kinds in _drjit._uploaded.values() for one in kinds.values()]
 
@@ -252,24 +427,24 @@ def is_drjit(x: object) -> bool:
     return type(x).__module__.startswith(("drjit", "mitsuba"))
 
 
-def inverse(order: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def inverse(order: Numbers) -> Numbers:
     """(n,) uint32 inverse of a permutation: the place of each of 0 .. n - 1 in ``order``; numpy."""
     place = np.zeros(len(order), dtype=np.uint32)
     place[order] = np.arange(len(order), dtype=np.uint32)
     return place
 
 
-def xp(*arguments: object) -> Any:
+def xp(*arguments: object) -> Ops:
     """The functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
     global _drjit
     if any(is_drjit(x) for x in arguments):
         if _drjit is None:
             _drjit = DrjitOps()
-        return _drjit
-    return NUMPY
+        return cast(Ops, _drjit)
+    return cast(Ops, NUMPY)
 
 
-def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> np.ndarray[Any, Any]:
+def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> Numbers:
     """``values`` as a read-only array of this dtype and shape (None: any length).
 
     Copies only if the dtype changes. Raises ValueError with the shape it got and the shape it needs.

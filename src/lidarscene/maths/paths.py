@@ -12,16 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .arrays import Array, xp
+from .arrays import Lanes, Numbers, xp
 from .pose import rotation_numbers
 from .trajectory import Motion
 from .vectors import Vector
-
-Matrix = np.ndarray[Any, Any]
 
 STEP_S = 5e-4
 """Longest step of the tables. Linear interpolation is off by 0.3 um at 10 m/s2, 0.3 urad at 10 rad/s2, and 0.5 um on an
@@ -41,7 +38,7 @@ class Placement:
     """
 
     origin_m: Vector
-    rotation: tuple[Array, ...]
+    rotation: tuple[Lanes, ...]
     velocity_m_s: Vector | None = None
     turning_rad_s: Vector | None = None
 
@@ -86,13 +83,13 @@ class Paths:
     count    of motions
     """
 
-    table: Array
-    rate_hz: Array
-    last: Array
+    table: Lanes
+    rate_hz: Lanes
+    last: Lanes
     count: int
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Matrix) -> Paths:
+    def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Numbers) -> Paths:
         """Tables from ``start_s``, for ``length_s``.
 
         centre_m  (3,) origin of the traced frame in the world
@@ -112,7 +109,7 @@ class Paths:
             table=np.stack(rows).ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions)
         )
 
-    def at(self, time_s: Array, which: int) -> Placement:
+    def at(self, time_s: Lanes, which: int) -> Placement:
         """Placement of motion number ``which`` at (n,) seconds after the start; clipped to the table's ends."""
         ops = xp(time_s)
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
@@ -120,7 +117,7 @@ class Paths:
         share = place - lower
         first = (ops.int32(lower) + which * (ops.int32(self.last) + 1)) * _NUMBERS
 
-        def number(column: int) -> Array:
+        def number(column: int) -> Lanes:
             before = ops.take(self.table, first + column)
             return before + share * (ops.take(self.table, first + (column + _NUMBERS)) - before)
 
@@ -135,7 +132,7 @@ class Paths:
         )
 
 
-def _quaternion(rotation: Matrix) -> Matrix:
+def _quaternion(rotation: Numbers) -> Numbers:
     """(n, 4) unit quaternions (w, x, y, z) of (n, 3, 3) rotations, by Bar-Itzhack's method.
 
     The quaternion is the eigenvector for the largest eigenvalue (1) of a 4 x 4 matrix: no cases, precise at every
@@ -151,7 +148,7 @@ def _quaternion(rotation: Matrix) -> Matrix:
     return np.asarray(np.linalg.eigh(k)[1][:, :, -1])
 
 
-def _continuous(quaternion: Matrix) -> Matrix:
+def _continuous(quaternion: Numbers) -> Numbers:
     """The same rotations with signs chosen so that neighbours are close: q and -q are one rotation."""
     signs = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
     flips = np.concatenate([[1.0], np.cumprod(np.where(signs < 0.0, -1.0, 1.0))])

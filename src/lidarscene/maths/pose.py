@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from .arrays import Array, frozen, xp
-
-Matrix = np.ndarray[Any, Any]
+from .arrays import Lanes, Numbers, frozen, xp
 
 
-def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
+def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Numbers:
     """(3, 3) rotation Rz(yaw) Ry(-pitch) Rx(roll)."""
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
     cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
@@ -36,8 +33,8 @@ class Pose:
     rotation    (3, 3) float64, frame to parent
     """
 
-    position_m: Matrix = field(default_factory=lambda: np.zeros(3))
-    rotation: Matrix = field(default_factory=lambda: np.eye(3))
+    position_m: Numbers = field(default_factory=lambda: np.zeros(3))
+    rotation: Numbers = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
@@ -72,23 +69,23 @@ class Pose:
         """The parent's pose in this frame."""
         return Pose(position_m=-self.rotation.T @ self.position_m, rotation=self.rotation.T)
 
-    def apply(self, points_m: Matrix) -> Matrix:
+    def apply(self, points_m: Numbers) -> Numbers:
         """(n, 3) points of this frame, in the parent's coordinates."""
         return np.asarray(points_m @ self.rotation.T + self.position_m)
 
-    def inverse_apply(self, points_m: Matrix) -> Matrix:
+    def inverse_apply(self, points_m: Numbers) -> Numbers:
         """(n, 3) points of the parent, in this frame's coordinates."""
         return np.asarray((points_m - self.position_m) @ self.rotation)
 
 
-def direction_from_angles(*, azimuth_rad: Array, elevation_rad: Array) -> tuple[Array, Array, Array]:
+def direction_from_angles(*, azimuth_rad: Lanes, elevation_rad: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """Unit vector (x, y, z). Azimuth: counter-clockwise from x seen from above; elevation: up from the horizon."""
     ops = xp(azimuth_rad, elevation_rad)
     horizontal = ops.cos(elevation_rad)
     return horizontal * ops.cos(azimuth_rad), horizontal * ops.sin(azimuth_rad), ops.sin(elevation_rad)
 
 
-def rotation_numbers(w: Array, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
+def rotation_numbers(w: Lanes, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
     """Rotation matrix of a unit quaternion as nine numbers, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),

@@ -8,21 +8,29 @@ bits.
 
 from __future__ import annotations
 
+import enum
 import math
 
-from .arrays import Array, xp
+from .arrays import Array, Lanes, xp
 
-# Stages: one key each, so that no two uses of one pulse ever share a number.
-STAGE_EDGE_NOISE = 1
-STAGE_FALSE_ALARM = 2
-STAGE_TDC_JITTER = 3
-STAGE_POINTING = 4
-STAGE_TRAILING_EDGE = 5
-STAGE_SAMPLES = 6
-STAGE_INTERFERENCE = 8
-STAGE_AMBIENT = 9
-STAGE_PARTICLES = 11
-STAGE_GAPS = 12
+
+class Stage(enum.IntEnum):
+    """Who draws: one key each, so that no two uses of one pulse ever share a number.
+
+    Numbers are never given out again: 7 and 10 are retired. A new stage takes the next one, 13.
+    """
+
+    EDGE_NOISE = 1
+    FALSE_ALARM = 2
+    TDC_JITTER = 3
+    POINTING = 4
+    TRAILING_EDGE = 5
+    SAMPLES = 6
+    INTERFERENCE = 8
+    AMBIENT = 9
+    PARTICLES = 11
+    GAPS = 12
+
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
 _PARITY = 0x1BD11BDA
@@ -46,7 +54,7 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
     return x0, x1
 
 
-def words(*, seed: Array, stage: int, pulse: Array, draw: Array = 0) -> tuple[Array, Array]:
+def words(*, seed: Lanes, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
     seed   of the frame, 32 bits (an opaque Dr.Jit integer, or a Python int)
@@ -57,7 +65,7 @@ def words(*, seed: Array, stage: int, pulse: Array, draw: Array = 0) -> tuple[Ar
     ops = xp(pulse)
     pulse = ops.uint32(pulse)
     zero = pulse ^ pulse
-    return threefry2x32((zero + ops.uint32(seed), zero + stage), (pulse, zero + draw))
+    return threefry2x32((zero + ops.uint32(seed), zero + int(stage)), (pulse, zero + draw))
 
 
 def open_uniform(word: Array) -> Array:

@@ -6,14 +6,13 @@ File formats (ROS, OSI, KITTI) have conventions of their own; the conversions ar
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from .arrays import Numbers
 
 
-def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
+def quaternion(rotation: Numbers) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
 
     From its largest component, so that the others follow without cancellation (Shepperd, J. Guidance and Control 1,
@@ -36,7 +35,7 @@ def quaternion(rotation: Matrix) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-def yaw_pitch_roll_rad(rotation: Matrix) -> tuple[float, float, float]:
+def yaw_pitch_roll_rad(rotation: Numbers) -> tuple[float, float, float]:
     """Angles of Rz(yaw) Ry(pitch) Rx(roll), positive pitch looks down, as in ROS, OSI and ISO 8855."""
     r = np.asarray(rotation, dtype=np.float64)
     pitch = math.asin(min(1.0, max(-1.0, -float(r[2, 0]))))

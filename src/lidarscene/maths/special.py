@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from .arrays import Array, xp
+from .arrays import Lanes, xp
 
 # erfc(z) = t exp(-z^2 + g), t = 2 / (2 + z), with g a polynomial in t fitted to scipy.special.erfcx by
 # Chebyshev interpolation on 0 <= z <= 12: 1.8e-10 relative in float64, a few 1e-7 in float32.
@@ -24,7 +24,7 @@ _T_MIN = 2.0 / (2.0 + _Z_MAX)
 _T_MIDDLE, _T_HALF = 0.5 * (1.0 + _T_MIN), 0.5 * (1.0 - _T_MIN)
 
 
-def normal_tail(x: Array) -> Array:
+def normal_tail(x: Lanes) -> Lanes:
     """Q(x): probability that a standard normal deviate exceeds ``x``.
 
     Relative error below 2e-10 in float64 and about 5e-7 (1 + x^2 / 2) in float32, for x up to 17. Beyond that it
@@ -41,21 +41,21 @@ def normal_tail(x: Array) -> Array:
     return ops.where(x > 0.0, half, 1.0 - half)
 
 
-def log1p(x: Array) -> Array:
+def log1p(x: Lanes) -> Lanes:
     """log(1 + x), precise for small ``x`` in float32 too."""
     ops = xp(x)
     series = x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - 0.25 * x)))
     return ops.where(ops.abs(x) < 2.0**-7, series, ops.log(1.0 + x))
 
 
-def expm1(x: Array) -> Array:
+def expm1(x: Lanes) -> Lanes:
     """exp(x) - 1, precise for small ``x`` in float32 too."""
     ops = xp(x)
     series = x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
     return ops.where(ops.abs(x) < 2.0**-6, series, ops.exp(x) - 1.0)
 
 
-def log_gamma(x: Array) -> Array:
+def log_gamma(x: Lanes) -> Lanes:
     """log Gamma(x) for x >= 1, 1e-10 relative: Stirling's series at x + 6, and the recurrence back to x."""
     ops = xp(x)
     y = x + 6.0
@@ -69,7 +69,7 @@ def log_gamma(x: Array) -> Array:
     return stirling - ops.log(product)
 
 
-def binomial_tail(*, least: Array, trials: Array, probability: Array) -> Array:
+def binomial_tail(*, least: Lanes, trials: Lanes, probability: Lanes) -> Lanes:
     """Probability that a binomial count is at least ``least``: the regularised incomplete beta I_p(k, n - k + 1).
 
     By its continued fraction (Abramowitz and Stegun 26.5.8, Lentz's method), on the side of the mean where it
@@ -92,11 +92,11 @@ def binomial_tail(*, least: Array, trials: Array, probability: Array) -> Array:
     return ops.minimum(ops.maximum(tail, 0.0), 1.0)
 
 
-def _incomplete_beta_fraction(a: Array, b: Array, x: Array) -> Array:
+def _incomplete_beta_fraction(a: Lanes, b: Lanes, x: Lanes) -> Lanes:
     """1 / (1 + d_1 / (1 + d_2 / ...)) of A&S 26.5.8, by Lentz's method with 60 pairs of terms."""
     ops = xp(a, b, x)
 
-    def guarded(value: Array) -> Array:
+    def guarded(value: Lanes) -> Lanes:
         return ops.where(ops.abs(value) < 1e-30, 1e-30, value)
 
     c = 1.0 + 0.0 * x
@@ -114,7 +114,7 @@ def _incomplete_beta_fraction(a: Array, b: Array, x: Array) -> Array:
     return fraction
 
 
-def scaled_normal_tail(x: Array) -> Array:
+def scaled_normal_tail(x: Lanes) -> Lanes:
     """Q(x) exp(x^2 / 2) for x >= 0, which does not underflow; relative error below 1e-9 in float64."""
     ops = xp(x)
     near = ops.minimum(ops.abs(x), _Z_MAX * math.sqrt(2.0))
@@ -125,7 +125,7 @@ def scaled_normal_tail(x: Array) -> Array:
     return ops.where(near < ops.abs(x), series / math.sqrt(2.0 * math.pi), tail)
 
 
-def normal_tail_inverse(probability: Array) -> Array:
+def normal_tail_inverse(probability: Lanes) -> Lanes:
     """The x with Q(x) = ``probability``, 1e-60 < probability < 1, by Newton's method on log Q."""
     ops = xp(probability)
     p = ops.minimum(ops.maximum(probability, 1e-60), 1.0 - 1e-16)

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
-from .arrays import frozen
+from .arrays import Numbers, frozen
 from .pose import Pose
 from .units import Quantity
-
-Matrix = np.ndarray[Any, Any]
 
 SMALL_ANGLE_RAD = 1e-4
 """Below it the series of sin(x)/x and similar functions, cut after x^2, are good to 1e-17."""
@@ -37,10 +35,10 @@ class States:
     turning_rad_s   (n, 3) angular velocity, in the parent's axes
     """
 
-    position_m: Matrix
-    rotation: Matrix
-    velocity_m_s: Matrix
-    turning_rad_s: Matrix
+    position_m: Numbers
+    rotation: Numbers
+    velocity_m_s: Numbers
+    turning_rad_s: Numbers
 
     def __matmul__(self, child: Pose) -> States:
         """The states of a child frame that is fixed in this one."""
@@ -64,7 +62,7 @@ class Motion(Protocol):
     def span_s(self) -> tuple[float, float]:
         """First and last time at which the motion is defined."""
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """States at (n,) times [s] in the span; beyond it, those at its end."""
 
 
@@ -103,7 +101,7 @@ class Course:
         """Unbounded: defined at every time."""
         return ALWAYS
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
         time_s = np.asarray(time_s, dtype=np.float64)
         yaw = self.yaw_rate_rad_s * time_s
@@ -138,7 +136,7 @@ class Riding:
         """The carrier's span."""
         return self.carrier.span_s
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """The carrier's states, at this pose in it."""
         return self.carrier.at(time_s) @ self.pose
 
@@ -161,7 +159,7 @@ class Spline:
     speed, is exact.
     """
 
-    time_s: Matrix
+    time_s: Numbers
     poses: tuple[Pose, ...]
     _segments: _Segments = field(init=False)
 
@@ -181,7 +179,7 @@ class Spline:
         """From the first pose to the last."""
         return float(self.time_s[0]), float(self.time_s[-1])
 
-    def at(self, time_s: Matrix) -> States:
+    def at(self, time_s: Numbers) -> States:
         """States; before the first pose and after the last, those at that pose."""
         time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
         segment = np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, len(self.poses) - 2)
@@ -192,13 +190,13 @@ class Spline:
 class _Segments:
     """The k segments of a spline: durations (k,), start rotations and positions, and three twists each, (k, 3, 6)."""
 
-    length_s: Matrix
-    rotation: Matrix
-    place: Matrix
-    twists: Matrix
+    length_s: Numbers
+    rotation: Numbers
+    place: Numbers
+    twists: Numbers
 
     @classmethod
-    def through(cls, time_s: Matrix, poses: tuple[Pose, ...]) -> _Segments:
+    def through(cls, time_s: Numbers, poses: tuple[Pose, ...]) -> _Segments:
         length = np.diff(time_s)
         rotation = np.stack([pose.rotation for pose in poses])
         place = np.stack([pose.position_m for pose in poses])
@@ -227,7 +225,7 @@ class _Segments:
             twists=np.stack([first, middle, last], axis=1),
         )
 
-    def at(self, segment: Matrix, since_s: Matrix) -> States:
+    def at(self, segment: Numbers, since_s: Numbers) -> States:
         length = self.length_s[segment]
         u = (since_s / length)[:, None]
         weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
@@ -250,10 +248,10 @@ class _Segments:
 
 
 # Elements of SE(3) are pairs (rotation (n, 3, 3), position (n, 3)); twists are (n, 6): velocity, then angular velocity.
-_Rigid = tuple[Matrix, Matrix]
+_Rigid = tuple[Numbers, Numbers]
 
 
-def _apply(rotation: Matrix, vector: Matrix) -> Matrix:
+def _apply(rotation: Numbers, vector: Numbers) -> Numbers:
     return np.asarray(np.einsum("nij,nj->ni", rotation, vector))
 
 
@@ -261,13 +259,13 @@ def _product(a: _Rigid, b: _Rigid) -> _Rigid:
     return a[0] @ b[0], a[1] + _apply(a[0], b[1])
 
 
-def _between(rotation: Matrix, place: Matrix, later_rotation: Matrix, later_place: Matrix) -> _Rigid:
+def _between(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
     """The later pose in the frame of the earlier one, T_i^-1 T_(i+1)."""
     back = rotation.transpose(0, 2, 1)
     return back @ later_rotation, _apply(back, later_place - place)
 
 
-def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
+def _seen_from(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
     back = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]
@@ -276,13 +274,13 @@ def _seen_from(step: _Rigid, twist: Matrix) -> Matrix:
     )
 
 
-def _skew(v: Matrix) -> Matrix:
+def _skew(v: Numbers) -> Numbers:
     x, y, z = v.T
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
 
 
-def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+def _coefficients(angle: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, each (n, 1, 1)."""
     a = angle[:, None, None]
     small = a < SMALL_ANGLE_RAD
@@ -294,7 +292,7 @@ def _coefficients(angle: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     )
 
 
-def _exp(twist: Matrix) -> _Rigid:
+def _exp(twist: Numbers) -> _Rigid:
     """Exponential map: Rodrigues' formula for the rotation, its integral for the position."""
     turn = _skew(twist[:, 3:])
     first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
@@ -304,7 +302,7 @@ def _exp(twist: Matrix) -> _Rigid:
     return rotation, _apply(along, twist[:, :3])
 
 
-def _log(rotation: Matrix, place: Matrix) -> Matrix:
+def _log(rotation: Numbers, place: Numbers) -> Numbers:
     """Logarithm: the twist whose exponential this is, for turns below 180 degrees."""
     cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
     odd = rotation - rotation.transpose(0, 2, 1)

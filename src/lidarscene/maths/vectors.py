@@ -7,12 +7,12 @@ Symbols: d direction, n normal, theta_i and theta_t angles before and behind a f
 
 from __future__ import annotations
 
-from .arrays import Array, xp
+from .arrays import Lanes, xp
 
-Vector = tuple[Array, Array, Array]
+Vector = tuple[Lanes, Lanes, Lanes]
 
 
-def dot(a: Vector, b: Vector) -> Array:
+def dot(a: Vector, b: Vector) -> Lanes:
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -22,7 +22,7 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def mixed(a: Array, u: Vector, b: Array, v: Vector) -> Vector:
+def mixed(a: Lanes, u: Vector, b: Lanes, v: Vector) -> Vector:
     """a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
@@ -38,7 +38,7 @@ def reflected(direction: Vector, normal: Vector) -> Vector:
     return mixed(1.0, direction, -2.0 * dot(direction, normal), normal)
 
 
-def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Vector, Array]:
+def refracted(direction: Vector, normal: Vector, index_ratio: Lanes) -> tuple[Vector, Lanes]:
     """A ray through a face, by Snell's law in vector form, and cos(theta_t) / cos(theta_i).
 
     normal       unit, along the light (d . n > 0)
@@ -55,7 +55,7 @@ def refracted(direction: Vector, normal: Vector, index_ratio: Array) -> tuple[Ve
     return bent, cos_out / cos_in
 
 
-def angles_of(direction: Vector) -> tuple[Array, Array]:
+def angles_of(direction: Vector) -> tuple[Lanes, Lanes]:
     """Azimuth and elevation [rad] of a direction: the inverse of `maths.pose.direction_from_angles`."""
     x, y, z = direction
     ops = xp(x, y, z)

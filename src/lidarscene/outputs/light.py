@@ -14,9 +14,8 @@ from ..cloud.pixels import NOTHING, cells_of_beams
 from ..detection.sampled_waveforms import Waveforms
 from ..files.atomic import atomic_output
 from ..files.png import encoded
+from ..maths.arrays import Numbers
 from ..sensor.model import Sensor
-
-Array = np.ndarray[Any, Any]
 
 
 def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:
@@ -28,10 +27,10 @@ class AmbientImage:
     """Background counts of every pulse of a frame, gathered chunk by chunk."""
 
     def __init__(self) -> None:
-        self._pulses: list[Array] = []
-        self._counts: list[Array] = []
+        self._pulses: list[Numbers] = []
+        self._counts: list[Numbers] = []
 
-    def __call__(self, pulse: Array, counts: Array) -> None:
+    def __call__(self, pulse: Numbers, counts: Numbers) -> None:
         """Add the pulses of a chunk."""
         self._pulses.append(pulse)
         self._counts.append(counts)
@@ -45,7 +44,7 @@ class AmbientImage:
         on it is white.
         """
         pulse, counts = np.concatenate(self._pulses), np.concatenate(self._counts)
-        azimuth, elevation = sensor.scanner.angles(pulse)
+        azimuth, elevation = (np.asarray(angle) for angle in sensor.scanner.angles(pulse))
         cells = cells_of_beams(azimuth, elevation, np.ones(len(pulse), np.uint8))
         place = cells.point[::-1, ::-1]
         image = np.append(counts, np.uint64(0))[np.where(place == NOTHING, len(counts), place)]

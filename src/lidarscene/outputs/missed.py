@@ -16,13 +16,14 @@ import numpy as np
 from ..detection.returns import OUTCOME_TEXT
 from ..files.atomic import atomic_output
 from ..files.spool import Spool
+from ..maths.arrays import Numbers
 from ..sensor.model import Sensor
-
-Array = np.ndarray[Any, Any]
 
 
 @contextmanager
-def missed_stream(path: str | os.PathLike[str], sensor: Sensor) -> Iterator[Callable[[Array, Array], None]]:
+def missed_stream(
+    path: str | os.PathLike[str], sensor: Sensor
+) -> Iterator[Callable[[Numbers, Numbers], None]]:
     """Take pulse numbers of one frame and their `Outcome` in the block.
 
     The file has pulse, reason, time_s (since the start of the frame), channel, azimuth_rad and elevation_rad, and
@@ -40,7 +41,7 @@ def missed_stream(path: str | os.PathLike[str], sensor: Sensor) -> Iterator[Call
             _write_array(archive, "reason_names", len(names), [names], names)
 
 
-def _arrays(sensor: Sensor, begin_s: float) -> dict[str, Callable[[Array], Array]]:
+def _arrays(sensor: Sensor, begin_s: float) -> dict[str, Callable[[Numbers], Numbers]]:
     """What the file has of each row, by name."""
     return {
         "pulse": lambda rows: rows["pulse"],
@@ -52,7 +53,7 @@ def _arrays(sensor: Sensor, begin_s: float) -> dict[str, Callable[[Array], Array
     }
 
 
-def _none(spool: Spool) -> Array:
+def _none(spool: Spool) -> Numbers:
     return np.zeros(0, spool.dtype)
 
 
@@ -62,7 +63,7 @@ def _begin_s(sensor: Sensor, spool: Spool) -> float:
     return float(sensor.scanner.time_s(first).sum())
 
 
-def _write_array(archive: zipfile.ZipFile, name: str, rows: int, blocks: Any, like: Array) -> None:
+def _write_array(archive: zipfile.ZipFile, name: str, rows: int, blocks: Any, like: Numbers) -> None:
     """An array of so many rows of the type of ``like``, from its blocks."""
     with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
         head = {"descr": np.lib.format.dtype_to_descr(like.dtype), "fortran_order": False, "shape": (rows,)}

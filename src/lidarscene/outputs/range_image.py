@@ -22,8 +22,7 @@ from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.png import encoded
 from ..formats.described import unit_of
-
-Array = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 RANGE_STEP_M = 0.01
 """Of a 16-bit range: it ends at 655.35 m."""
@@ -34,7 +33,7 @@ OPTIONAL = ("ambient",)
 SUFFIXES = (".png", ".npz")
 
 
-def images(cloud: PointCloud) -> dict[str, Array]:
+def images(cloud: PointCloud) -> dict[str, Numbers]:
     """(rows, columns) arrays by name, 0 where no point is.
 
     range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
@@ -100,12 +99,12 @@ def _shown(cloud: PointCloud) -> PointCloud:
     return dataclasses.replace(measured, **repeated)
 
 
-def _pixels(values: Array, point: Array) -> Array:
+def _pixels(values: Numbers, point: Numbers) -> Numbers:
     """The values of the points that the pixels show."""
     return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]
 
 
-def _levels(image: Array, name: str, cloud: PointCloud) -> tuple[Array, str]:
+def _levels(image: Numbers, name: str, cloud: PointCloud) -> tuple[Numbers, str]:
     """16-bit levels, and what one of them is."""
     if image.dtype.kind != "f":
         return image.astype(np.uint16), "1"

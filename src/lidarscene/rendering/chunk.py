@@ -15,14 +15,12 @@ from ..kernel.device import transfer
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import inverse, is_drjit, xp
+from ..maths.arrays import Numbers, inverse, is_drjit, xp
 from ..maths.pose import Pose
 from ..sensor.model import Sensor
 from .frame import LARGEST_FLOAT32_M
 
-Matrix = np.ndarray[Any, Any]
-
-Numbers = Callable[[], Matrix]
+PulseNumbers = Callable[[], Numbers]
 """Gives pulse numbers as numpy, where they are needed."""
 
 
@@ -69,18 +67,18 @@ class Order:
     device_pulse, device_lane  the same, on the device
     """
 
-    pulse: Matrix
-    lane: Matrix
+    pulse: Numbers
+    lane: Numbers
     device_pulse: Any
     device_lane: Any
 
     @classmethod
-    def of(cls, pulse: Matrix) -> Order:
+    def of(cls, pulse: Numbers) -> Order:
         """From the pulses of the lanes."""
         lane = inverse(pulse)
         return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
 
-    def pulse_from(self, first: int) -> Matrix:
+    def pulse_from(self, first: int) -> Numbers:
         """(n,) uint32 pulse numbers of the lanes of a chunk whose first one is given."""
         return self.pulse + np.uint32(first)
 
@@ -89,7 +87,7 @@ class Order:
         return self.device_pulse + transfer.opaque_uint32(first)
 
 
-def numbered(first: int, count: int) -> Numbers:
+def numbered(first: int, count: int) -> PulseNumbers:
     """``count`` numbers from ``first`` on."""
     return functools.partial(np.arange, first, first + count, dtype=np.uint32)
 
@@ -103,12 +101,12 @@ def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: A
     return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
 
 
-def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Matrix:
+def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:
     """What detections say of each pulse from ``first`` on; later parts go before the first.
 
     ordered  by pulse, or as they are on the lanes, which is enough to count them
     """
-    values: Matrix = getattr(parts[0].detection, name).numpy()
+    values: Numbers = getattr(parts[0].detection, name).numpy()
     order = parts[0].order
     if len(parts) > 1:
         values = values.copy()
@@ -118,7 +116,7 @@ def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bo
     return values[order.lane] if ordered and order is not None else values
 
 
-def all_of(parts: Sequence[Mapping[str, Matrix]]) -> dict[str, Matrix]:
+def all_of(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
     """Columns of several collections as one, by pulse."""
     filled = [one for one in parts if one]
     if not filled:
@@ -167,7 +165,7 @@ class Placing:
 
     turn: Any
     shift: Any
-    added_m: Matrix | None
+    added_m: Numbers | None
 
     @classmethod
     def of(cls, goal: Pose) -> Placing:
@@ -180,6 +178,6 @@ class Placing:
         )
 
 
-def numbers_of(values: Matrix) -> tuple[Any, ...]:
+def numbers_of(values: Numbers) -> tuple[Any, ...]:
     """An array as plain numbers, row by row."""
     return tuple(float(x) for x in values.ravel())

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..kernel.device import transfer
 from ..kernel.world.build import World, at_rest
+from ..maths.arrays import Numbers
 from ..maths.paths import Paths, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding, pose_at
@@ -18,8 +19,6 @@ from ..scan import Scanner
 from ..scene.model import Scene
 from ..sensor.model import Sensor
 from .options import FrameOptions
-
-Matrix = np.ndarray[Any, Any]
 
 LARGEST_FLOAT32_M = 1000.0
 """Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
@@ -85,11 +84,11 @@ class Frame:
             moves=scene.ego is not None, _scanner=sensor.scanner,
         )  # fmt: skip
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 times since the start of the frame at which these pulses leave."""
         return self._scanner.time_s(pulse) - self.scanner_s
 
-    def times(self, pulse: Callable[[], Matrix]) -> Any:
+    def times(self, pulse: Callable[[], Numbers]) -> Any:
         """(n,) when pulses leave after the frame's first one, on the device; None where nothing moves.
 
         pulse  gives their numbers (n,), if they are needed
@@ -98,7 +97,7 @@ class Frame:
         return None if self.paths is None else transfer.from_numpy(self.time_s(pulse()))
 
     def placements(
-        self, pulse: Callable[[], Matrix], rays: int = 1
+        self, pulse: Callable[[], Numbers], rays: int = 1
     ) -> tuple[Placement, list[Placement] | None]:
         """`placements` of the sensor and of each mover when pulses of so many rays leave."""
         times = self.times(pulse)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..formats.columns import SENSOR_TO_WORLD
+from ..maths.arrays import Numbers
 from ..scene.model import Scene
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
 from .frame import Frame
 from .options import FrameOptions
-
-Matrix = np.ndarray[Any, Any]
 
 
 def metadata_of(scene: Scene, sensor: Sensor, now: Frame, asked: FrameOptions) -> dict[str, str]:
@@ -47,5 +44,5 @@ def _intensity_unit(sensor: Sensor) -> str:
     return "A" if isinstance(sensor.detector, Apd) else "cells"
 
 
-def _text(values: Matrix) -> str:
+def _text(values: Numbers) -> str:
     return " ".join(repr(float(x)) for x in values.ravel())

@@ -17,6 +17,7 @@ from ..kernel.device import transfer
 from ..kernel.rays import columns as collect
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.model import Scene
@@ -37,8 +38,6 @@ from .stages import Chain, Stages
 from .summary import Summary as Summary
 from .tiles import PACKET, Tiling
 
-Matrix = np.ndarray[Any, Any]
-
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
@@ -51,7 +50,7 @@ class _Piece:
 
     first: int
     columns: dict[str, Any] | None
-    outcome: Matrix
+    outcome: Numbers
 
 
 class Simulator:
@@ -254,7 +253,7 @@ class Simulator:
     def waveforms(
         self,
         pulses: Sequence[int],
-        times_s: Matrix | None = None,
+        times_s: Numbers | None = None,
         frame: FrameOptions | None = None,
         **options: Unpack[FrameKeywords],
     ) -> Waveforms:
@@ -273,13 +272,13 @@ class Simulator:
         def train_of(first: int, count: int) -> EchoTrain:
             begin = now.first_pulse + first
             pulse, numbers = transfer.counter(begin, count), numbered(begin, count)
-            return cast(EchoTrain, transfer.fetched(self._stages.train(now, pulse, numbers, seed_word)))
+            return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulse, numbers, seed_word)))
 
         return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
 
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing
-    ) -> tuple[Matrix, dict[str, Any] | None]:
+    ) -> tuple[Numbers, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         found = [self._on_device(part, placing) for part in parts]
         kept = [one for one in found if one is not None]
@@ -314,7 +313,7 @@ class Simulator:
         )  # fmt: skip
         return columns, count
 
-    def _surfaces(self, part: Chunk) -> dict[str, Matrix]:
+    def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
         """`collect.surfaces` of a chunk; empty without any."""
         found = collect.surfaces(
             world=self.world, pulse=part.pulse, paths=part.paths, rays=self.trace.rays, detection=part.detection,

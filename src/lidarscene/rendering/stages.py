@@ -16,19 +16,18 @@ from ..kernel.rays import columns
 from ..kernel.rays.trace import trace
 from ..kernel.world.build import World
 from ..light import beams, echoes
-from ..light import pulse_train as train
 from ..light.air_light import AirLight, air_light
 from ..light.beams import Beams
 from ..light.echoes import Ambient, EchoTrain
 from ..light.field_of_view import background_power_w, field_of_view
 from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
-from ..maths.arrays import is_drjit
+from ..light.pulse_train import LitAir, together
 from ..maths.paths import Paths, Placement
 from ..physics.optics import sunlight
 from ..scene.model import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Lit, Numbers, is_plain, left_out, needed_of, numbers_of, of_light
+from .chunk import Chunk, Lit, PulseNumbers, is_plain, left_out, needed_of, numbers_of, of_light
 from .frame import Frame, placements
 from .options import TraceOptions
 
@@ -62,7 +61,7 @@ class Stages:
     def of(cls, scene: Scene, sensor: Sensor, world: World, how: TraceOptions) -> Stages:
         """For `Simulator`."""
         ambient = ambient_of(scene, sensor)
-        air = air_light(scene.air.weather, sensor, extinction_per_m=ambient.extinction_per_m)
+        air = air_light(scene.air.weather, sensor, extinction_per_m=float(ambient.extinction_per_m))
         field = None if how.background_rays is None else field_of_view(sensor, how.background_rays)
         return cls(
             world=world,
@@ -89,7 +88,7 @@ class Stages:
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
         return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
-    def train(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any) -> EchoTrain:
+    def pulse_train(self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
         return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
 
@@ -103,7 +102,7 @@ class Stages:
         if background is not None:
             of_ray = background if self.rays == 1 else transfer.repeated(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=of_ray)
-        return Lit(pulse, rays, paths, light, paths[0].goes_on if is_drjit(paths[0].goes_on) else None)
+        return Lit(pulse, rays, paths, light, paths[0].goes_on)
 
     def _traced(
         self, places: Places, pulse: Any, seed: Any, shape: Footprint, *, survey: bool = False
@@ -142,10 +141,10 @@ class Stages:
                 *([] if lit.goes_on is None else [lit.goes_on]),
             ]
         )
-        return train.together(
-            lit.light, lit.rays, self.sensor, self.ambient,
-            rays=self.rays, skirt=self.footprint.skirt, air=self.air, seed=seed, pulse=lit.pulse,
-        )  # fmt: skip
+        air = None
+        if self.air is not None:
+            air = LitAir(light=self.air, sensor=self.sensor, ambient=self.ambient, seed=seed, pulse=lit.pulse)
+        return together(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
 
 
 class Chain:
@@ -155,7 +154,9 @@ class Chain:
         self._stages = stages
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
-    def __call__(self, now: Frame, pulse: Any, numbers: Numbers, seed: Any, *, survey: bool = False) -> Chunk:
+    def __call__(
+        self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any, *, survey: bool = False
+    ) -> Chunk:
         """Some pulses of a frame."""
         if self.repeats:
             moving = (

@@ -5,13 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ..detection.returns import Outcome, Status
-
-Matrix = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 
 @dataclass(slots=True)
@@ -19,9 +17,9 @@ class Summary:
     """What happened in a frame: pulses by outcome, points, and seconds by stage."""
 
     beams: int = 0
-    outcomes: Matrix = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
+    outcomes: Numbers = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
     points: int = 0
-    statuses: Matrix = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
+    statuses: Numbers = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -52,7 +50,7 @@ class Summary:
                 whole.seconds[stage] = whole.seconds.get(stage, 0.0) + seconds
         return whole
 
-    def count(self, outcome: Matrix, status: Matrix | None) -> None:
+    def count(self, outcome: Numbers, status: Numbers | None) -> None:
         """Add some pulses, and the points of them if there are any."""
         self.beams += len(outcome)
         self.outcomes += _counts(outcome, len(Outcome))
@@ -67,7 +65,7 @@ class Summary:
         return now
 
 
-def _counts(values: Matrix, kinds: int) -> Matrix:
+def _counts(values: Numbers, kinds: int) -> Numbers:
     """How often each of 0 .. kinds - 1 is there; for a few kinds of many values five times as fast as a histogram."""
     others = [np.count_nonzero(values == kind) for kind in range(1, kinds)]
     return np.array([len(values) - sum(others), *others])

@@ -8,13 +8,11 @@ meet (docs/architecture.md). Only the order in which pulses are computed changes
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ..maths.arrays import Numbers
 from ..scan.base import Scanner
-
-Matrix = np.ndarray[Any, Any]
 
 PACKET = 8
 """Rays that the CPU traces together: single precision in 256 bits."""
@@ -36,7 +34,7 @@ class Tiling:
     """
 
     line: int
-    along: Matrix
+    along: Numbers
     width: int
 
     @classmethod
@@ -63,7 +61,7 @@ class Tiling:
         """Pulses of a row of tiles; chunks of a multiple of it are cut alike."""
         return HEIGHT * self.line
 
-    def order(self, count: int) -> Matrix:
+    def order(self, count: int) -> Numbers:
         """(count,) uint32 pulses, from the first of a line on, tile by tile; what fills no band stays as it is."""
         bands = count // self.band
         grid = np.arange(bands * self.band, dtype=np.uint32).reshape(bands, HEIGHT, self.line)
@@ -79,7 +77,7 @@ class Tiling:
         return np.concatenate([np.concatenate(parts, axis=1).ravel(), rest])
 
 
-def _typical_angle(one: Matrix, other: Matrix) -> float:
+def _typical_angle(one: Numbers, other: Numbers) -> float:
     """Between unit vectors, the median."""
     if not len(one):
         return 0.0

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 
 
-def mirror_share(*, cos_incidence: Array, cos_at_rest: Array) -> Array:
+def mirror_share(*, cos_incidence: Lanes, cos_at_rest: Lanes) -> Lanes:
     """The mirror is the stop: its projected area goes with the cosine of the angle of incidence.
 
     Above 1 where the mirror faces the beam more than at rest; 0 where it shows its back.
@@ -22,7 +22,7 @@ def mirror_share(*, cos_incidence: Array, cos_at_rest: Array) -> Array:
     return xp(cos_incidence).maximum(cos_incidence, 0.0) / cos_at_rest
 
 
-def round_mirror_share(*, cos_incidence: Array, mirror_radius_m: Array, lens_radius_m: Array) -> Array:
+def round_mirror_share(*, cos_incidence: Lanes, mirror_radius_m: Lanes, lens_radius_m: Lanes) -> Lanes:
     r"""A round mirror in front of a round lens: the part of the lens's disc that the mirror's ellipse covers.
 
     The mirror projects to an ellipse with half axes a = r_m and b = r_m cos i around the lens's centre. If the lens's
@@ -46,13 +46,13 @@ def round_mirror_share(*, cos_incidence: Array, mirror_radius_m: Array, lens_rad
     return 2.0 / math.pi * (t + a * b * (0.5 * math.pi - eccentric))
 
 
-def slit_share(*, left: Array, right: Array) -> Array:
+def slit_share(*, left: Lanes, right: Lanes) -> Lanes:
     """Part of a unit disc between two straight edges, at -left and +right of its centre (in radii)."""
     share = _side_share(left) + _side_share(right) - 1.0
     return xp(share).maximum(share, 0.0)
 
 
-def _side_share(distance: Array) -> Array:
+def _side_share(distance: Lanes) -> Lanes:
     """Part of a unit disc on the near side of a straight edge at this signed distance from its centre."""
     ops = xp(distance)
     x = ops.minimum(ops.maximum(distance, -1.0), 1.0)

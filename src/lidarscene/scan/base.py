@@ -6,16 +6,14 @@ The rest of the simulation knows a scanner only by the protocol `Scanner`, so a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity
 from ..maths.vectors import Vector, angles_of
-
-Matrix = np.ndarray[Any, Any]
 
 
 class Scanner(Protocol):
@@ -42,40 +40,40 @@ class Scanner(Protocol):
         """
 
     @property
-    def jitter_rad(self) -> Array | None:
+    def jitter_rad(self) -> Lanes | None:
         """Standard deviation of the pointing, on each of two axes across the beam; None: none."""
 
-    def direction(self, pulse: Array) -> Vector:
+    def direction(self, pulse: Lanes) -> Vector:
         """Unit vector (x, y, z) of each pulse, without the jitter."""
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad] that the sensor reports: `direction` as read by its encoders."""
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Channel (row, laser, ring, facet) of each pulse."""
 
-    def aperture_share(self, pulse: Array) -> Array:
+    def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0) of (4): share of the receiver's aperture in each pulse's direction."""
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """Share of aperture times field of view in each pulse's direction, for (8).
 
         An extended source fills the detector, so its light goes with this product.
         """
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """Start of each beam in the sensor's frame, or None: all start at its origin."""
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 emission time since the first pulse of frame 0."""
 
 
 Jitter = Annotated[
-    Array | None,
+    Lanes | None,
     Quantity("mrad", gt=0, about="standard deviation of the pointing on each axis across the beam"),
 ]
 Encoder = Annotated[
-    Array | None,
+    Lanes | None,
     Quantity(
         "deg",
         name="encoder_step_deg",
@@ -104,41 +102,41 @@ class Mechanism:
         """None: no scan lines."""
         return None
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         """Mechanical angles [rad] that an encoder could read."""
         raise NotImplementedError
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         """Direction, and share of the aperture, for these mechanical angles."""
         raise NotImplementedError
 
-    def _read(self, pulse: Array) -> tuple[Array, ...]:
+    def _read(self, pulse: Lanes) -> tuple[Lanes, ...]:
         """The mechanical angles as the encoders report them."""
         step = self.encoder_rad
         turned = self._mechanism(pulse)
         return turned if step is None else tuple(xp(a).rint(a / step) * step for a in turned)
 
-    def direction(self, pulse: Array) -> Vector:
+    def direction(self, pulse: Lanes) -> Vector:
         """Unit vector (x, y, z) of each pulse."""
         return self._optics(pulse, self._mechanism(pulse))[0]
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad] that the sensor reports."""
         return angles_of(self._optics(pulse, self._read(pulse))[0])
 
-    def aperture_share(self, pulse: Array) -> Array:
+    def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0)."""
         return self._optics(pulse, self._mechanism(pulse))[1]
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """As the aperture: what stops the beam leaves the field of view unchanged."""
         return self.aperture_share(pulse)
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """0: there is one laser."""
         return xp(pulse).int32(pulse) * 0
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """None: all beams start at the sensor's origin."""
         return None
 
@@ -151,16 +149,16 @@ class GivenAngles(Mechanism):
 
     __slots__ = ()
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         azimuth, elevation = turned
         return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth and elevation [rad], as the encoders read them."""
         azimuth, elevation = self._read(pulse)
         return azimuth, elevation
 
 
-def in_frame(pulse: Matrix, pulses: int) -> tuple[Matrix, Matrix]:
+def in_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
     """Number of the frame, and of the pulse within it; 64 bits."""
     return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

@@ -23,10 +23,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism, in_frame
+from .base import Mechanism, in_frame
 
 LARGEST_HEIGHT = {
     "rectilinear": 50.0,
@@ -52,7 +52,7 @@ class Flash(Mechanism):
 
     columns: Count
     rows: Count
-    pitch: Array
+    pitch: Lanes
     frame_rate_hz: float
     projection: Annotated[
         Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], Key()
@@ -77,15 +77,15 @@ class Flash(Mechanism):
         """Pixels of a row."""
         return self.columns
 
-    def _row_and_column(self, pulse: Array) -> tuple[Array, Array]:
+    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns
         return line % self.rows, number - line * self.columns
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         return ()
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         row, column = self._row_and_column(pulse)
         left = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.pitch)
@@ -93,16 +93,16 @@ class Flash(Mechanism):
         cos, ratio, pixel = _projected(self.projection, left * left + up * up)
         return (cos, ratio * left, ratio * up), cos * pixel if self.falloff == "pupil_and_pixel" else cos
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pixel, 0 at the top."""
         return self._row_and_column(pulse)[0]
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """The time of the flash, for all its pixels."""
         return np.asarray(in_frame(pulse, self.pulses)[0] * self.frame_s)
 
 
-def _projected(projection: str, square: Array) -> tuple[Array, Array, Array]:
+def _projected(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """cos t, sin t / h, and the pixel's solid angle relative to the middle's, from h^2."""
     ops = xp(square)
     if projection == "rectilinear":

@@ -14,10 +14,10 @@ from typing import Annotated
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Encoder, Jitter, Matrix, Mechanism
+from .base import Encoder, Jitter, Mechanism
 from .mirror_optics import Mirrors
 from .turns import Turns
 
@@ -34,8 +34,8 @@ class Lissajous(Mechanism):
     mirrors: Mirrors
     azimuth: Turns
     elevation: Turns
-    azimuth_turn_rad: Array
-    elevation_turn_rad: Array
+    azimuth_turn_rad: Lanes
+    elevation_turn_rad: Lanes
 
     @classmethod
     def of(
@@ -67,16 +67,16 @@ class Lissajous(Mechanism):
         """Length of a frame."""
         return self.pulses / self.rate_hz
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         return (
             self.azimuth_turn_rad * ops.sin(self.azimuth.angle_rad(pulse)),
             self.elevation_turn_rad * ops.sin(self.elevation.angle_rad(pulse)),
         )
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         return self.mirrors.beam(turned[0], turned[1])
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import mirror_share, round_mirror_share
 
@@ -45,13 +45,13 @@ class Gimbal:
     of the lens's whole area, below 1 at rest if the mirror is smaller).
     """
 
-    incidence_rad: Array
+    incidence_rad: Lanes
     side: str
     outer: str
-    mirror_radius_m: Array | None = None
-    lens_radius_m: Array | None = None
+    mirror_radius_m: Lanes | None = None
+    lens_radius_m: Lanes | None = None
 
-    def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
+    def beam(self, azimuth_turn_rad: Lanes, elevation_turn_rad: Lanes) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture for these turns about the two axes."""
         side = _SIDES[self.side]
         folds_upright = self.side in ("above", "below")
@@ -77,8 +77,8 @@ class Gimbal:
         cos_incidence = -dot(incoming, normal)
         return reflected(incoming, normal), self._share(cos_incidence, cos_rest)
 
-    def _share(self, cos_incidence: Array, cos_rest: Array) -> Array:
-        if self.mirror_radius_m is None:
+    def _share(self, cos_incidence: Lanes, cos_rest: Lanes) -> Lanes:
+        if self.mirror_radius_m is None or self.lens_radius_m is None:
             return mirror_share(cos_incidence=cos_incidence, cos_at_rest=cos_rest)
         return round_mirror_share(
             cos_incidence=cos_incidence,
@@ -103,7 +103,7 @@ class MirrorPair:
 
     last: str
 
-    def beam(self, azimuth_turn_rad: Array, elevation_turn_rad: Array) -> tuple[Vector, Array]:
+    def beam(self, azimuth_turn_rad: Lanes, elevation_turn_rad: Lanes) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture for these turns of the two mirrors."""
         upright = self.last == "elevation"
         first, last = (

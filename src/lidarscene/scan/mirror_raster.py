@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector
-from .base import Matrix, Mechanism, in_frame
+from .base import Mechanism, in_frame
 from .mirror_optics import Mirrors
 
 
@@ -35,17 +35,17 @@ class MirrorRaster(Mechanism):
     columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24)]
     rows: Annotated[int, Quantity(name="lines", ge=1, le=2**24)]
     mirrors: Mirrors
-    fast_turn_rad: Array
-    slow_turn_rad: Array
+    fast_turn_rad: Lanes
+    slow_turn_rad: Lanes
     rate_hz: float
     fast: Annotated[Literal["azimuth", "elevation"], Key(about="the turn that scans a line")] = "azimuth"
     waveform: Annotated[Literal["sawtooth", "triangle", "sine"], Key()] = "sawtooth"
     slow: Annotated[Literal["step", "ramp"], Key()] = "step"
-    line_duty: Annotated[Array, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = (
+    line_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = (
         1.0
     )
     frame_duty: Annotated[
-        Array, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")
+        Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")
     ] = 1.0
 
     @property
@@ -68,44 +68,44 @@ class MirrorRaster(Mechanism):
         """Length of a frame, fly-back included."""
         return float(self.rows * self.line_s / self.frame_duty)
 
-    def _row_and_column(self, pulse: Array) -> tuple[Array, Array]:
+    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns
         return line % self.rows, number - line * self.columns
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         row, column = self._row_and_column(pulse)
         if self.waveform == "sine":
             middle = (ops.float32(2 * column + 1) / ops.float32(2 * self.columns) - 0.5) * self.line_duty
-            fast = -ops.sin(math.pi * middle)
+            fast: Lanes = -ops.sin(math.pi * middle)
         else:
             fast = _ends_included(column, self.columns)
         if self.waveform != "sawtooth":
             fast = ops.where(row % 2 == 0, fast, -fast)
         if self.slow == "ramp":
             within = ops.float32(column) / ops.float32(self.columns) * self.line_duty
-            slow = 1.0 - 2.0 * (ops.float32(row) + within) / ops.float32(self.rows)
+            slow: Lanes = 1.0 - 2.0 * (ops.float32(row) + within) / ops.float32(self.rows)
         else:
             slow = _ends_included(row, self.rows)
         fast, slow = fast * self.fast_turn_rad, slow * self.slow_turn_rad
         return (fast, slow) if self.fast == "azimuth" else (slow, fast)
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         return self.mirrors.beam(turned[0], turned[1])
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Line of each pulse."""
         return self._row_and_column(pulse)[0]
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; lines and frames after their pauses."""
         frame, number = in_frame(pulse, self.pulses)
         row, column = np.divmod(number, self.columns)
         return np.asarray(frame * self.frame_s + row * self.line_s + column / self.rate_hz)
 
 
-def _ends_included(number: Array, count: Array) -> Array:
+def _ends_included(number: Lanes, count: Lanes) -> Lanes:
     """1 to -1 in even steps, 0 for a single one. Twice the offset is a whole number, so the middle is exactly 0."""
     ops = xp(number, count)
     steps = ops.float32(count) - 1.0

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
-from .base import Encoder, GivenAngles, Jitter, Matrix, in_frame
+from ..maths.arrays import Lanes, Numbers, Table, xp
+from .base import Encoder, GivenAngles, Jitter, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,7 +19,7 @@ class Pattern(GivenAngles):
 
     pulses: int
     frame_s: float
-    emission_s: Matrix
+    emission_s: Numbers
     azimuth_rad: Table
     elevation_rad: Table
     laser: Table | None = None
@@ -28,10 +28,10 @@ class Pattern(GivenAngles):
     def of(
         cls,
         *,
-        azimuth_rad: Matrix,
-        elevation_rad: Matrix,
-        time_s: Matrix,
-        channel: Matrix | None = None,
+        azimuth_rad: Numbers,
+        elevation_rad: Numbers,
+        time_s: Numbers,
+        channel: Numbers | None = None,
         frame_s: float,
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
@@ -48,19 +48,19 @@ class Pattern(GivenAngles):
             encoder_rad=encoder_rad,
         )
 
-    def _row(self, pulse: Array) -> Array:
+    def _row(self, pulse: Lanes) -> Lanes:
         return xp(pulse).int32(pulse) % self.pulses
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops, row = xp(pulse), self._row(pulse)
         return ops.take(self.azimuth_rad, row), ops.take(self.elevation_rad, row)
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Channel from the table, or 0."""
         ops, row = xp(pulse), self._row(pulse)
         return row * 0 if self.laser is None else ops.int32(ops.take(self.laser, row))
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the table."""
         frame, row = in_frame(pulse, self.pulses)
         return np.asarray(frame * self.frame_s + self.emission_s[row])

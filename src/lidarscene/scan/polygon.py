@@ -23,11 +23,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
-from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,13 +46,13 @@ class Polygon(Mechanism):
     columns: int
     rate_hz: float
     rotation_hz: float
-    turn_rad: Array
-    incidence_rad: Array
-    side: Array
+    turn_rad: Lanes
+    incidence_rad: Lanes
+    side: Lanes
     tilt_rad: Table
-    half_facet: Array
-    inradius_m: Array | None = None
-    lens_radius_m: Array | None = None
+    half_facet: Lanes
+    inradius_m: Lanes | None = None
+    lens_radius_m: Lanes | None = None
 
     @classmethod
     def of(
@@ -121,16 +121,16 @@ class Polygon(Mechanism):
         """Pulses of one facet."""
         return self.columns
 
-    def _facet_and_column(self, pulse: Array) -> tuple[Array, Array]:
+    def _facet_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         number = xp(pulse).int32(pulse)
         line = number // self.columns
         return line % self.facets, number - line * self.columns
 
-    def _mechanism(self, pulse: Array) -> tuple[Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         column = self._facet_and_column(pulse)[1]
         return (xp(pulse).float32(2 * column + 1 - self.columns) * (0.5 * self.turn_rad),)
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         (turn,) = turned
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
@@ -141,7 +141,7 @@ class Polygon(Mechanism):
         normal = mixed(ops.cos(tilt), level, ops.sin(tilt), (0.0, 0.0, 1.0))
         cos_incidence = -dot(incoming, normal)
         direction = reflected(incoming, normal)
-        if self.inradius_m is None:
+        if self.inradius_m is None or self.lens_radius_m is None:
             return direction, 1.0
         # In units of the inradius: the beam's axis passes through `rest`, the facet's middle is `level`. Follow the
         # beam to the facet's plane; `aside` is the distance from there to the facet's middle, along the facet.
@@ -152,11 +152,11 @@ class Polygon(Mechanism):
         share = slit_share(left=(self.half_facet + aside) * scale, right=(self.half_facet - aside) * scale)
         return direction, share
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Facet of each pulse."""
         return self._facet_and_column(pulse)[0]
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
         line, column = in_frame(pulse, self.columns)
         return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, xp
-from .base import GivenAngles, Matrix
+from ..maths.arrays import Lanes, Numbers, xp
+from .base import GivenAngles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,8 +20,8 @@ class Raster(GivenAngles):
 
     columns: int
     rows: int
-    azimuth_step_rad: Array
-    elevation_step_rad: Array
+    azimuth_step_rad: Lanes
+    elevation_step_rad: Lanes
     rate_hz: float
 
     @classmethod
@@ -34,8 +34,6 @@ class Raster(GivenAngles):
         elevation_step: float,
         unit_rad: float,
         rate_hz: float,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
     ) -> Raster:
         """From full angles and steps in one angular unit of ``unit_rad`` radians."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
@@ -44,7 +42,6 @@ class Raster(GivenAngles):
         return cls(
             columns=columns, rows=rows, rate_hz=rate_hz,
             azimuth_step_rad=azimuth_step * unit_rad, elevation_step_rad=elevation_step * unit_rad,
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
     @property
@@ -62,7 +59,7 @@ class Raster(GivenAngles):
         """Pulses of a row."""
         return self.columns
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         line = ops.int32(pulse) // self.columns
         row, column = line % self.rows, ops.int32(pulse) - line * self.columns
@@ -71,10 +68,10 @@ class Raster(GivenAngles):
         elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
         return azimuth, elevation
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pulse, 0 at the top."""
         return xp(pulse).int32(pulse) // self.columns % self.rows
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

@@ -22,10 +22,10 @@ from typing import Annotated
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.units import Quantity
 from ..maths.vectors import Vector, refracted
-from .base import Encoder, Jitter, Matrix, Mechanism
+from .base import Encoder, Jitter, Mechanism
 from .turns import Turns
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -38,12 +38,12 @@ class Wedge:
     tilted  inclined face: "out" (towards the scene) or "in"
     """
 
-    angle_rad: Array
-    index: Array
+    angle_rad: Lanes
+    index: Lanes
     turns: Turns
     tilted: str
 
-    def bend(self, direction: Vector, phase_rad: Array) -> tuple[Vector, Array]:
+    def bend(self, direction: Vector, phase_rad: Lanes) -> tuple[Vector, Lanes]:
         """The beam behind the wedge, and the widening of its cross-section."""
         ops = xp(phase_rad, self.angle_rad)
         # The normal of the inclined face leans away from the thick side if that face is the outer one, else towards it.
@@ -115,21 +115,23 @@ class Risley(Mechanism):
         """Length of a frame."""
         return self.pulses / self.rate_hz
 
-    def _mechanism(self, pulse: Array) -> tuple[Array, ...]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         return tuple(wedge.turns.angle_rad(pulse) for wedge in self.wedges)
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         if self.beam_elevation_rad is None:
             return self.through(turned)
         ops = xp(pulse)
         return self.through(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
         number = xp(pulse).int32(pulse)
         return number - number // self.beams * self.beams
 
-    def through(self, phases_rad: tuple[Array, ...], elevation_rad: Array = None) -> tuple[Vector, Array]:
+    def through(
+        self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None
+    ) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture with the wedges' thick sides in these directions.
 
         elevation_rad  of the beam before the prisms; along the axis if left out
@@ -138,16 +140,16 @@ class Risley(Mechanism):
         if elevation_rad is not None:
             ops = xp(elevation_rad)
             direction = ops.cos(elevation_rad), 0.0 * elevation_rad, ops.sin(elevation_rad)
-        share: Array = 1.0
+        share: Lanes = 1.0
         for wedge, phase in zip(self.wedges, phases_rad, strict=True):
             direction, widened = wedge.bend(direction, phase)
             share = share * widened
         return direction, share
 
-    def background_share(self, pulse: Array) -> Array:
+    def background_share(self, pulse: Lanes) -> Lanes:
         """1: refraction trades aperture for field of view, and their product stays that of the lens."""
         return 1.0
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)

@@ -15,11 +15,11 @@ from typing import Annotated
 
 import numpy as np
 
-from ..maths.arrays import Array, Table, xp
+from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity
 from ..maths.vectors import Vector
-from .base import Encoder, Jitter, Matrix, Mechanism, Rotation, in_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
@@ -37,7 +37,7 @@ class Spinning(Mechanism):
     cycles: int
     lasers: int
     cycle_s: float
-    firing_s: Matrix
+    firing_s: Numbers
     head: Turns
     elevation_rad: Table
     azimuth_rad: Table
@@ -129,37 +129,37 @@ class Spinning(Mechanism):
         """Pulses of a cycle."""
         return self.lasers
 
-    def _place(self, pulse: Array) -> tuple[Array, Array]:
+    def _place(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Cycle of each pulse, and the laser's place in the firing order."""
         number = xp(pulse).int32(pulse)
         cycle = number // self.lasers
         return cycle, number - cycle * self.lasers
 
-    def _mechanism(self, pulse: Array) -> tuple[Array]:
+    def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         cycle, place = self._place(pulse)
         ops = xp(pulse)
         return (self.head.angle_rad(ops.uint32(cycle)) + ops.float32(ops.take(self.lead_rad, place)),)
 
-    def _azimuth_elevation(self, pulse: Array, head: Array) -> tuple[Array, Array]:
+    def _azimuth_elevation(self, pulse: Lanes, head: Lanes) -> tuple[Lanes, Lanes]:
         ops, place = xp(pulse), self._place(pulse)[1]
         azimuth = head + ops.float32(ops.take(self.azimuth_rad, place))
         azimuth = azimuth - _TWO_PI * ops.rint(azimuth * (1.0 / _TWO_PI))
         return azimuth, ops.float32(ops.take(self.elevation_rad, place))
 
-    def _optics(self, pulse: Array, turned: tuple[Array, ...]) -> tuple[Vector, Array]:
+    def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         azimuth, elevation = self._azimuth_elevation(pulse, turned[0])
         return direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), 1.0
 
-    def angles(self, pulse: Array) -> tuple[Array, Array]:
+    def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth, -pi to pi, and elevation [rad] that the sensor reports."""
         return self._azimuth_elevation(pulse, self._read(pulse)[0])
 
-    def channel(self, pulse: Array) -> Array:
+    def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser as given."""
         ops = xp(pulse)
         return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
 
-    def offset_m(self, pulse: Array) -> Vector | None:
+    def offset_m(self, pulse: Lanes) -> Vector | None:
         """The laser's exit, turned with the head; None if all are at the origin."""
         if self.start_m is None:
             return None
@@ -169,7 +169,7 @@ class Spinning(Mechanism):
         cos, sin = ops.cos(head), ops.sin(head)
         return cos * x - sin * y, sin * x + cos * y, z
 
-    def time_s(self, pulse: Matrix) -> Matrix:
+    def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the firing table."""
         cycle, place = in_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 
 _WORD = 2**32
 
@@ -44,7 +44,7 @@ class Turns:
         start = round(start_rad / (2.0 * math.pi) % 1.0 * _WORD)
         return cls(high=_signed(high), low=float(steps - high), start=_signed(start))
 
-    def angle_rad(self, pulse: Array) -> Array:
+    def angle_rad(self, pulse: Lanes) -> Lanes:
         """Angle [rad], float32, -pi to pi, at each pulse (32-bit unsigned)."""
         ops = xp(pulse)
         number = ops.uint32(pulse)

@@ -16,12 +16,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import OutputError
 from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,8 +33,8 @@ class SubMesh:
     grey        mean of its base colour if the file has one, else None
     """
 
-    vertices_m: np.ndarray[Any, Any]
-    faces: np.ndarray[Any, Any]
+    vertices_m: Numbers
+    faces: Numbers
     keys: tuple[str, ...]
     grey: float | None = None
 

@@ -19,9 +19,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..materials.material import Material, Spectrum
+from ..maths.arrays import Numbers
 from .mesh_cache import SubMesh, cached
-
-Matrix = np.ndarray[Any, Any]
 
 LARGEST_EDGE_M = 16.0
 """Longest edge of a primitive's triangles, along an axis. The single-precision error of a hit grows with the triangle:
@@ -150,7 +149,7 @@ def _cuts(length_m: float) -> int:
     return min(max(1, math.ceil(length_m / LARGEST_EDGE_M)), MOST_CUTS)
 
 
-def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Matrix, Matrix]:
+def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Numbers, Numbers]:
     """Rectangle in its xy plane, normal +z, centred: vertices (v, 3) and faces (f, 3)."""
     nx, ny = (_cuts(s) for s in size_m)
     x, y = np.linspace(-0.5, 0.5, nx + 1) * size_m[0], np.linspace(-0.5, 0.5, ny + 1) * size_m[1]
@@ -163,7 +162,7 @@ def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Matrix, Matrix]:
     return vertices, faces
 
 
-def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
+def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Numbers, Numbers]:
     """Closed box centred on the origin, normals outward: vertices and faces."""
     parts = []
     for axis in range(3):
@@ -176,7 +175,7 @@ def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Matrix, Matrix]:
     return _welded(*joined(parts))
 
 
-def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Matrix, Matrix]:
+def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Numbers, Numbers]:
     """Closed cylinder about z, centred, with ``sections`` flat sides (64: 0.12 % of the radius off a circle)."""
     rings = _cuts(height_m)
     angle = np.arange(sections) * (2.0 * np.pi / sections)
@@ -197,7 +196,7 @@ def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tu
     return np.concatenate([side, centres]), np.concatenate(faces)
 
 
-def joined(parts: list[tuple[Matrix, Matrix]]) -> tuple[Matrix, Matrix]:
+def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
     """Several (vertices, faces) as one mesh."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     vertices = np.concatenate([vertices for vertices, _ in parts])
@@ -205,7 +204,7 @@ def joined(parts: list[tuple[Matrix, Matrix]]) -> tuple[Matrix, Matrix]:
     return vertices, faces
 
 
-def _welded(vertices: Matrix, faces: Matrix) -> tuple[Matrix, Matrix]:
+def _welded(vertices: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
     """The same mesh with equal vertices merged."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     return unique, index.reshape(-1)[faces]

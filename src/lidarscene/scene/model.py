@@ -9,19 +9,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from ..materials.material import Material
-from ..maths.arrays import frozen
+from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
 from ..maths.units import Key, Quantity
 from ..physics.optics import air
 from .weather import Weather
-
-Matrix = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,8 +30,8 @@ class Part:
     faces       (f, 3) uint32, indices into the vertices
     """
 
-    vertices_m: Matrix
-    faces: Matrix
+    vertices_m: Numbers
+    faces: Numbers
     material: str
     name: str = ""
 
@@ -83,7 +81,7 @@ class Sun:
     illuminance_klux: Annotated[float, Quantity(ge=0)] = 100.0
 
     @property
-    def direction(self) -> Matrix:
+    def direction(self) -> Numbers:
         """(3,) unit vector towards the sun, world frame."""
         return np.array(direction_from_angles(azimuth_rad=self.azimuth_rad, elevation_rad=self.elevation_rad))
 

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..files.csv import read_columns
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose, rotation_numbers
 from ..maths.trajectory import Spline
-
-Matrix = np.ndarray[Any, Any]
 
 PLACE = ("x_m", "y_m", "z_m")
 ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
@@ -50,7 +48,7 @@ def read_poses(path: Path) -> Spline:
     return spline(columns["time_s"], poses, str(path))
 
 
-def spline(time_s: Matrix, poses: list[Pose], where: str) -> Spline:
+def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
     """A spline through these poses; InputError instead of ValueError."""
     try:
         return Spline(time_s=np.asarray(time_s), poses=tuple(poses))
@@ -58,7 +56,7 @@ def spline(time_s: Matrix, poses: list[Pose], where: str) -> Spline:
         raise InputError(f"{where}: {error}") from None
 
 
-def _read_tum(path: Path) -> dict[str, Matrix]:
+def _read_tum(path: Path) -> dict[str, Numbers]:
     try:
         with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about missing rows, which the caller reports
@@ -72,7 +70,7 @@ def _read_tum(path: Path) -> dict[str, Matrix]:
     return dict(zip(TUM, values.reshape(-1, len(TUM)).T, strict=True))
 
 
-def _rotations(path: Path, columns: dict[str, Matrix]) -> list[Matrix]:
+def _rotations(path: Path, columns: dict[str, Numbers]) -> list[Numbers]:
     turned = [name for name in QUATERNION if name in columns]
     if not turned:
         zero = np.zeros(len(columns["time_s"]))

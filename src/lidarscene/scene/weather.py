@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from ..maths.arrays import Array
+from ..maths.arrays import Lanes
 from ..maths.units import Key, Quantity
 from ..physics.weather import fog, precipitation
 from ..physics.weather.precipitation import Sizes
@@ -41,7 +41,7 @@ class Medium:
     extinction_per_m: float
     backscatter_per_m_sr: float
     sizes: Sizes | None = None
-    particle_m2_sr: Callable[..., Array] | None = None
+    particle_m2_sr: Callable[..., Lanes] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

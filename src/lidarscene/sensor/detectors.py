@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.special import binomial_tail
 from ..maths.units import Key, Quantity
 from ..physics.constants import ELEMENTARY_CHARGE_C
@@ -35,34 +35,34 @@ class WorkingPoint:
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     """
 
-    noise: Array
-    kappa_1: Array
-    kappa_2: Array
-    least_threshold: Array
-    signal: Callable[[Array], Array]
-    power_w: Callable[[Array], Array]
-    cells: Array | None = None
-    busy: Array | None = None
-    saturation: Array | None = None
-    recovery_s: Array | None = None
-    knee: Array | None = None
-    largest: Array | None = None
-    noise_tail: Callable[[Array], Array] | None = None
+    noise: Lanes
+    kappa_1: Lanes
+    kappa_2: Lanes
+    least_threshold: Lanes
+    signal: Callable[[Lanes], Lanes]
+    power_w: Callable[[Lanes], Lanes]
+    cells: Lanes | None = None
+    busy: Lanes | None = None
+    saturation: Lanes | None = None
+    recovery_s: Lanes | None = None
+    knee: Lanes | None = None
+    largest: Lanes | None = None
+    noise_tail: Callable[[Lanes], Lanes] | None = None
 
     @property
     def exact(self) -> bool:
         """Whether probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
 
-    def measured(self, signal: Array) -> Array:
+    def measured(self, signal: Lanes) -> Lanes:
         """A peak as the amplifier passes it on."""
         if self.saturation is None:
             return signal
         return saturation.clipped(signal=signal, saturation=self.saturation)
 
-    def told_power_w(
-        self, measured: Array, *, width_s: Array | None, threshold: Array, pulse_fwhm_s: Array
-    ) -> Array:
+    def inferred_power_w(
+        self, measured: Lanes, *, width_s: Lanes | None, threshold: Lanes, pulse_fwhm_s: Lanes
+    ) -> Lanes:
         """Optical peak power that a sensor infers from an amplitude and, if it times both edges, the pulse's width.
 
         As a maker calibrates it, on flat targets of any reflectivity up to retro-reflectors.
@@ -75,9 +75,9 @@ class WorkingPoint:
         by_width = self.power_of_width_w(width_s, threshold=threshold, pulse_fwhm_s=pulse_fwhm_s)
         return xp(measured, power).where(measured < self.knee, power, by_width)
 
-    def power_of_width_w(self, width_s: Array, *, threshold: Array, pulse_fwhm_s: Array) -> Array:
+    def power_of_width_w(self, width_s: Lanes, *, threshold: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
         """Optical peak power of a lone pulse that stays above a threshold for so long."""
-        if self.recovery_s is None:
+        if self.saturation is None or self.recovery_s is None:
             overdrive = saturation.overdrive_of_symmetric_width(width_s=width_s, fwhm_s=pulse_fwhm_s)
         else:
             overdrive = saturation.overdrive_of_width(
@@ -87,35 +87,36 @@ class WorkingPoint:
         ops = xp(overdrive)
         return self.power_w(threshold) * ops.exp(ops.minimum(overdrive, saturation.LARGEST_OVERDRIVE))
 
-    def reachable(self, threshold: Array, probability: Array) -> Array:
+    def reachable(self, threshold: Lanes, probability: Lanes) -> Lanes:
         """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
         if self.saturation is None:
             return probability
         return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
 
-    def false_alarm_probability(self, threshold: Array) -> Array:
+    def false_alarm_probability(self, threshold: Lanes) -> Lanes:
         """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
         if self.noise_tail is not None:
             tail = self.noise_tail(threshold)
-        elif self.cells is None:
+        elif self.cells is None or self.busy is None:
             tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
         else:
-            tail = self._tail(threshold, self.busy / self.cells)
+            tail = self._tail(threshold, self.cells, self.busy, self.busy / self.cells)
         return self.reachable(threshold, tail)
 
-    def detection_probability(self, threshold: Array, signal: Array, sigma: Array) -> Array:
+    def detection_probability(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
-        if self.cells is not None:
-            return self._tail(threshold, (self.busy + signal) / self.cells)
+        if self.cells is not None and self.busy is not None:
+            return self._tail(threshold, self.cells, self.busy, (self.busy + signal) / self.cells)
         found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
         return self.reachable(threshold, found)
 
-    def _tail(self, threshold: Array, share: Array) -> Array:
+    @staticmethod
+    def _tail(threshold: Lanes, cells: Lanes, busy: Lanes, share: Lanes) -> Lanes:
         """Probability of a count that lies ``threshold`` or more above the mean background."""
         ops = xp(threshold, share)
         # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
-        least = -ops.floor(-(threshold + self.busy - 1e-4))
-        return binomial_tail(least=least, trials=self.cells, probability=share)
+        least = -ops.floor(-(threshold + busy - 1e-4))
+        return binomial_tail(least=least, trials=cells, probability=share)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,25 +128,25 @@ class Apd:
     saturation_a  at the amplifier's input (`physics.electronics.saturation`)
     """
 
-    gain: Annotated[Array, Quantity(ge=1)]
-    radius_m: Annotated[Array, Quantity("mm", gt=0)]
-    quantum_efficiency: Annotated[Array, Quantity(gt=0, le=1)]
-    surface_dark_current_a: Annotated[Array, Quantity("na", ge=0)]
-    bulk_dark_current_a: Annotated[Array, Quantity("na", ge=0)]
-    excess_noise_index: Annotated[Array | None, Quantity(ge=0)] = None
-    ionisation_ratio: Annotated[Array | None, Quantity(ge=0, le=1)] = None
-    load_resistance_ohm: Annotated[Array, Quantity(gt=0)]
-    temperature_k: Annotated[Array, Quantity(gt=0)] = 300.0
-    circuit_noise_a: Annotated[Array, Quantity("na", ge=0)] = 0.0
+    gain: Annotated[Lanes, Quantity(ge=1)]
+    radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
+    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
+    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
+    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0)] = None
+    ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1)] = None
+    load_resistance_ohm: Annotated[Lanes, Quantity(gt=0)]
+    temperature_k: Annotated[Lanes, Quantity(gt=0)] = 300.0
+    circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0)] = 0.0
     tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
     saturation_a: Annotated[
-        Array | None,
+        Lanes | None,
         Quantity(
             "ua", gt=0, about="current at which the amplifier clips, after multiplication; never if left out"
         ),
     ] = None
     recovery_s: Annotated[
-        Array | None,
+        Lanes | None,
         Quantity("ns", gt=0, about="with saturation_ua: time constant with which a clipped pulse drains"),
     ] = None
 
@@ -155,13 +156,14 @@ class Apd:
         return self.saturation_a is not None
 
     @property
-    def excess_noise(self) -> Array:
+    def excess_noise(self) -> Lanes:
         """F of (14): McIntyre's if an ionisation ratio is given, else M^x."""
         if self.ionisation_ratio is not None:
             return apd.excess_noise_mcintyre(gain=self.gain, ionisation_ratio=self.ionisation_ratio)
+        assert self.excess_noise_index is not None
         return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
 
-    def unmultiplied_variance_a2(self, bandwidth_hz: Array) -> Array:
+    def unmultiplied_variance_a2(self, bandwidth_hz: Lanes) -> Lanes:
         """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
         surface = apd.dark_shot_variance_a2(
             surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=0.0, gain=1.0,
@@ -173,7 +175,7 @@ class Apd:
         )  # fmt: skip
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
-    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+    def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
         """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
         light = counting.detected_photons_hz(
             power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
@@ -181,7 +183,7 @@ class Apd:
         return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
 
     def working_point(
-        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+        self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes
     ) -> WorkingPoint:
         """Noise (18) and response (12) under this background; the pulse width plays no part."""
         excess = self.excess_noise
@@ -194,7 +196,7 @@ class Apd:
         rest = self.unmultiplied_variance_a2(bandwidth_hz)
         variance = multiplied + rest
 
-        def mcintyre_tail(threshold: Array) -> Array:
+        def mcintyre_tail(threshold: Lanes) -> Lanes:
             return mcintyre.false_alarm_probability(
                 threshold_a=threshold, unmultiplied_variance_a2=rest, **avalanche,
                 primary_current_a=primary,
@@ -228,12 +230,12 @@ class Sipm:
                  reproduce the paper's Fig. 6
     """
 
-    cells: Annotated[Array, Quantity(ge=1, whole=True)]
-    radius_m: Annotated[Array, Quantity("mm", gt=0)]
-    pde: Annotated[Array, Quantity(gt=0, le=1)]
-    dead_time_s: Annotated[Array, Quantity("ns", gt=0)]
-    dark_count_rate_hz: Annotated[Array, Quantity(ge=0, about="of each cell")]
-    cell_floor: Annotated[Array, Quantity(ge=0)] = 1.0
+    cells: Annotated[Lanes, Quantity(ge=1, whole=True)]
+    radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    pde: Annotated[Lanes, Quantity(gt=0, le=1)]
+    dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
+    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each cell")]
+    cell_floor: Annotated[Lanes, Quantity(ge=0)] = 1.0
     statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "steady_state"
     counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
 
@@ -242,7 +244,7 @@ class Sipm:
         """Always: there are only so many cells."""
         return True
 
-    def background_counts(self, *, background_power_w: Array, photon_energy_j: Array) -> tuple[Array, Array]:
+    def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
         """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
         busy = self._busy_share(
             sipm.background_photons(
@@ -253,7 +255,7 @@ class Sipm:
         return rate, 1.0 - busy
 
     def working_point(
-        self, *, background_power_w: Array, photon_energy_j: Array, bandwidth_hz: Array, pulse_fwhm_s: Array
+        self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes
     ) -> WorkingPoint:
         """Noise, free cells and response under this background; the bandwidth is that of the dead time."""
         photons = sipm.background_photons(
@@ -266,13 +268,13 @@ class Sipm:
         photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
         at_peak, before_peak = self._in_time(1.0 - free_cells / self.cells, pulse_fwhm_s)
 
-        def signal(power_w: Array) -> Array:
+        def signal(power_w: Lanes) -> Lanes:
             arriving = sipm.signal_photons(
                 peak_power_w=power_w, pulse_fwhm_s=pulse_fwhm_s, photon_energy_j=photon_energy_j
             )
             return free_cells * share_of(photons=at_peak(arriving), pde=self.pde, cells=self.cells)
 
-        def power_w(level: Array) -> Array:
+        def power_w(level: Lanes) -> Lanes:
             arriving = photons_of(share=level / free_cells, pde=self.pde, cells=self.cells)
             return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
 
@@ -285,8 +287,8 @@ class Sipm:
         )  # fmt: skip
 
     def _in_time(
-        self, busy_share: Array, pulse_fwhm_s: Array
-    ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+        self, busy_share: Lanes, pulse_fwhm_s: Lanes
+    ) -> tuple[Callable[[Lanes], Lanes], Callable[[Lanes], Lanes]]:
         """From photons of (24) to those that count at the peak, and back; the same but for "time_domain"."""
         if self.statistics != "time_domain":
             return (lambda photons: photons), (lambda photons: photons)
@@ -301,7 +303,7 @@ class Sipm:
             lambda photons: sipm_response.captured_for_peak(photons=photons, **state) / captured,
         )
 
-    def _published_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+    def _published_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
         """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""
         busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.pde, cells=self.cells)
         dark = sipm.dark_counts(
@@ -311,13 +313,13 @@ class Sipm:
         free = xp(busy, dark).maximum(self.cells - busy - dark, 1e-6 * self.cells)
         return sipm.fired_variance_published(fired=busy, cells=self.cells) + dark, free, 1.0, -1.0 / free
 
-    def _steady_state(self, photons: Array) -> tuple[Array, Array, Array, Array]:
+    def _steady_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
         """Busy and fired cells together are binomial: p = b + s / N gives N p (1 - p) around the variance."""
         busy = self._busy_share(photons)
         variance = sipm.busy_variance_steady_state(busy_share=busy, cells=self.cells)
         return variance, self.cells * (1.0 - busy), 1.0 - 2.0 * busy, -1.0 / self.cells
 
-    def _busy_share(self, photons: Array) -> Array:
+    def _busy_share(self, photons: Lanes) -> Lanes:
         """Share of time that a cell is dead, with so many background photons in a dead time."""
         return sipm.busy_share_steady_state(
             photons=photons, pde=self.pde, cells=self.cells,

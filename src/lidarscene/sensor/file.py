@@ -174,8 +174,8 @@ class SensorFile(FileModel):
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:
         around = Surroundings(
             rate_hz=si(self.laser.repetition_rate_khz, "khz"),
-            lens_radius_m=optics.aperture_radius_m,
-            focal_length_m=optics.focal_length_m,
+            lens_radius_m=float(optics.aperture_radius_m),
+            focal_length_m=float(optics.focal_length_m),
             folder=folder,
         )
         return self.scanner.build(around)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from ..maths.arrays import Array, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import Key, Quantity
 from ..physics.optics import radiometry
@@ -28,8 +28,8 @@ class Laser:
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
-    peak_power_w: Annotated[Array, Quantity(gt=0)]
-    pulse_fwhm_s: Annotated[Array, Quantity("ns", gt=0)]
+    peak_power_w: Annotated[Lanes, Quantity(gt=0)]
+    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", gt=0)]
     repetition_rate_hz: Annotated[float, Quantity("khz", gt=0)]
     divergence_rad: Annotated[
         float,
@@ -86,8 +86,8 @@ class Laser:
 class Halo:
     """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together."""
 
-    share: Annotated[Array, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
-    divergence_rad: Annotated[Array, Quantity("mrad", gt=0, le=500, about="full angle at 1/e^2")]
+    share: Annotated[Lanes, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
+    divergence_rad: Annotated[Lanes, Quantity("mrad", gt=0, le=500, about="full angle at 1/e^2")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,16 +99,16 @@ class Optics:
     halo                 around the spot, or None
     """
 
-    aperture_radius_m: Annotated[Array, Quantity("mm", gt=0)]
-    focal_length_m: Annotated[Array, Quantity("mm", gt=0)]
-    efficiency_laser: Annotated[Array, Quantity(gt=0, le=1)]
-    efficiency_sun: Annotated[Array, Quantity(gt=0, le=1)]
-    sun_irradiance_w_m2: Array
+    aperture_radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    focal_length_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
+    efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
+    sun_irradiance_w_m2: Lanes
     overlap: Overlap | None = None
     halo: Halo | None = None
 
     @property
-    def aperture_m2(self) -> Array:
+    def aperture_m2(self) -> Lanes:
         """A(0)."""
         return radiometry.disc_area_m2(radius_m=self.aperture_radius_m)
 
@@ -130,37 +130,37 @@ class Tdc:
                               exactly what it is
     """
 
-    window_s: Annotated[Array, Quantity("us", gt=0)]
-    bandwidth_hz: Annotated[Array, Quantity("mhz", ge=1e-3)]
-    threshold_to_noise: Annotated[Array | None, Quantity(ge=0.01)] = None
-    threshold_level: Annotated[Array | None, Quantity(ge=1e-15, about="amperes (APD) or cells (SiPM)")] = None
-    least_significant_bit_s: Annotated[Array, Quantity("ps", name="lsb_ps", ge=0)] = 0.0
-    jitter_s: Annotated[Array, Quantity("ps", ge=0)] = 0.0
+    window_s: Annotated[Lanes, Quantity("us", gt=0)]
+    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3)]
+    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01)] = None
+    threshold_level: Annotated[Lanes | None, Quantity(ge=1e-15, about="amperes (APD) or cells (SiPM)")] = None
+    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0)] = 0.0
+    jitter_s: Annotated[Lanes, Quantity("ps", ge=0)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
     blanking_s: Annotated[
-        Array,
+        Lanes,
         Quantity(
             "ns", ge=0, about="after the pulse leaves, in which crossings go unnoticed: the shortest range"
         ),
     ] = 0.0
     dead_time_s: Annotated[
-        Array, Quantity("ns", ge=0, about="from an echo's crossing to the next that can be taken")
+        Lanes, Quantity("ns", ge=0, about="from an echo's crossing to the next that can be taken")
     ] = 0.0
     both_edges: bool = False
     walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
     ambient_window_s: Annotated[
-        Array | None,
+        Lanes | None,
         Quantity("us", gt=0, about="time in which the background is counted; the window if left out"),
     ] = None
 
     @property
-    def listening_s(self) -> Array:
+    def listening_s(self) -> Lanes:
         """Time in which crossings are taken."""
         return self.window_s - self.blanking_s
 
     @property
-    def ambient_s(self) -> Array:
+    def ambient_s(self) -> Lanes:
         """Time in which the background is counted."""
         return self.window_s if self.ambient_window_s is None else self.ambient_window_s
 
@@ -173,12 +173,12 @@ class Intensity:
     """
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
-    reference_m: Annotated[Array, Quantity(gt=0, about="that range")] = 10.0
+    reference_m: Annotated[Lanes, Quantity(gt=0, about="that range")] = 10.0
     white_value: Annotated[
-        Array, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
+        Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
     ] = 100.0
     retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
-    retro_reflectivity: Annotated[Array, Quantity(gt=1, about="that reads 255 on a logarithmic scale")] = (
+    retro_reflectivity: Annotated[Lanes, Quantity(gt=1, about="that reads 255 on a logarithmic scale")] = (
         1000.0
     )
 
@@ -195,7 +195,7 @@ class MultiLevel:
     levels  in thresholds, rising, from 1 on
     """
 
-    levels: tuple[Array, ...]
+    levels: tuple[Lanes, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,9 +210,9 @@ class Adc:
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Annotated[Array, Quantity("mhz", gt=0)]
-    step: Array
-    full_scale: Annotated[Array, Quantity(gt=0, about="largest sample, amperes (APD) or cells (SiPM)")]
+    rate_hz: Annotated[Lanes, Quantity("mhz", gt=0)]
+    step: Lanes
+    full_scale: Annotated[Lanes, Quantity(gt=0, about="largest sample, amperes (APD) or cells (SiPM)")]
     samples: int
     room: int
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
@@ -243,7 +243,7 @@ class Sensor:
         """Whether it knows for how long a pulse was above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
-    def working_point(self, background_power_w: Array) -> WorkingPoint:
+    def working_point(self, background_power_w: Lanes) -> WorkingPoint:
         """The detector under this background."""
         return self.detector.working_point(
             background_power_w=background_power_w,
@@ -252,10 +252,11 @@ class Sensor:
             pulse_fwhm_s=self.laser.pulse_fwhm_s,
         )
 
-    def threshold(self, point: WorkingPoint) -> Array:
+    def threshold(self, point: WorkingPoint) -> Lanes:
         """Comparator level U: TNR sigma_0 or the fixed level, never below what the detector can resolve."""
         if self.tdc.threshold_level is not None:
-            level: Array = self.tdc.threshold_level
+            level: Lanes = self.tdc.threshold_level
         else:
+            assert self.tdc.threshold_to_noise is not None
             level = self.tdc.threshold_to_noise * point.noise
         return xp(level, point.least_threshold).maximum(level, point.least_threshold)

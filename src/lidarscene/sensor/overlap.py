@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Array, Table
+from ..maths.arrays import Lanes, Table
 from ..physics.optics import receiver
 
 _PLACES = 1025  # linear between them: 1e-5 where the share changes within a third of the range
@@ -22,7 +22,7 @@ class Overlap:
     """
 
     table: Table
-    scale_m: Array
+    scale_m: Lanes
 
     @classmethod
     def of(
@@ -60,8 +60,8 @@ class Overlap:
                 aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges
             ),
         )
-        return cls(table=Table(share), scale_m=scale)
+        return cls(table=Table(np.asarray(share)), scale_m=scale)
 
-    def share(self, range_m: Array) -> Array:
+    def share(self, range_m: Lanes) -> Lanes:
         """(n,) share of the light at these ranges."""
         return self.table.at(self.scale_m / (self.scale_m + range_m))

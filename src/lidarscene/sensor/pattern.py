@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..files.csv import read_columns
+from ..maths.arrays import Numbers
 from ..scan import Pattern
-
-Matrix = np.ndarray[Any, Any]
 
 # What a column may be called, and what takes it to radians and seconds.
 NAMES: dict[str, dict[str, float]] = {
@@ -63,7 +61,7 @@ def read_pattern(
     )  # fmt: skip
 
 
-def _column(path: Path, columns: Mapping[str, Matrix], kind: str) -> Matrix:
+def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
     """One of the columns in SI units."""
     found = [name for name in NAMES[kind] if name in columns]
     if len(found) != 1:
@@ -72,7 +70,7 @@ def _column(path: Path, columns: Mapping[str, Matrix], kind: str) -> Matrix:
     return np.asarray(columns[found[0]] * NAMES[kind][found[0]], dtype=np.float64)
 
 
-def _read_npz(path: Path) -> dict[str, Matrix]:
+def _read_npz(path: Path) -> dict[str, Numbers]:
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if _known(name)}

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,11 +18,10 @@ from ..errors import InputError
 from ..light.beams import Beams
 from ..light.echoes import Ambient, Echoes, receive
 from ..light.hits import Hits
+from ..maths.arrays import Numbers
 from ..physics.electronics import tdc
 from ..scan import Scanner
 from ..sensor.model import Sensor
-
-Matrix = np.ndarray[Any, Any]
 
 SAME_SIGNAL = 1e-3
 """Signals this near to the cloud's are taken for the same: a saturated SiPM tells no power from its signal, and
@@ -45,14 +43,14 @@ class Budget:
     detection_probability  P_d of that signal
     """
 
-    echo_power_w: Matrix
-    lambertian_power_w: Matrix
-    background_power_w: Matrix
-    noise: Matrix
-    threshold: Matrix
-    signal: Matrix
-    noise_at_peak: Matrix
-    detection_probability: Matrix
+    echo_power_w: Numbers
+    lambertian_power_w: Numbers
+    background_power_w: Numbers
+    noise: Numbers
+    threshold: Numbers
+    signal: Numbers
+    noise_at_peak: Numbers
+    detection_probability: Numbers
 
 
 def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
@@ -70,20 +68,21 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     point = sensor.working_point(np.broadcast_to(light.background_power_w, len(cloud)))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
     noise = np.broadcast_to(point.noise, len(cloud))
-    signal = np.where(hits.found, cloud.snr * noise, 0.0)
+    met = np.asarray(hits.found)
+    signal = np.where(met, cloud.snr * noise, 0.0)
     explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.power_w(signal))
     at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     found = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
     return Budget(
-        echo_power_w=np.where(hits.found, power, 0.0),
-        lambertian_power_w=lambertian.peak_power_w,
-        background_power_w=light.background_power_w,
+        echo_power_w=np.where(met, power, 0.0),
+        lambertian_power_w=np.asarray(lambertian.peak_power_w),
+        background_power_w=np.asarray(light.background_power_w),
         noise=noise,
         threshold=threshold,
         signal=signal,
-        noise_at_peak=at_peak,
-        detection_probability=np.where(hits.found, found, 0.0),
+        noise_at_peak=np.asarray(at_peak),
+        detection_probability=np.where(met, found, 0.0),
     )
 
 
@@ -122,7 +121,7 @@ def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
     )  # fmt: skip
 
 
-def pulses_of(cloud: PointCloud, scanner: Scanner) -> Matrix:
+def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
     """(n,) uint32 pulse that made each point: of its frame and channel, the nearest in time, then in azimuth."""
     first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
     pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
@@ -136,7 +135,7 @@ def pulses_of(cloud: PointCloud, scanner: Scanner) -> Matrix:
     return np.asarray(pulse[order[_nearest(keys[order], wanted)]])
 
 
-def _nearest(rising: Matrix, values: Matrix) -> Matrix:
+def _nearest(rising: Numbers, values: Numbers) -> Numbers:
     """Index of the nearest of some rising numbers, for each value."""
     above = np.searchsorted(rising, values).clip(1, max(len(rising) - 1, 1))
     below = above - 1

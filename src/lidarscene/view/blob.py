@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from ..maths.arrays import Numbers
 
 TYPES = {"float32": "<f4", "uint8": "u1", "int32": "<i4", "uint32": "<u4"}
 """What the page can read: float32, uint8, int32 and uint32."""
 
 
-def packed(header: Mapping[str, Any], arrays: Mapping[str, Matrix]) -> bytes:
+def packed(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
     """One blob. Raises KeyError for an array of another type than TYPES."""
     start, places, parts = 0, {}, []
     for name, array in arrays.items():
@@ -31,7 +31,7 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, Matrix]) -> bytes:
     return b"".join([len(text).to_bytes(4, "little"), text, *parts])
 
 
-def unpacked(blob: bytes) -> tuple[dict[str, Any], dict[str, Matrix]]:
+def unpacked(blob: bytes) -> tuple[dict[str, Any], dict[str, Numbers]]:
     """Header, without its "arrays", and arrays of a blob."""
     end = 4 + int.from_bytes(blob[:4], "little")
     header = json.loads(blob[4:end])

@@ -124,9 +124,9 @@ class Equipment:
 def _of_detector(detector: Detector) -> list[Control]:
     if isinstance(detector, Apd):
         return [Control(key="detector.gain", label="gain", unit="", low=1.0, high=1000.0, log=True,
-                        value=detector.gain)]  # fmt: skip
+                        value=float(detector.gain))]  # fmt: skip
     return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0,
-                    value=detector.pde)]  # fmt: skip
+                    value=float(detector.pde))]  # fmt: skip
 
 
 def _around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:

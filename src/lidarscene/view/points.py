@@ -9,10 +9,9 @@ import numpy as np
 
 from ..cloud.points import PointCloud
 from ..formats.columns import STATUS_NAMES, Column
+from ..maths.arrays import Numbers
 from ..studies.budget import Budget
 from .blob import packed
-
-Matrix = np.ndarray[Any, Any]
 
 BUDGET, SURFACE, POINT = GROUPS = ("Budget", "Surface (truth)", "Point")
 SYMBOLS = {
@@ -52,7 +51,7 @@ class Field:
 
 
 def frame_blob(
-    cloud: PointCloud, *, name: str, origin_m: Matrix, budget: Budget | None, told: dict[str, Any]
+    cloud: PointCloud, *, name: str, origin_m: Numbers, budget: Budget | None, told: dict[str, Any]
 ) -> bytes:
     """One frame.
 
@@ -61,7 +60,7 @@ def frame_blob(
     told      what else the page says of it
     """
     fields: list[Field] = []
-    arrays: dict[str, Matrix] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
+    arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
     for field, values in [*_columns(cloud), *_of_budget(cloud, budget)]:
         fields.append(field)
         if field.name not in ("x", "y", "z"):  # the page takes these from xyz
@@ -75,7 +74,7 @@ def frame_blob(
     return packed(header | told, arrays)
 
 
-def _columns(cloud: PointCloud) -> list[tuple[Field, Matrix]]:
+def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
     """Every column, angles in degrees, and the error of the range."""
     shown = []
     for column in cloud.columns:
@@ -114,7 +113,7 @@ def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
     return tables.get(name)
 
 
-def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Matrix]]:
+def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:
     if budget is None:
         return []
     unit = cloud.metadata.get("intensity_unit", "A or cells")
@@ -130,6 +129,6 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Ma
     return [(Field(name, BUDGET, its, meaning), _plain(values)) for name, values, its, meaning in shown]
 
 
-def _plain(values: Matrix) -> Matrix:
+def _plain(values: Numbers) -> Numbers:
     """As one of the types of a blob."""
     return np.asarray(values) if values.dtype in (np.uint8, np.int32) else np.asarray(values, np.float32)

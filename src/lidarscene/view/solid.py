@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..kernel.world.triangles import sphere, triangles_of_base
+from ..maths.arrays import Numbers
 from ..scene.model import Part, Scene
-
-Matrix = np.ndarray[Any, Any]
 
 TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
 """By kind of BSDF: what does not look matt gets a hue, everything else is grey."""
@@ -29,9 +28,9 @@ class Solid:
     opaque      how many faces are not glass
     """
 
-    vertices_m: Matrix
-    colours: Matrix
-    faces: Matrix
+    vertices_m: Numbers
+    colours: Numbers
+    faces: Numbers
     opaque: int
 
 
@@ -52,7 +51,7 @@ def solid_of(scene: Scene, wavelength_m: float) -> Solid:
     )
 
 
-def _pieces(scene: Scene, wavelength_m: float) -> Iterator[tuple[Matrix, Matrix, str]]:
+def _pieces(scene: Scene, wavelength_m: float) -> Iterator[tuple[Numbers, Numbers, str]]:
     """Vertices in the world, faces, and material of every part."""
     for body in scene.bodies:
         for part in body.parts:

@@ -17,6 +17,7 @@ from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..kernel.rays.relit import COLUMNS, light_of
 from ..light.echoes import Ambient, Echoes
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
@@ -31,8 +32,6 @@ from .blob import packed
 from .controls import DETECTOR, Equipment, Settings
 from .points import frame_blob
 from .solid import solid_of
-
-Matrix = np.ndarray[Any, Any]
 
 WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
 
@@ -194,7 +193,7 @@ class Live:
 
 
 def stage_blob(
-    told: dict[str, Any], *, scene: Scene | None, wavelength_m: float, origin: Matrix, camera: dict[str, Any]
+    told: dict[str, Any], *, scene: Scene | None, wavelength_m: float, origin: Numbers, camera: dict[str, Any]
 ) -> bytes:
     """Camera and meshes around the origin."""
     moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
@@ -231,7 +230,7 @@ def _camera(cloud: PointCloud, scene: Scene | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _origin_of(position_m: Matrix) -> Matrix:
+def _origin_of(position_m: Numbers) -> Numbers:
     """What is taken off every coordinate before the page's single precision."""
     return np.zeros(3) if np.abs(position_m).max() < LARGEST_FLOAT32_M else np.rint(position_m)
 

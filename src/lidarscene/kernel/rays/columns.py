@@ -19,13 +19,11 @@ import numpy as np
 from ...detection.returns import Detection, Outcome, Status
 from ...light.beams import reported
 from ...light.hits import Hits
-from ...maths.arrays import Array, inverse, is_drjit, xp
+from ...maths.arrays import Lanes, Numbers, inverse, is_drjit, xp
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..world.build import World
-
-Matrix = np.ndarray[Any, Any]
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -166,8 +164,8 @@ def columns(
     detection: Detection,
     air_classes: Any,
     lanes: tuple[Any, Any],
-    turn: tuple[Array, ...],
-    shift: tuple[Array, Array, Array],
+    turn: tuple[Lanes, ...],
+    shift: tuple[Lanes, Lanes, Lanes],
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
@@ -294,7 +292,7 @@ def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
     return joined
 
 
-def _merged(pulses: Sequence[Matrix]) -> list[Matrix]:
+def _merged(pulses: Sequence[Numbers]) -> list[Numbers]:
     """For each element of several lists, return its index in all of them sorted together; the sort is stable."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
     return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Array, Table, xp
+from ...maths.arrays import Lanes, Table, xp
 from ..device.backend import mitsuba
 
 _SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
@@ -34,17 +34,17 @@ class Draws:
     ray    (n,) number of each ray within its pulse; 0 if it is the only one
     """
 
-    seed: Array
-    pulse: Array
-    ray: Array = 0
+    seed: Lanes
+    pulse: Lanes
+    ray: Lanes = 0
 
-    def uniform(self, step: Array) -> Array:
+    def uniform(self, step: Lanes) -> Lanes:
         """Return (n,) numbers in [0, 1), one for each ray at the surface number ``step`` of its path."""
         mi = mitsuba()
         step = mi.UInt32(step)
         # The random offset belongs to the pulse and the surface, and is the same for all rays of the pulse. The rays
         # share one even sequence, so that of 16 rays at a surface with 25 % gaps 4 pass, give or take one.
-        first, _ = random.words(seed=self.seed, stage=random.STAGE_GAPS, pulse=self.pulse, draw=step)
+        first, _ = random.words(seed=self.seed, stage=random.Stage.GAPS, pulse=self.pulse, draw=step)
         ops = xp(first)
         place = random.open_uniform(first) + mi.Float(self.ray) * ops.take(_SLOPES, step)
         return place - ops.floor(place)

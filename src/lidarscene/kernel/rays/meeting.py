@@ -122,7 +122,7 @@ class Moment:
             # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
             nearer = hit.is_valid() & (hit.t < first.t)
             first, seen = dr.select(nearer, hit, first), dr.select(nearer, carried, seen)
-            to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(tuple(self.sun))), to_sun)
+            to_sun = dr.select(nearer, mi.Vector3f(*place.vector_within(self.sun)), to_sun)
             shift = dr.select(nearer, mover.face_shift, shift)
             here = [one & ~nearer for one in here] + [nearer]
         self._apart(first)

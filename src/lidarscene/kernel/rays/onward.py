@@ -13,7 +13,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, Mask, xp
 from ...physics.optics import dielectrics
 from ..device.backend import mitsuba
 from .gaps import gap_share
@@ -42,12 +42,12 @@ class Way:
     """
 
     ray: Any
-    length_m: Array = 0.0
-    throughput: Array = 1.0
-    interactions: Array = 0
-    mirrored: Array = False
-    receding_m_s: Array = 0.0
-    glint_per_sr: Array = 0.0
+    length_m: Lanes = 0.0
+    throughput: Lanes = 1.0
+    interactions: Lanes = 0
+    mirrored: Mask = False
+    receding_m_s: Lanes = 0.0
+    glint_per_sr: Lanes = 0.0
 
 
 def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
@@ -147,7 +147,7 @@ def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bo
     return direction, share
 
 
-def _of_pane(index: Array, depth: Array, *, cosine: Array, reflected: bool) -> Array:
+def _of_pane(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> Lanes:
     """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless, and knows no path inside the glass.
 
     index, depth  refractive index, and optical depth at normal incidence

@@ -7,19 +7,15 @@ who asks for the light of some pulses gets it from the same stages, run once mor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
 
 from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
+from ...maths.arrays import Numbers
 from ...maths.paths import Placement
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..world.build import World
 from .trace import trace
-
-Matrix = np.ndarray[Any, Any]
 
 COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
 
@@ -29,7 +25,7 @@ def light_of(
     sensor: Sensor,
     ambient: Ambient,
     *,
-    sun: Matrix,
+    sun: Numbers,
     placements: tuple[Placement, Sequence[Placement] | None],
     first: int,
     count: int,

@@ -21,7 +21,7 @@ from ...light.beams import Beams
 from ...light.footprint import Aim
 from ...light.hits import Hits
 from ...light.limits import INTERACTIONS
-from ...maths.arrays import Array, is_drjit, xp
+from ...maths.arrays import Lanes, is_drjit, xp
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
@@ -42,8 +42,8 @@ def trace(
     sensor_velocity_m_s: Vector | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
-    seed: Array = 0,
-    ray_number: Array = 0,
+    seed: Lanes = 0,
+    ray_number: Lanes = 0,
     aim: Aim | None = None,
 ) -> tuple[Hits, ...]:
     """Return the surface at the end of each ray's paths, one `Hits` for each path, on the device.
@@ -79,7 +79,7 @@ def trace(
         return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
 
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
     return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
@@ -91,7 +91,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     through_glass = mi.Bool(False)
 
     # `_ended` asks for the sunlight once, with the shadow rays: the same rays tell whether glass is in the sun's way.
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Array]:
+    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
         nonlocal through_glass
         lit = sunny & ~moment.blocked(ray, sunny)
         through_glass = moment.glazed(ray, lit)
@@ -186,7 +186,7 @@ def _a_step_on(
     return way, met, gone
 
 
-def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Array]]) -> Hits:
+def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Lanes]]) -> Hits:
     """Return the Hits at the end of a path.
 
     sunshine  from shadow rays and (n,) flags of those that matter: (n,) whether the sun is seen, and share of its light
@@ -238,7 +238,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     )
 
 
-def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Array]:
+def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Lanes]:
     """Return whether the sun is seen along these shadow rays, and the share of its light that arrives."""
     speculars = moment.world.speculars
     if speculars is None or not speculars.lets_through:
@@ -247,16 +247,16 @@ def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[
     return share > 0.0, share
 
 
-def _receding(velocity_m_s: Vector | None, direction: Vector) -> Array:
+def _receding(velocity_m_s: Vector | None, direction: Vector) -> Lanes:
     """Rate at which the sensor's own motion lengthens the range, m/s."""
     return 0.0 if velocity_m_s is None else -_along(velocity_m_s, direction)
 
 
-def _along(velocity_m_s: Vector, direction: Vector) -> Array:
+def _along(velocity_m_s: Vector, direction: Vector) -> Lanes:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
-def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Array, Any]:
+def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Lanes, Any]:
     """Return the diffuse transmittance tau of what was met, and where sunlight on its far side is seen (T68).
 
     The second is None in a world in which nothing transmits diffusely.

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from ...maths.paths import Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Motion
@@ -27,8 +28,6 @@ from ..device.backend import mitsuba
 from . import mitsuba_xml
 from .bsdfs import absorption, bsdf_dict, diffuse_share
 from .speculars import Speculars, lets_through
-
-Matrix = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,7 +75,7 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
-    centre_m: Matrix
+    centre_m: Numbers
     first_face: Any
     shape_reflectivity: Any
     shape_transmittance: Any
@@ -107,7 +106,7 @@ class _Shape:
     """
 
     shape: Any
-    face_body: Matrix
+    face_body: Numbers
     material: str
     values: Mapping[str, Any] | None
     is_plain: bool = False
@@ -134,7 +133,7 @@ class _Moving:
 
 
 def build_world(
-    scene: Scene, *, wavelength_m: float, centre_m: Matrix | None = None, see_through: bool = True
+    scene: Scene, *, wavelength_m: float, centre_m: Numbers | None = None, see_through: bool = True
 ) -> World:
     """Compile a scene.
 
@@ -188,10 +187,10 @@ def build_world(
     )
 
 
-def _own_shapes(bodies: Mapping[int, Body], centre: Matrix, resolved: dict[str, Any]) -> list[_Shape]:
+def _own_shapes(bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, Any]) -> list[_Shape]:
     """Return one mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
     mi = mitsuba()
-    grouped: dict[str, list[tuple[int, Matrix, Matrix]]] = {}
+    grouped: dict[str, list[tuple[int, Numbers, Numbers]]] = {}
     shapes: list[_Shape] = []
     for index, body in bodies.items():
         for part in body.parts:
@@ -224,7 +223,7 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
     return moving
 
 
-def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]], values: Any) -> _Shape:
+def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Numbers, Numbers]], values: Any) -> _Shape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
@@ -244,7 +243,7 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Matrix, Matrix]]
     return _Shape(mesh, bodies, material, values, is_plain=True)
 
 
-def _ball(mi: Any, ball: Ball, centre_m: Matrix, index: int, resolved: dict[str, Any]) -> _Shape:
+def _ball(mi: Any, ball: Ball, centre_m: Numbers, index: int, resolved: dict[str, Any]) -> _Shape:
     values = resolved[ball.material]
     shape = mi.load_dict(
         {
@@ -281,8 +280,8 @@ class _FaceTables:
     """Per-face body and material indices, concatenated over shapes: what a World looks up behind a hit."""
 
     def __init__(self) -> None:
-        self._body: list[Matrix] = []
-        self._material: list[Matrix] = []
+        self._body: list[Numbers] = []
+        self._material: list[Numbers] = []
         self._first: dict[int, tuple[_Shape, int]] = {}
         self._faces = 0
         self.material_names: dict[str, int] = {}
@@ -377,7 +376,7 @@ def _registry_number(shape: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _mover(scene: Any, panes: Any, body: Body, centre: Matrix, face_shift: int) -> Mover:
+def _mover(scene: Any, panes: Any, body: Body, centre: Numbers, face_shift: int) -> Mover:
     # Half the diagonal of the box: not the smallest sphere around a body, but one that surely holds it.
     low, high = _extent(body)
     middle = (low + high) / 2.0
@@ -393,14 +392,14 @@ def _mover(scene: Any, panes: Any, body: Body, centre: Matrix, face_shift: int) 
     )
 
 
-def at_rest(pose: Pose, centre_m: Matrix) -> Placement:
+def at_rest(pose: Pose, centre_m: Numbers) -> Placement:
     """Return a pose as a placement in the traced frame, its numbers opaque."""
     numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
     x, y, z, *rotation = transfer.opaque(tuple(numbers))
     return Placement(origin_m=(x, y, z), rotation=tuple(rotation))
 
 
-def _extent(body: Body) -> tuple[Matrix, Matrix]:
+def _extent(body: Body) -> tuple[Numbers, Numbers]:
     """Return the lowest and the highest corner of the box around a body, (3,) each, in its frame."""
     corners = [
         part.vertices_m if isinstance(part, Part) else np.outer([-1.0, 1.0], [part.radius_m] * 3)

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...scene.model import Scene
 from ..device.backend import mitsuba
 from . import mitsuba_xml
-
-Matrix = np.ndarray[Any, Any]
 
 SEGMENTS = 48  # of a drawn circle
 _POLAR = np.linspace(0.0, np.pi, SEGMENTS // 2 + 1)
@@ -35,8 +34,8 @@ class Drawn:
     """
 
     name: str
-    vertices_m: Matrix
-    faces: Matrix
+    vertices_m: Numbers
+    faces: Numbers
     material: str
 
 
@@ -50,7 +49,7 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
     return [Drawn(found.name, *made, found.material) for found, made in drawn if made is not None]
 
 
-def _triangles(shape: Any) -> tuple[Matrix, Matrix] | None:
+def _triangles(shape: Any) -> tuple[Numbers, Numbers] | None:
     if shape.is_mesh():
         vertices, faces = shape.vertex_positions_buffer().numpy(), shape.faces_buffer().numpy()
         return vertices.reshape(-1, 3).astype(np.float64), faces.reshape(-1, 3).astype(np.uint32)
@@ -61,13 +60,13 @@ def _triangles(shape: Any) -> tuple[Matrix, Matrix] | None:
     return vertices @ placed[:3, :3].T + placed[:3, 3], faces
 
 
-def sphere(radius_m: float) -> tuple[Matrix, Matrix]:
+def sphere(radius_m: float) -> tuple[Numbers, Numbers]:
     """Return vertices and faces of a sphere around the origin."""
     vertices, faces = revolved(PROFILES["Sphere"])
     return radius_m * vertices, faces
 
 
-def revolved(profile: Matrix) -> tuple[Matrix, Matrix]:
+def revolved(profile: Numbers) -> tuple[Numbers, Numbers]:
     """Return vertices and faces of a (n, 2) profile (distance from the axis, height) turned about z."""
     # A grid of rings by segments; each cell of it is split into two triangles.
     phi = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)

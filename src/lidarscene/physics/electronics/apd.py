@@ -9,16 +9,18 @@ Symbols: K responsivity [A/W], M gain, F excess noise factor, x its index, k ion
 
 from __future__ import annotations
 
-from ...maths.arrays import Array, xp
+from dataclasses import dataclass
+
+from ...maths.arrays import Lanes, xp
 from ..constants import BOLTZMANN_J_K, ELEMENTARY_CHARGE_C
 
 
-def responsivity_a_w(*, quantum_efficiency: Array, photon_energy_j: Array) -> Array:
+def responsivity_a_w(*, quantum_efficiency: Lanes, photon_energy_j: Lanes) -> Lanes:
     """K_PD = e eta_d / (h nu), ampere per watt before multiplication, (12)."""
     return ELEMENTARY_CHARGE_C * quantum_efficiency / photon_energy_j
 
 
-def gain_from_bias(*, bias_v: Array, breakdown_v: Array, exponent: Array) -> Array:
+def gain_from_bias(*, bias_v: Lanes, breakdown_v: Lanes, exponent: Lanes) -> Lanes:
     """Multiplication factor from the bias, (1 - V_bias / V_bd)^-n as the text under (12) prints it.
 
     Miller's published formula is 1 / (1 - (V / V_bd)^n): see `gain_from_bias_miller`.
@@ -27,19 +29,19 @@ def gain_from_bias(*, bias_v: Array, breakdown_v: Array, exponent: Array) -> Arr
     return ops.exp(-exponent * ops.log(1.0 - bias_v / breakdown_v))
 
 
-def gain_from_bias_miller(*, bias_v: Array, breakdown_v: Array, exponent: Array) -> Array:
+def gain_from_bias_miller(*, bias_v: Lanes, breakdown_v: Lanes, exponent: Lanes) -> Lanes:
     """M = 1 / (1 - (V / V_bd)^n), S. L. Miller, Phys. Rev. 99, 1234 (1955)."""
     ops = xp(bias_v, breakdown_v, exponent)
     return 1.0 / (1.0 - ops.exp(exponent * ops.log(bias_v / breakdown_v)))
 
 
-def excess_noise_power_law(*, gain: Array, index: Array) -> Array:
+def excess_noise_power_law(*, gain: Lanes, index: Lanes) -> Lanes:
     """F = M^x, the approximation that the paper uses."""
     ops = xp(gain, index)
     return ops.exp(index * ops.log(gain))
 
 
-def excess_noise_mcintyre(*, gain: Array, ionisation_ratio: Array) -> Array:
+def excess_noise_mcintyre(*, gain: Lanes, ionisation_ratio: Lanes) -> Lanes:
     """F = k M + (1 - k)(2 - 1 / M), with k the ratio of the ionisation rates, hole over electron.
 
     R. J. McIntyre, IEEE Trans. Electron Devices 13, 164 (1966).
@@ -47,49 +49,49 @@ def excess_noise_mcintyre(*, gain: Array, ionisation_ratio: Array) -> Array:
     return ionisation_ratio * gain + (1.0 - ionisation_ratio) * (2.0 - 1.0 / gain)
 
 
-def signal_a(*, responsivity_a_w: Array, gain: Array, power_w: Array) -> Array:
+def signal_a(*, responsivity_a_w: Lanes, gain: Lanes, power_w: Lanes) -> Lanes:
     """Peak signal current i_s = K M P_r, (12)."""
     return responsivity_a_w * gain * power_w
 
 
 def light_shot_variance_a2(
-    *, responsivity_a_w: Array, gain: Array, excess_noise: Array, bandwidth_hz: Array, power_w: Array
-) -> Array:
+    *, responsivity_a_w: Lanes, gain: Lanes, excess_noise: Lanes, bandwidth_hz: Lanes, power_w: Lanes
+) -> Lanes:
     """Variance of the shot noise of light, 2 e K P M^2 F B: (14) for the echo, (15) for the background."""
     return 2.0 * ELEMENTARY_CHARGE_C * responsivity_a_w * power_w * gain * gain * excess_noise * bandwidth_hz
 
 
 def dark_shot_variance_a2(
     *,
-    surface_dark_current_a: Array,
-    bulk_dark_current_a: Array,
-    gain: Array,
-    excess_noise: Array,
-    bandwidth_hz: Array,
-) -> Array:
+    surface_dark_current_a: Lanes,
+    bulk_dark_current_a: Lanes,
+    gain: Lanes,
+    excess_noise: Lanes,
+    bandwidth_hz: Lanes,
+) -> Lanes:
     """Variance of the shot noise of the dark currents, (16): surface (not multiplied) and bulk (multiplied)."""
     multiplied = surface_dark_current_a + bulk_dark_current_a * gain * gain * excess_noise
     return 2.0 * ELEMENTARY_CHARGE_C * multiplied * bandwidth_hz
 
 
-def thermal_variance_a2(*, temperature_k: Array, load_resistance_ohm: Array, bandwidth_hz: Array) -> Array:
+def thermal_variance_a2(*, temperature_k: Lanes, load_resistance_ohm: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Variance of the Johnson noise of the load, 4 k_B T B / R, (17)."""
     return 4.0 * BOLTZMANN_J_K * temperature_k * bandwidth_hz / load_resistance_ohm
 
 
-def shot_variance_per_ampere_a(*, gain: Array, excess_noise: Array, bandwidth_hz: Array) -> Array:
+def shot_variance_per_ampere_a(*, gain: Lanes, excess_noise: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """kappa = 2 e M F B: the echo's shot noise at a signal current i_s is sigma_s^2 = kappa i_s, (14) over (12)."""
     return 2.0 * ELEMENTARY_CHARGE_C * gain * excess_noise * bandwidth_hz
 
 
 def total_noise_a(
     *,
-    signal_variance_a2: Array,
-    background_variance_a2: Array,
-    dark_variance_a2: Array,
-    thermal_variance_a2: Array,
-    circuit_noise_a: Array,
-) -> Array:
+    signal_variance_a2: Lanes,
+    background_variance_a2: Lanes,
+    dark_variance_a2: Lanes,
+    thermal_variance_a2: Lanes,
+    circuit_noise_a: Lanes,
+) -> Lanes:
     """sigma_APD, (13): root of the sum of five independent variances. Without signal variance it is (18)."""
     variance = (
         signal_variance_a2 + background_variance_a2 + dark_variance_a2 + thermal_variance_a2
@@ -97,52 +99,67 @@ def total_noise_a(
     return xp(variance).sqrt(variance)
 
 
-def noise_without_echo_a(
-    *,
-    responsivity_a_w: Array,
-    background_power_w: Array,
-    gain: Array,
-    excess_noise: Array,
-    bandwidth_hz: Array,
-    surface_dark_current_a: Array,
-    bulk_dark_current_a: Array,
-    temperature_k: Array,
-    load_resistance_ohm: Array,
-    circuit_noise_a: Array = 0.0,
-) -> Array:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diode:
+    """An avalanche photodiode; the bulk dark current is multiplied, the surface's is not."""
+
+    responsivity_a_w: Lanes
+    gain: Lanes
+    excess_noise: Lanes
+    surface_dark_current_a: Lanes
+    bulk_dark_current_a: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Amplifier:
+    """What follows the diode: its load, its bandwidth and the noise of the rest of the circuit."""
+
+    bandwidth_hz: Lanes
+    temperature_k: Lanes
+    load_resistance_ohm: Lanes
+    circuit_noise_a: Lanes = 0.0
+
+
+def noise_without_echo_a(diode: Diode, amplifier: Amplifier, *, background_power_w: Lanes) -> Lanes:
     """sigma_APD(i(P_rs)), (18): (13) with (15)-(17) and without (14). Noise is white within the bandwidth."""
-    avalanche = {"gain": gain, "excess_noise": excess_noise, "bandwidth_hz": bandwidth_hz}
+    avalanche = {
+        "gain": diode.gain,
+        "excess_noise": diode.excess_noise,
+        "bandwidth_hz": amplifier.bandwidth_hz,
+    }
     return total_noise_a(
         signal_variance_a2=0.0,
         background_variance_a2=light_shot_variance_a2(
-            responsivity_a_w=responsivity_a_w, power_w=background_power_w, **avalanche
+            responsivity_a_w=diode.responsivity_a_w, power_w=background_power_w, **avalanche
         ),
         dark_variance_a2=dark_shot_variance_a2(
-            surface_dark_current_a=surface_dark_current_a,
-            bulk_dark_current_a=bulk_dark_current_a,
+            surface_dark_current_a=diode.surface_dark_current_a,
+            bulk_dark_current_a=diode.bulk_dark_current_a,
             **avalanche,
         ),
         thermal_variance_a2=thermal_variance_a2(
-            temperature_k=temperature_k, load_resistance_ohm=load_resistance_ohm, bandwidth_hz=bandwidth_hz
+            temperature_k=amplifier.temperature_k,
+            load_resistance_ohm=amplifier.load_resistance_ohm,
+            bandwidth_hz=amplifier.bandwidth_hz,
         ),
-        circuit_noise_a=circuit_noise_a,
+        circuit_noise_a=amplifier.circuit_noise_a,
     )
 
 
-def snr(*, responsivity_a_w: Array, gain: Array, echo_power_w: Array, noise_a: Array) -> Array:
+def snr(*, responsivity_a_w: Lanes, gain: Lanes, echo_power_w: Lanes, noise_a: Lanes) -> Lanes:
     """SNR_APD, (19): signal (12) over noise without echo (18)."""
     return signal_a(responsivity_a_w=responsivity_a_w, gain=gain, power_w=echo_power_w) / noise_a
 
 
 def snr_of_gain(
     *,
-    signal_at_unit_gain_a: Array,
-    optical_variance_a2: Array,
-    bulk_dark_variance_a2: Array,
-    unmultiplied_variance_a2: Array,
-    gain: Array,
-    excess_noise_index: Array,
-) -> Array:
+    signal_at_unit_gain_a: Lanes,
+    optical_variance_a2: Lanes,
+    bulk_dark_variance_a2: Lanes,
+    unmultiplied_variance_a2: Lanes,
+    gain: Lanes,
+    excess_noise_index: Lanes,
+) -> Lanes:
     """SNR_APD as a function of the gain, (20), with F = M^x.
 
     The paper's a K P_rs, b and c are variances: of the background's shot noise at gain one, of the bulk dark
@@ -155,8 +172,8 @@ def snr_of_gain(
 
 
 def gain_of_equal_noise(
-    *, multiplied_variance_a2: Array, unmultiplied_variance_a2: Array, excess_noise_index: Array
-) -> Array:
+    *, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, excess_noise_index: Lanes
+) -> Lanes:
     """Gain at which multiplied and unmultiplied noise are equal, M^(2+x) = c / (a + b).
 
     The text after (20) calls this the best gain. It is the best only for x = 2; see `best_gain`. At Table 1 it is
@@ -168,8 +185,8 @@ def gain_of_equal_noise(
 
 
 def best_gain(
-    *, multiplied_variance_a2: Array, unmultiplied_variance_a2: Array, excess_noise_index: Array
-) -> Array:
+    *, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, excess_noise_index: Lanes
+) -> Lanes:
     """Gain of the best SNR, from d SNR / dM = 0: M^(2+x) = 2 c / (x (a + b)).
 
     multiplied_variance_a2    a + b: shot noise of background and bulk dark current at gain one
@@ -184,8 +201,8 @@ def best_gain(
 
 
 def best_gain_mcintyre(
-    *, multiplied_variance_a2: Array, unmultiplied_variance_a2: Array, ionisation_ratio: Array
-) -> Array:
+    *, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, ionisation_ratio: Lanes
+) -> Lanes:
     """Gain of the best SNR with McIntyre's F: the root of k M^3 + (1 - k) M = 2 c / (a + b).
 
     Variances as in `best_gain`; 0 < k < 1. A result below one means a gain of one.

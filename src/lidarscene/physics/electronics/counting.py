@@ -9,23 +9,38 @@ Symbols: eta detection efficiency, N cells, b busy share, tau dead time.
 
 from __future__ import annotations
 
-from ...maths.arrays import Array, xp
+from dataclasses import dataclass
+
+from ...maths.arrays import Array, Lanes, xp
 
 _FEW = 10.0  # below this mean the distribution is inverted term by term
 _TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
 
 
-def detected_photons_hz(*, power_w: Array, efficiency: Array, photon_energy_j: Array) -> Array:
+def detected_photons_hz(*, power_w: Lanes, efficiency: Lanes, photon_energy_j: Lanes) -> Lanes:
     """Detected photons per second, eta P / (h nu)."""
     return efficiency * power_w / photon_energy_j
 
 
-def fired_cells_hz(*, busy_share: Array, cells: Array, dead_time_s: Array) -> Array:
+def fired_cells_hz(*, busy_share: Lanes, cells: Lanes, dead_time_s: Lanes) -> Lanes:
     """Firings of all cells per second, N b / tau: each busy cell has fired once in the last dead time."""
     return cells * busy_share / dead_time_s
 
 
-def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Array) -> Array:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    """How far the inversion of a Poisson distribution has come.
+
+    left   of the uniform number, above the probabilities so far
+    term   probability of this count
+    """
+
+    left: Array
+    term: Array
+    count: Array
+
+
+def poisson_count(*, mean: Lanes, uniform: Lanes, deviate: Lanes, narrowing: Lanes) -> Lanes:
     """A whole number from a Poisson distribution: by inversion if the mean is below 10, else by Cornish and Fisher.
 
     uniform    in (0, 1], for small means
@@ -40,16 +55,15 @@ def poisson_count(*, mean: Array, uniform: Array, deviate: Array, narrowing: Arr
     # What is left of the uniform number after P(0); lanes of large means start with nothing left and never loop.
     left = ops.where(mean < _FEW, uniform - term, 0.0)
 
-    def going(left: Array, term: Array, count: Array) -> Array:
-        return (left > 0.0) & (count < _TERMS)
-
-    def one_more(left: Array, term: Array, count: Array) -> tuple[Array, ...]:
-        count = count + 1.0
-        term = term * few / count
-        return left - term, term, count
+    def one_more(state: _Drawn) -> _Drawn:
+        count = state.count + 1.0
+        term = state.term * few / count
+        return _Drawn(left=state.left - term, term=term, count=count)
 
     # Inversion: subtract P(1), P(2), ... until the uniform number is used up; the number of terms is the count.
-    count = ops.loop((left, term + 0.0 * left, 0.0 * left), going, one_more)[2]
+    # Lanes of large means end before they begin, and a loop ends with the last of its packet.
+    start = _Drawn(left=left, term=term + 0.0 * left, count=0.0 * left)
+    count = ops.loop(start, lambda state: (state.left > 0.0) & (state.count < _TERMS), one_more).count
     # Cornish and Fisher to the skewness 1 / sqrt(mean): mean + sigma z + (z^2 - 1) / 6, rounded to a whole number.
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0

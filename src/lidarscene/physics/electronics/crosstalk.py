@@ -11,20 +11,20 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail, normal_tail_inverse
 
 _NEPERS = math.log(10.0) / 10.0  # ln(power ratio) of one decibel
 
 
-def tripping_probability(*, needed_power_w: Array, median_power_w: Array, spread_db: Array) -> Array:
+def tripping_probability(*, needed_power_w: Lanes, median_power_w: Lanes, spread_db: Lanes) -> Lanes:
     """Share of the pulses whose peak is ``needed_power_w`` or more, Q(ln(needed / median) / s)."""
     ops = xp(needed_power_w, median_power_w, spread_db)
     ratio = ops.maximum(needed_power_w, 1e-30) / ops.maximum(median_power_w, 1e-30)
     return normal_tail(ops.log(ratio) / (_NEPERS * spread_db))
 
 
-def tripping_power_w(*, uniform: Array, probability: Array, median_power_w: Array, spread_db: Array) -> Array:
+def tripping_power_w(*, uniform: Lanes, probability: Lanes, median_power_w: Lanes, spread_db: Lanes) -> Lanes:
     """Peak power of a pulse that trips: the inverse of its tail.
 
     uniform      in (0, 1]: uniform times probability is uniform within the tail that trips

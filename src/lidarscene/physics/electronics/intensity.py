@@ -10,24 +10,24 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 
 LARGEST = 255.0
 """Largest value of the one byte in which makers send it."""
 
 
-def range_corrected_power_w(*, power_w: Array, range_m: Array, reference_m: Array) -> Array:
+def range_corrected_power_w(*, power_w: Lanes, range_m: Lanes, reference_m: Lanes) -> Lanes:
     """P_r (R / R_0)^2: the echo power of the same surface at R_0, by (5) without air."""
     ratio = range_m / reference_m
     return power_w * ratio * ratio
 
 
-def white_echo_w_m2(*, peak_power_w: Array, aperture_m2: Array, efficiency: Array) -> Array:
+def white_echo_w_m2(*, peak_power_w: Lanes, aperture_m2: Lanes, efficiency: Lanes) -> Lanes:
     """P_r R^2 of a white Lambertian surface across the beam in clear air, P_t A eta_r / pi: (5) with rho = 1."""
     return peak_power_w * aperture_m2 * efficiency / math.pi
 
 
-def reflectivity_estimate(*, power_w: Array, range_m: Array, white_w_m2: Array, overlap: Array) -> Array:
+def reflectivity_estimate(*, power_w: Lanes, range_m: Lanes, white_w_m2: Lanes, overlap: Lanes) -> Lanes:
     """rho of the Lambertian surface across the beam that would give this echo: (5) solved for rho.
 
     white_w_m2  `white_echo_w_m2`
@@ -39,7 +39,7 @@ def reflectivity_estimate(*, power_w: Array, range_m: Array, white_w_m2: Array, 
     return power_w * range_m * range_m / (white_w_m2 * overlap)
 
 
-def on_scale(*, reflectivity: Array, white_value: Array, retro: str, retro_reflectivity: Array) -> Array:
+def on_scale(*, reflectivity: Lanes, white_value: Lanes, retro: str, retro_reflectivity: Lanes) -> Lanes:
     """A reflectivity on the maker's scale: whole numbers from 0 to 255.
 
     white_value         value of reflectivity one; below one the scale is linear

@@ -15,21 +15,18 @@ Symbols: M gain, F excess noise factor, k ionisation ratio, N mean number of pri
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...maths.special import log1p, log_gamma, normal_tail, scaled_normal_tail
 from ..constants import ELEMENTARY_CHARGE_C
-
-Matrix = np.ndarray[Any, Any]
 
 _STEPS = 14  # of Newton's method for the saddle point
 _TERMS = 14  # of the cumulants' series near the mean
 
 
-def ionisation_ratio(*, gain: Array, excess_noise: Array) -> Array:
+def ionisation_ratio(*, gain: Lanes, excess_noise: Lanes) -> Lanes:
     """The k whose McIntyre F at this gain is ``excess_noise``, limited to [0, 0.999].
 
     It gives a k to a diode that is described by F = M^x: 0.02225 for x = 0.3 at M = 80. At a gain of one there is no
@@ -42,12 +39,12 @@ def ionisation_ratio(*, gain: Array, excess_noise: Array) -> Array:
     return ops.minimum(ops.maximum(ops.where(span > 0.0, ratio, 0.0), 0.0), 0.999)
 
 
-def resolution_time_s(*, bandwidth_hz: Array) -> Array:
+def resolution_time_s(*, bandwidth_hz: Lanes) -> Lanes:
     """1 / (2 B): over this time the Poisson variance of the count is the shot noise 2 e i B."""
     return 0.5 / bandwidth_hz
 
 
-def log_probability(*, primary: Array, total: Array, gain: Array, ionisation_ratio: Array) -> Array:
+def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_ratio: Lanes) -> Lanes:
     """Log of the probability that ``primary`` electrons leave as ``total``; -inf for total < primary. numpy.
 
     For n in and m out (McIntyre, 1972):
@@ -69,7 +66,7 @@ def log_probability(*, primary: Array, total: Array, gain: Array, ionisation_rat
     return np.where(possible, value, -np.inf)
 
 
-def webb_density(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
+def webb_density(*, excess: Lanes, primaries: Lanes, gain: Lanes, excess_noise: Lanes) -> Lanes:
     """Density per electron of the output of Poisson primaries, ``excess`` above its mean (Webb et al., 1974).
 
     With sigma^2 = N M^2 F, x = excess / sigma and lambda = sqrt(N F) / (F - 1):
@@ -85,7 +82,7 @@ def webb_density(*, excess: Array, primaries: Array, gain: Array, excess_noise: 
     return ops.where(y > 0.0, density, 0.0)
 
 
-def webb_tail(*, excess: Array, primaries: Array, gain: Array, excess_noise: Array) -> Array:
+def webb_tail(*, excess: Lanes, primaries: Lanes, gain: Lanes, excess_noise: Lanes) -> Lanes:
     """Probability of an output more than ``excess`` above its mean, by Webb's approximation; no amplifier.
 
     In closed form, because 1 + x / lambda is an inverse Gaussian variable (K. R. Baker, IEEE Trans. Commun. 44, 15,
@@ -101,8 +98,8 @@ def webb_tail(*, excess: Array, primaries: Array, gain: Array, excess_noise: Arr
 
 
 def tail_probability(
-    *, excess: Array, primaries: Array, gain: Array, ionisation_ratio: Array, amplifier: Array
-) -> Array:
+    *, excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
+) -> Lanes:
     """Probability that Poisson primaries through McIntyre's avalanche, plus amplifier noise, exceed the mean.
 
     excess     output electrons above the mean, > 0
@@ -121,7 +118,7 @@ def tail_probability(
     variance = amplifier * amplifier
     tiny = 1e-30
 
-    def log_z(d: Array) -> Array:
+    def log_z(d: Lanes) -> Lanes:
         return log1p(d) - log1p(b * d) / (1.0 - k)
 
     # Step 1, the saddle point: the d at which the tilted mean equals the mean plus excess, K'(d) = excess.
@@ -170,13 +167,13 @@ def tail_probability(
 
 def false_alarm_probability(
     *,
-    threshold_a: Array,
-    primary_current_a: Array,
-    unmultiplied_variance_a2: Array,
-    gain: Array,
-    excess_noise: Array,
-    bandwidth_hz: Array,
-) -> Array:
+    threshold_a: Lanes,
+    primary_current_a: Lanes,
+    unmultiplied_variance_a2: Lanes,
+    gain: Lanes,
+    excess_noise: Lanes,
+    bandwidth_hz: Lanes,
+) -> Lanes:
     """P_f of one comparison with McIntyre's tail in place of the Gaussian (9): `tail_probability` in amperes.
 
     primary_current_a         current of the background and of the bulk dark current, before the avalanche

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from ...maths.arrays import Array, State, xp
+from ...maths.arrays import Array, Lanes, Mask, xp
 
 SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
 
-Shape = tuple[Array, Array, Array]
+Shape = tuple[Lanes, Lanes, Lanes]
 """Value, first and second derivative of the waveform at some place."""
 
 _TOLERANCE = 1e-5
@@ -31,10 +32,12 @@ _RAISED = 60.0
 """Added to the exponents in `evenly`: products from e^-86 to e^71 then stay within single precision."""
 
 
-def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Array]) -> Shape:
+def sum_of_pulses(*, at: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]) -> Shape:
     """P(t) = sum_k P_k exp(-(t - t_k)^2 / 2) and its first two derivatives."""
     ops = xp(at, *centres[:1])
-    value, slope, bend = 0.0, 0.0, 0.0
+    value: Lanes = 0.0
+    slope: Lanes = 0.0
+    bend: Lanes = 0.0
     for centre, height in zip(centres, heights, strict=True):
         ahead = centre - at
         part = height * ops.exp(-0.5 * ahead * ahead)
@@ -44,7 +47,7 @@ def sum_of_pulses(*, at: Array, centres: Sequence[Array], heights: Sequence[Arra
 
 
 def evenly(
-    *, start: Array, spacing: Array, middle: Array, centres: Sequence[Array], heights: Sequence[Array]
+    *, start: Lanes, spacing: Lanes, middle: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]
 ) -> tuple[list[Array], list[Array]]:
     """`sum_of_pulses` at evenly spaced places u: each pulse's part at the first, and its factor from one to the next.
 
@@ -68,14 +71,14 @@ def evenly(
     return parts, growths
 
 
-def even_sum(*, at: Array, middle: Array, parts: Sequence[Array]) -> Array:
+def even_sum(*, at: Lanes, middle: Lanes, parts: Sequence[Lanes]) -> Lanes:
     """P at one of the places of `evenly`, from the pulses' parts at that place."""
     off = at - middle
-    value: Array = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
+    value: Lanes = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
     return value
 
 
-def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, light_m_s: float) -> Array:
+def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, light_m_s: float) -> Lanes:
     """Width of the echo of a plane that is tilted by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
 
     Across the beam the power has the standard deviation w / 2, so ranges have w tangent / 2 and times w tangent / c.
@@ -86,8 +89,8 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Array, radius_m: Array, tangent: Array, li
 
 
 def highest_between(
-    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
+) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 
     wanted  (n,) bool, lanes to search; results of other lanes are undefined
@@ -95,7 +98,7 @@ def highest_between(
     Returns the place and the shape there.
     """
 
-    def uphill(shape: Shape) -> tuple[Array, Array]:
+    def uphill(shape: Shape) -> tuple[Lanes, Lanes]:
         _, slope, bend = _relative(shape)
         return -slope, slope * slope - bend
 
@@ -103,11 +106,11 @@ def highest_between(
 
 
 def lowest_between(
-    evaluate: Callable[[Array], Shape], low: Array, high: Array, *, wanted: Array
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
+) -> tuple[Lanes, Shape]:
     """Valley of the waveform between two places, as `highest_between`: slope negative, then positive."""
 
-    def downhill(shape: Shape) -> tuple[Array, Array]:
+    def downhill(shape: Shape) -> tuple[Lanes, Lanes]:
         _, slope, bend = _relative(shape)
         return slope, bend - slope * slope
 
@@ -115,15 +118,15 @@ def lowest_between(
 
 
 def crossing(
-    evaluate: Callable[[Array], Shape],
-    level: Array,
+    evaluate: Callable[[Lanes], Shape],
+    level: Lanes,
     *,
-    far: Array,
-    peak: Array,
+    far: Lanes,
+    peak: Lanes,
     top: Shape,
-    wanted: Array,
-    near: Array | None = None,
-) -> Array:
+    wanted: Mask,
+    near: Lanes | None = None,
+) -> Lanes:
     """Place at which the waveform crosses a level, between a peak and a lower place on either side of it.
 
     far     place below the level
@@ -136,7 +139,7 @@ def crossing(
     log_level = ops.log(ops.maximum(level, 1e-37))
     side = ops.where(far < peak, 1.0, -1.0)
 
-    def above(shape: Shape) -> tuple[Array, Array]:
+    def above(shape: Shape) -> tuple[Lanes, Lanes]:
         # The logarithm of a Gaussian edge is a parabola, on which Newton's method converges from far away.
         value, slope, _ = _relative(shape)
         return side * (ops.log(value) - log_level), side * slope
@@ -156,14 +159,31 @@ def _relative(shape: Shape) -> Shape:
     return kept, slope / kept, bend / kept
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Bracket:
+    """A root between two places.
+
+    at     the best guess, ``moved`` from the one before
+    steps  so far
+    shape  of the waveform at the guess before
+    """
+
+    low: Lanes
+    high: Lanes
+    at: Lanes
+    moved: Lanes
+    steps: Lanes
+    shape: Shape
+
+
 def _root(
-    evaluate: Callable[[Array], Shape],
-    residual: Callable[[Shape], tuple[Array, Array]],
-    low: Array,
-    high: Array,
-    guess: Array,
-    wanted: Array,
-) -> tuple[Array, Shape]:
+    evaluate: Callable[[Lanes], Shape],
+    residual: Callable[[Shape], tuple[Lanes, Lanes]],
+    low: Lanes,
+    high: Lanes,
+    guess: Lanes,
+    wanted: Mask,
+) -> tuple[Lanes, Shape]:
     """Root of a residual that rises through zero from ``low`` to ``high``: Newton's method, kept inside the bracket.
 
     residual  (value, slope) from the waveform's shape
@@ -171,20 +191,25 @@ def _root(
     ops = xp(low, high, guess)
     guess = ops.where((guess > low) & (guess < high), guess, 0.5 * (low + high))
 
-    def going(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> Array:
-        return (moved > _TOLERANCE) & (steps < _MOST_STEPS)
+    def active(state: _Bracket) -> Mask:
+        return (state.moved > _TOLERANCE) & (state.steps < _MOST_STEPS)
 
-    def step(low: Array, high: Array, at: Array, moved: Array, steps: Array, *shape: Array) -> State:
+    def step(state: _Bracket) -> _Bracket:
+        at = state.at
         there = evaluate(at)
         value, slope = residual(there)
-        low, high = ops.where(value < 0.0, at, low), ops.where(value < 0.0, high, at)
+        low, high = ops.where(value < 0.0, at, state.low), ops.where(value < 0.0, state.high, at)
         newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
         # A step that leaves the bracket, or a slope without use, is replaced by bisection.
         inside = (slope > 1e-30) & (newton >= low) & (newton <= high)
         following = ops.where(inside, newton, 0.5 * (low + high))
-        return low, high, following, ops.abs(following - at), steps + 1, *there
+        moved = ops.abs(following - at)
+        return _Bracket(low=low, high=high, at=following, moved=moved, steps=state.steps + 1, shape=there)
 
     nothing = ops.full(guess, 0.0)
-    start = (low, high, guess, ops.where(wanted, 1.0, nothing), ops.full(guess, 0), nothing, nothing, nothing)
-    _, _, place, _, _, *shape = ops.loop(start, going, step)
-    return place, tuple(shape)
+    start = _Bracket(
+        low=low, high=high, at=guess, moved=ops.where(wanted, 1.0, nothing), steps=ops.full(guess, 0),
+        shape=(nothing, nothing, nothing),
+    )  # fmt: skip
+    done = ops.loop(start, active, step)
+    return done.at, done.shape

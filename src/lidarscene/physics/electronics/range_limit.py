@@ -10,85 +10,98 @@ Symbols: theta incidence, theta_s angle of the sun, tau_a transmittance, eta_r a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 
 
-def _optics_term(
-    *, cos_incidence: Array, cos_sun: Array, transmittance: Array, efficiency_laser: Array,
-    efficiency_sun: Array, photon_energy_j: Array, factor: float,
-) -> Array:  # fmt: skip
-    """First bracket of (29) and (30), before its square root, without the 1 / cos(theta_s)."""
-    root = xp(cos_sun, efficiency_sun).sqrt(photon_energy_j * efficiency_sun * cos_sun)
-    return factor * cos_incidence * transmittance**1.5 * efficiency_laser / (math.pi * root)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plane:
+    """A Lambertian plane wider than the spot, in sunlight.
+
+    sun_irradiance_w_m2  in the receiver's band, at normal incidence
+    transmittance        of the air, one way
+    cos_incidence        of the beam, and cos_sun of the sunlight
+    """
+
+    reflectivity: Lanes
+    sun_irradiance_w_m2: Lanes
+    transmittance: Lanes = 1.0
+    cos_incidence: Lanes = 1.0
+    cos_sun: Lanes = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Receiver:
+    """A lidar but for its detector.
+
+    peak_power_w        of its laser, P_t
+    focal_over_radius   focal length over the detector's radius
+    threshold_to_noise  TNR of its comparator
+    efficiency_laser    of its optics for its own light, and efficiency_sun for sunlight
+    """
+
+    peak_power_w: Lanes
+    aperture_m2: Lanes
+    focal_over_radius: Lanes
+    threshold_to_noise: Lanes
+    photon_energy_j: Lanes
+    efficiency_laser: Lanes = 1.0
+    efficiency_sun: Lanes = 1.0
 
 
 def maximum_range_apd_m(
+    plane: Plane,
+    receiver: Receiver,
     *,
-    peak_power_w: Array,
-    reflectivity: Array,
-    aperture_m2: Array,
-    sun_irradiance_w_m2: Array,
-    focal_over_radius: Array,
-    threshold_to_noise: Array,
-    quantum_efficiency: Array,
-    excess_noise: Array,
-    bandwidth_hz: Array,
-    photon_energy_j: Array,
-    transmittance: Array = 1.0,
-    efficiency_laser: Array = 1.0,
-    efficiency_sun: Array = 1.0,
-    cos_incidence: Array = 1.0,
-    cos_sun: Array = 1.0,
+    quantum_efficiency: Lanes,
+    excess_noise: Lanes,
+    bandwidth_hz: Lanes,
     as_printed: bool = False,
-) -> Array:
+) -> Lanes:
     """Range at which the APD's SNR falls to the threshold under background shot noise alone, (29).
 
     excess_noise is F = M^x. Derived: factor 1 / sqrt(2), since shot noise 2 e i B has one factor 2 under the root,
     and no 1 / cos(theta_s). As printed: 1 / 2 and 1 / cos(theta_s), together 19 % too long at 60 degrees.
     """
-    optics = _optics_term(
-        cos_incidence=cos_incidence, cos_sun=cos_sun, transmittance=transmittance,
-        efficiency_laser=efficiency_laser, efficiency_sun=efficiency_sun,
-        photon_energy_j=photon_energy_j, factor=0.5 if as_printed else math.sqrt(0.5),
-    )  # fmt: skip
+    optics = _optics_term(plane, receiver, factor=0.5 if as_printed else math.sqrt(0.5))
     if as_printed:
-        optics = optics / cos_sun
+        optics = optics / plane.cos_sun
     light = (
-        quantum_efficiency * reflectivity * aperture_m2 / (sun_irradiance_w_m2 * excess_noise * bandwidth_hz)
+        quantum_efficiency
+        * plane.reflectivity
+        * receiver.aperture_m2
+        / (plane.sun_irradiance_w_m2 * excess_noise * bandwidth_hz)
     )
+    peak_power_w, threshold_to_noise = receiver.peak_power_w, receiver.threshold_to_noise
     ops = xp(optics, light, peak_power_w, threshold_to_noise)
-    return ops.sqrt(optics * ops.sqrt(light) * peak_power_w * focal_over_radius / threshold_to_noise)
+    return ops.sqrt(optics * ops.sqrt(light) * peak_power_w * receiver.focal_over_radius / threshold_to_noise)
 
 
 def maximum_range_sipm_m(
+    plane: Plane,
+    receiver: Receiver,
     *,
-    peak_power_w: Array,
-    pulse_fwhm_s: Array,
-    reflectivity: Array,
-    aperture_m2: Array,
-    sun_irradiance_w_m2: Array,
-    focal_over_radius: Array,
-    threshold_to_noise: Array,
-    pde: Array,
-    dead_time_s: Array,
-    photon_energy_j: Array,
-    transmittance: Array = 1.0,
-    efficiency_laser: Array = 1.0,
-    efficiency_sun: Array = 1.0,
-    cos_incidence: Array = 1.0,
-    cos_sun: Array = 1.0,
+    pulse_fwhm_s: Lanes,
+    pde: Lanes,
+    dead_time_s: Lanes,
     as_printed: bool = False,
-) -> Array:
+) -> Lanes:
     """Range at which the SiPM's SNR (28) falls to the threshold, (30). As printed it has a 1 / cos(theta_s)."""
-    optics = _optics_term(
-        cos_incidence=cos_incidence, cos_sun=cos_sun, transmittance=transmittance,
-        efficiency_laser=efficiency_laser, efficiency_sun=efficiency_sun,
-        photon_energy_j=photon_energy_j, factor=0.5,
-    ) / xp(dead_time_s).sqrt(dead_time_s)  # fmt: skip
+    optics = _optics_term(plane, receiver, factor=0.5) / xp(dead_time_s).sqrt(dead_time_s)
     if as_printed:
-        optics = optics / cos_sun
-    light = pde * reflectivity * aperture_m2 / sun_irradiance_w_m2
-    pulse = peak_power_w * pulse_fwhm_s * focal_over_radius / threshold_to_noise
+        optics = optics / plane.cos_sun
+    light = pde * plane.reflectivity * receiver.aperture_m2 / plane.sun_irradiance_w_m2
+    pulse = receiver.peak_power_w * pulse_fwhm_s * receiver.focal_over_radius / receiver.threshold_to_noise
     ops = xp(optics, light, pulse)
     return ops.sqrt(optics * ops.sqrt(light) * pulse)
+
+
+def _optics_term(plane: Plane, receiver: Receiver, *, factor: float) -> Lanes:
+    """First bracket of (29) and (30), before its square root, without the 1 / cos(theta_s)."""
+    root = xp(plane.cos_sun, receiver.efficiency_sun).sqrt(
+        receiver.photon_energy_j * receiver.efficiency_sun * plane.cos_sun
+    )
+    return (
+        factor * plane.cos_incidence * plane.transmittance**1.5 * receiver.efficiency_laser / (math.pi * root)
+    )

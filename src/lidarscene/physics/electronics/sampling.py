@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from .pulse_sums import SIGMAS_PER_FWHM
 
 
-def quantised(*, signal: Array, step: Array, full_scale: Array) -> Array:
+def quantised(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:
     """Nearest multiple of the converter's step, at most full scale. The error has the deviation step / sqrt(12)."""
     ops = xp(signal, step, full_scale)
     return ops.minimum(ops.rint(signal / step) * step, full_scale)
 
 
-def quantisation_noise(*, step: Array) -> Array:
+def quantisation_noise(*, step: Lanes) -> Lanes:
     """step / sqrt(12): deviation of an error even over one step (Bennett, Bell Syst. Tech. J. 27, 446, 1948)."""
     return step / math.sqrt(12.0)
 
 
-def least_time_deviation_s(*, snr: Array, rate_hz: Array, pulse_fwhm_s: Array) -> Array:
+def least_time_deviation_s(*, snr: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
     """Cramer-Rao bound of the time of a Gaussian pulse in white noise, with unknown height.
 
     snr      peak over the standard deviation of one sample

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 
@@ -27,14 +27,14 @@ LARGEST_OVERDRIVE = 80.0
 """Largest ln(s / U): its exponential still fits single precision."""
 
 
-def clipped(*, signal: Array, saturation: Array) -> Array:
+def clipped(*, signal: Lanes, saturation: Lanes) -> Lanes:
     """The peak behind the amplifier, min(s, S)."""
     return xp(signal, saturation).minimum(signal, saturation)
 
 
 def clipped_waveform(
-    *, time_s: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, time_s: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """v(t) of a pulse of peak ``signal``, centred on zero; the pulse itself if its peak is below S."""
     ops = xp(time_s, signal, saturation)
     pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
@@ -46,8 +46,8 @@ def clipped_waveform(
 
 
 def width_at_level_s(
-    *, level: Array, signal: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """Time that v(t) spends above a level at or below S, between the comparator's two crossings; 0 if s < U.
 
     Below saturation it is 2 t(U), with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)). Above it is
@@ -63,8 +63,8 @@ def width_at_level_s(
 
 
 def held_until(
-    *, fall_s: Array, released_s: Array, level: Array, signal: Array, saturation: Array, recovery_s: Array
-) -> Array:
+    *, fall_s: Lanes, released_s: Lanes, level: Lanes, signal: Lanes, saturation: Lanes, recovery_s: Lanes
+) -> Lanes:
     """Time at which v(t) falls through a level at or below S.
 
     fall_s      time at which the light falls through the level
@@ -77,8 +77,8 @@ def held_until(
 
 
 def overdrive_of_width(
-    *, width_s: Array, level: Array, saturation: Array, fwhm_s: Array, recovery_s: Array
-) -> Array:
+    *, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
+) -> Lanes:
     """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
 
     The width grows with the peak, so there is one solution. Bisection finds it to 1e-7 of the upper bound, which
@@ -100,13 +100,13 @@ def overdrive_of_width(
     return 0.5 * (low + high)
 
 
-def overdrive_of_symmetric_width(*, width_s: Array, fwhm_s: Array) -> Array:
+def overdrive_of_symmetric_width(*, width_s: Lanes, fwhm_s: Lanes) -> Lanes:
     """ln(s / U) of a pulse of this width that falls as it rises: ln 2 (w / FWHM)^2."""
     ratio = width_s / fwhm_s
     return math.log(2.0) * ratio * ratio
 
 
-def walk_bias_m(*, threshold: Array, signal: Array, saturation: Array, fwhm_s: Array) -> Array:
+def walk_bias_m(*, threshold: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes) -> Lanes:
     """Range error if the walk is corrected with the clipped peak: negative (too near); 0 below S. Without noise.
 
     The edge crosses U at -t(U / s) from the pulse's peak, but the correction assumes -t(U / S). For a detector whose

@@ -16,23 +16,23 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1, log1p, log_gamma
 
 
 def photon_detection_efficiency(
-    *, quantum_efficiency: Array, trigger_probability: Array, fill_factor: Array
-) -> Array:
+    *, quantum_efficiency: Lanes, trigger_probability: Lanes, fill_factor: Lanes
+) -> Lanes:
     """PDE = quantum efficiency x trigger probability x fill factor, (21)."""
     return quantum_efficiency * trigger_probability * fill_factor
 
 
-def background_photons(*, power_w: Array, dead_time_s: Array, photon_energy_j: Array) -> Array:
+def background_photons(*, power_w: Lanes, dead_time_s: Lanes, photon_energy_j: Lanes) -> Lanes:
     """Background photons in one dead time, N_b-photon, P tau / (h nu), under (23)."""
     return power_w * dead_time_s / photon_energy_j
 
 
-def signal_photons(*, peak_power_w: Array, pulse_fwhm_s: Array, photon_energy_j: Array) -> Array:
+def signal_photons(*, peak_power_w: Lanes, pulse_fwhm_s: Lanes, photon_energy_j: Lanes) -> Lanes:
     """Signal photons that count towards the peak, N_s-photon under (24): half of P_r FWHM / (h nu).
 
     When the pulse is at its peak, half of its energy has arrived. The energy is taken as P_r FWHM (a Gaussian has 6 %
@@ -41,19 +41,19 @@ def signal_photons(*, peak_power_w: Array, pulse_fwhm_s: Array, photon_energy_j:
     return 0.5 * peak_power_w * pulse_fwhm_s / photon_energy_j
 
 
-def fired_share_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+def fired_share_published(*, photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Share of cells that fire, 1 - exp(n (exp(-pde / N) - 1)): (22) divided by N, and (S4)."""
     return -expm1(photons * expm1(-pde / cells))
 
 
-def fired_cells_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+def fired_cells_published(*, photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Mean number of fired cells: (22) for a flash, (23) for background photons, and (S5)."""
     return cells * fired_share_published(photons=photons, pde=pde, cells=cells)
 
 
 def signal_cells_published(
-    *, background_cells: Array, dark_counts: Array, photons: Array, pde: Array, cells: Array
-) -> Array:
+    *, background_cells: Lanes, dark_counts: Lanes, photons: Lanes, pde: Lanes, cells: Lanes
+) -> Lanes:
     """N_s, (24): share (22) of the cells that background and dark counts left alive."""
     free = cells - background_cells - dark_counts
     return free * fired_share_published(photons=photons, pde=pde, cells=cells)
@@ -61,13 +61,13 @@ def signal_cells_published(
 
 def snr_published(
     *,
-    signal_photons: Array,
-    background_photons: Array,
-    pde: Array,
-    cells: Array,
-    dark_count_rate_hz: Array,
-    dead_time_s: Array,
-) -> Array:
+    signal_photons: Lanes,
+    background_photons: Lanes,
+    pde: Lanes,
+    cells: Lanes,
+    dark_count_rate_hz: Lanes,
+    dead_time_s: Lanes,
+) -> Lanes:
     """SNR_SiPM as printed, (27): (24) over the root of (25) plus the square of (26).
 
     Valid while the background fires few of the cells in a dead time and the pulse is much shorter than it. In weak
@@ -84,13 +84,13 @@ def snr_published(
 
 def snr_steady_state(
     *,
-    signal_photons: Array,
-    background_photons: Array,
-    pde: Array,
-    cells: Array,
-    dark_count_rate_hz: Array,
-    dead_time_s: Array,
-) -> Array:
+    signal_photons: Lanes,
+    background_photons: Lanes,
+    pde: Lanes,
+    cells: Lanes,
+    dark_count_rate_hz: Lanes,
+    dead_time_s: Lanes,
+) -> Lanes:
     """SNR_SiPM as derived: (27) with busy cells in steady state and Poisson light on each cell."""
     busy = busy_share_steady_state(
         photons=background_photons, pde=pde, cells=cells,
@@ -101,26 +101,26 @@ def snr_steady_state(
     return signal / xp(variance).sqrt(variance)
 
 
-def photon_count_probability(*, photons: Array, mean_photons: Array) -> Array:
+def photon_count_probability(*, photons: Lanes, mean_photons: Lanes) -> Lanes:
     """Probability of k photons in one cycle, (S1): Poisson."""
     ops = xp(photons, mean_photons)
     return ops.exp(photons * ops.log(mean_photons) - mean_photons - log_gamma(photons + 1.0))
 
 
-def quiet_probability_published(*, photons: Array, pde: Array, cells: Array) -> Array:
+def quiet_probability_published(*, photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Probability that k photons leave one cell quiet, (S2), as if each cell got k / N photons."""
     return xp(photons, pde).exp(-photons * pde / cells)
 
 
 def fired_joint_probability_published(
-    *, photons: Array, mean_photons: Array, pde: Array, cells: Array
-) -> Array:
+    *, photons: Lanes, mean_photons: Lanes, pde: Lanes, cells: Lanes
+) -> Lanes:
     """Probability that k photons arrive and the cell fires, (S3). Its sum over k is (S4)."""
     arriving = photon_count_probability(photons=photons, mean_photons=mean_photons)
     return arriving * (1.0 - quiet_probability_published(photons=photons, pde=pde, cells=cells))
 
 
-def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
+def fired_share(*, photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Share of cells that fire when Poisson light falls on them independently: 1 - exp(-n pde / N).
 
     Exact, because thinning a Poisson stream gives a Poisson stream. (S2) splits k photons evenly instead, which is
@@ -129,7 +129,7 @@ def fired_share(*, photons: Array, pde: Array, cells: Array) -> Array:
     return -expm1(-photons * pde / cells)
 
 
-def photons_for_share(*, share: Array, pde: Array, cells: Array) -> Array:
+def photons_for_share(*, share: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """`fired_share` solved for the photons. Shares above 1 - 1e-6 are taken as 1 - 1e-6."""
     return -log1p(-xp(share).minimum(share, 1.0 - 1e-6)) * cells / pde
 
@@ -142,40 +142,40 @@ sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. Beyond it each phot
 """
 
 
-def photons_for_share_published(*, share: Array, pde: Array, cells: Array) -> Array:
+def photons_for_share_published(*, share: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """`fired_share_published` solved for the photons, with the same limit."""
     return log1p(-xp(share).minimum(share, 1.0 - 1e-6)) / expm1(-pde / cells)
 
 
-def dark_counts(*, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array) -> Array:
+def dark_counts(*, cells: Lanes, dark_count_rate_hz: Lanes, dead_time_s: Lanes) -> Lanes:
     """Dark counts of all cells in one dead time, N_d under (23). The rate is that of one cell."""
     return cells * dark_count_rate_hz * dead_time_s
 
 
-def dark_deviation(*, dark_counts: Array) -> Array:
+def dark_deviation(*, dark_counts: Lanes) -> Lanes:
     """sigma_d = sqrt(N_d), (26): Poisson."""
     return xp(dark_counts).sqrt(dark_counts)
 
 
-def fired_variance_published(*, fired: Array, cells: Array) -> Array:
+def fired_variance_published(*, fired: Lanes, cells: Lanes) -> Lanes:
     """Variance of the fired cells, N_fired (1 - N_fired / N): (25) and (S6) (which calls it a deviation)."""
     return fired * (1.0 - fired / cells)
 
 
 def busy_share_steady_state(
-    *, photons: Array, pde: Array, cells: Array, dark_count_rate_hz: Array, dead_time_s: Array
-) -> Array:
+    *, photons: Lanes, pde: Lanes, cells: Lanes, dark_count_rate_hz: Lanes, dead_time_s: Lanes
+) -> Lanes:
     """Share of time that a cell is dead, b = x / (1 + x), with x = (light and dark count rate) tau."""
     x = photons * pde / cells + dark_count_rate_hz * dead_time_s
     return x / (1.0 + x)
 
 
-def busy_variance_steady_state(*, busy_share: Array, cells: Array) -> Array:
+def busy_variance_steady_state(*, busy_share: Lanes, cells: Lanes) -> Lanes:
     """Variance of the number of busy cells, binomial: N b (1 - b) = N x / (1 + x)^2."""
     return cells * busy_share * (1.0 - busy_share)
 
 
-def snr_approximate(*, signal_photons: Array, background_photons: Array, pde: Array) -> Array:
+def snr_approximate(*, signal_photons: Lanes, background_photons: Lanes, pde: Lanes) -> Lanes:
     """(28): the SNR if signal and background are far from saturating the cells, without dark counts.
 
     In powers, by (14) of the theory page: P_r B_pulse / 2 sqrt(PDE / (h nu P_rs tau)).

@@ -19,14 +19,11 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
 
 import numpy as np
 
-from ...maths.arrays import Array, Table, xp
+from ...maths.arrays import Lanes, Numbers, Table, xp
 from ...maths.special import log1p, normal_tail
-
-Matrix = np.ndarray[Any, Any]
 
 _LN2 = math.log(2.0)
 _ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and FWHM, 1.0645
@@ -42,7 +39,7 @@ _LARGEST_FLASH = 1e3  # firings of a cell that never dies
 _LARGEST_YIELD = 14.0  # -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6
 
 
-def captured_photons(*, photons: Array, pulse_fwhm_s: Array, dead_time_s: Array) -> Array:
+def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     """Photons of a Gaussian pulse in the dead time centred on its peak.
 
     photons  as (24) counts them, half of P_r FWHM
@@ -55,8 +52,8 @@ def captured_photons(*, photons: Array, pulse_fwhm_s: Array, dead_time_s: Array)
 
 
 def peak_photons(
-    *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
-) -> Array:
+    *, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes
+) -> Lanes:
     """Photons of a flash that would fire as many free cells as the pulse adds to the busy cells at its peak.
 
     photons             of the pulse in the dead time around its peak, `captured_photons`
@@ -73,8 +70,8 @@ def peak_photons(
 
 
 def captured_for_peak(
-    *, photons: Array, busy_share: Array, pulse_to_dead_time: Array, pde: Array, cells: Array
-) -> Array:
+    *, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes
+) -> Lanes:
     """`peak_photons` solved for the photons of the pulse, by a second table."""
     _, inverse = tables()
     per_cell = photons * pde / cells
@@ -82,7 +79,7 @@ def captured_for_peak(
     return photons * xp(ratio).exp(ratio)
 
 
-def _place(pulse_to_dead_time: Array, busy_share: Array) -> tuple[Array, Array]:
+def _place(pulse_to_dead_time: Lanes, busy_share: Lanes) -> tuple[Lanes, Lanes]:
     """Coordinates in the tables, from 0 to 1.
 
     1 / (1 + width) puts both limits at finite places: a flash at 1, an endless pulse at 0.
@@ -90,15 +87,15 @@ def _place(pulse_to_dead_time: Array, busy_share: Array) -> tuple[Array, Array]:
     return 1.0 / (1.0 + pulse_to_dead_time), -log1p(-busy_share) / math.log1p(_LARGEST_BACKGROUND)
 
 
-def binomial_skewness(*, share: Array, cells: Array) -> Array:
+def binomial_skewness(*, share: Lanes, cells: Lanes) -> Lanes:
     """Third standardised moment of a count of cells: (1 - 2b) / sqrt(N b (1 - b))."""
     variance = cells * share * (1.0 - share)
     return (1.0 - 2.0 * share) / xp(variance).sqrt(variance)
 
 
 def busy_share_over_time(
-    *, background: Matrix, flash: Matrix, pulse_to_dead_time: float, steps: int | None = None
-) -> tuple[Matrix, Matrix]:
+    *, background: Numbers, flash: Numbers, pulse_to_dead_time: float, steps: int | None = None
+) -> tuple[Numbers, Numbers]:
     """Solve (B): times from the pulse's peak in dead times, (t,), and the busy share at them, (t, ...).
 
     background  (...) firings per cell and dead time, x
@@ -132,7 +129,7 @@ def busy_share_over_time(
     return times, 1.0 - free
 
 
-def _arrived(time: Matrix) -> Matrix:
+def _arrived(time: Numbers) -> Numbers:
     """Share of a Gaussian pulse that has arrived by ``time``, in FWHM from its peak."""
     return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))
 
@@ -157,7 +154,7 @@ def tables() -> tuple[Table, Table]:
     return Table(forward), Table(inverse)
 
 
-def _peak(place: float, share: Matrix, captured: Matrix) -> Matrix:
+def _peak(place: float, share: Numbers, captured: Numbers) -> Numbers:
     """Photons per cell of the flash that matches the pulse's peak; both limits of ``place`` in closed form."""
     background = share / (1.0 - share)
     if place == 0.0:  # a pulse so long that the cells follow it: x / (1 + x) of all the light

@@ -13,23 +13,23 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...maths.special import log1p, normal_tail, normal_tail_inverse
 
 
-def false_alarm_probability(*, threshold: Array, noise: Array) -> Array:
+def false_alarm_probability(*, threshold: Lanes, noise: Lanes) -> Lanes:
     """P_f of one comparison, (9): probability that Gaussian noise exceeds the threshold. 0 without noise."""
     ops = xp(threshold, noise)
     quiet = noise <= 0.0
     return ops.where(quiet, 0.0, normal_tail(threshold / ops.where(quiet, 1.0, noise)))
 
 
-def threshold_to_noise(*, p_false: Array) -> Array:
+def threshold_to_noise(*, p_false: Lanes) -> Lanes:
     """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma_0."""
     return normal_tail_inverse(p_false)
 
 
-def rice_rate_hz(*, threshold: Array, noise: Array, bandwidth_hz: Array) -> Array:
+def rice_rate_hz(*, threshold: Lanes, noise: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Upward crossings per second of white Gaussian noise behind an ideal low-pass, B / sqrt(3) exp(-TNR^2 / 2).
 
     S. O. Rice, Bell System Technical Journal 24, 46 (1945). An alternative to the independent comparisons of (9) and
@@ -39,24 +39,24 @@ def rice_rate_hz(*, threshold: Array, noise: Array, bandwidth_hz: Array) -> Arra
     return bandwidth_hz / math.sqrt(3.0) * xp(ratio).exp(-0.5 * ratio * ratio)
 
 
-def comparisons(*, window_s: Array, bandwidth_hz: Array) -> Array:
+def comparisons(*, window_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Number of comparisons in a time window, M of (10)."""
     return window_s * bandwidth_hz
 
 
-def correct_probability(*, p_false: Array, p_detect: Array, comparisons: Array) -> Array:
+def correct_probability(*, p_false: Lanes, p_detect: Lanes, comparisons: Lanes) -> Lanes:
     """Share of correct returns among all returns, for a target at the end of the window, (10)."""
     ops = xp(p_false, p_detect, comparisons)
     silence = ops.exp((comparisons - 1.0) * log1p(-p_false))
     return silence * p_detect / (1.0 - silence * (1.0 - p_detect))
 
 
-def false_alarm_rate_hz(*, p_false: Array, bandwidth_hz: Array) -> Array:
+def false_alarm_rate_hz(*, p_false: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Rate of the Poisson process that leaves a window of M comparisons quiet with (1 - P_f)^M, as in (10)."""
     return -log1p(-p_false) * bandwidth_hz
 
 
-def excursion_width_s(*, height: Array, threshold: Array, bandwidth_hz: Array) -> Array:
+def excursion_width_s(*, height: Lanes, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Time that a noise peak of height h spends over the threshold, sqrt(6) / (pi B) sqrt(1 - U / h).
 
     Near a high peak, noise follows its own correlation (D. Slepian, 1963), 1 - (2 pi B t)^2 / 6 behind an ideal
@@ -68,18 +68,18 @@ def excursion_width_s(*, height: Array, threshold: Array, bandwidth_hz: Array) -
     return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(over)
 
 
-def signal_to_noise(*, signal: Array, noise: Array) -> Array:
+def signal_to_noise(*, signal: Lanes, noise: Lanes) -> Lanes:
     """Trigger SNR, (11): peak with echo over deviation without. The echo's own shot noise is left out."""
     return signal / noise
 
 
-def noise_at_level(*, level: Array, noise: Array, kappa_1: Array, kappa_2: Array) -> Array:
+def noise_at_level(*, level: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes) -> Lanes:
     """sigma(s) = sqrt(sigma_0^2 + kappa_1 s + kappa_2 s^2), noise with the echo's own part, (13)."""
     ops = xp(level, noise, kappa_1)
     return ops.sqrt(ops.maximum(noise * noise + level * (kappa_1 + kappa_2 * level), 0.0))
 
 
-def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Array) -> Array:
+def detection_probability(*, signal: Lanes, threshold: Lanes, noise_at_peak: Lanes) -> Lanes:
     """P_d = Q((U - peak) / sigma(peak)). Without noise it is 1 for a peak at or above U, else 0."""
     ops = xp(signal, threshold, noise_at_peak)
     quiet = noise_at_peak <= 0.0
@@ -88,7 +88,7 @@ def detection_probability(*, signal: Array, threshold: Array, noise_at_peak: Arr
     return ops.where(quiet, step, smooth)
 
 
-def noise_correlation(*, lag_s: Array, bandwidth_hz: Array) -> Array:
+def noise_correlation(*, lag_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Correlation of the noise with itself after ``lag_s``: exp(-2 pi B |lag|), a single pole of bandwidth B.
 
     It says how much of the noise that shifts an edge is still present at the peak.
@@ -98,8 +98,8 @@ def noise_correlation(*, lag_s: Array, bandwidth_hz: Array) -> Array:
 
 
 def crossing_level(
-    *, threshold: Array, noise: Array, kappa_1: Array, kappa_2: Array, deviate: Array
-) -> Array:
+    *, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes, deviate: Lanes
+) -> Lanes:
     """Signal level s at which s + z sigma(s) = U.
 
     threshold, noise  U and sigma_0, in signal units
@@ -129,7 +129,7 @@ def crossing_level(
     return ops.maximum(level, 1e-3 * threshold)
 
 
-def quantised(*, time_s: Array, least_significant_bit_s: Array) -> Array:
+def quantised(*, time_s: Lanes, least_significant_bit_s: Lanes) -> Lanes:
     """Time rounded to the converter's step; a step of zero leaves it unchanged."""
     ops = xp(time_s, least_significant_bit_s)
     step = ops.where(least_significant_bit_s > 0.0, least_significant_bit_s, 1.0)

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 
 _KRUSE_CONTRAST = 3.912  # -ln(0.02): the 2 % contrast that defines meteorological visibility
 _REFERENCE_WAVELENGTH_UM = 0.55
 
 
-def transmittance(*, fixed: Array, extinction_per_m: Array, range_m: Array) -> Array:
+def transmittance(*, fixed: Lanes, extinction_per_m: Lanes, range_m: Lanes) -> Lanes:
     """One-way transmittance, ``fixed`` times exp(-alpha R) (Beer and Lambert). Use alpha = 0 or fixed = 1."""
     return fixed * xp(range_m, extinction_per_m).exp(-extinction_per_m * range_m)
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 
 
-def gaussian_ring(*, inside: Array, outside: Array) -> Array:
+def gaussian_ring(*, inside: Lanes, outside: Lanes) -> Lanes:
     """Mean of r^2 / w^2 over the ring of a Gaussian beam between two shares of its power, 0 <= inside < outside <= 1.
 
     The share within r is 1 - exp(-2 r^2 / w^2) (ISO 11146-1), so r^2 / w^2 = -ln(1 - share) / 2, and the mean over
@@ -22,18 +22,18 @@ def gaussian_ring(*, inside: Array, outside: Array) -> Array:
     """
     ops = xp(inside, outside)
 
-    def integral(rest: Array) -> Array:
+    def integral(rest: Lanes) -> Lanes:
         return rest * (1.0 - ops.log(ops.maximum(rest, 1e-30)))
 
     return 0.5 * (integral(1.0 - inside) - integral(1.0 - outside)) / (outside - inside)
 
 
-def top_hat_ring(*, inside: Array, outside: Array) -> Array:
+def top_hat_ring(*, inside: Lanes, outside: Lanes) -> Lanes:
     """Mean of r^2 / w^2 over the ring of an evenly lit disc between two shares of its power."""
     return 0.5 * (inside + outside)
 
 
-def beam_quality(*, exit_diameter_m: Array, divergence_rad: Array, wavelength_m: Array) -> Array:
+def beam_quality(*, exit_diameter_m: Lanes, divergence_rad: Lanes, wavelength_m: Lanes) -> Lanes:
     """M^2 = pi w_0 (theta / 2) / lambda of a beam with its waist at the exit; a real beam has M^2 >= 1.
 
     exit_diameter_m, divergence_rad  full, at 1/e^2 (ISO 11146-1)

@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 
 
-def fresnel_reflectance(*, cos_incidence: Array, index: Array) -> Array:
+def fresnel_reflectance(*, cos_incidence: Lanes, index: Lanes) -> Lanes:
     """Reflectance of a smooth lossless surface for unpolarised light: (R_s + R_p) / 2.
 
     index  n of the body over that of the medium, > 1
@@ -45,7 +45,7 @@ def optical_depth(*, index_k: float, thickness_m: float, wavelength_m: float) ->
     return 4.0 * math.pi * index_k * thickness_m / wavelength_m
 
 
-def internal_transmittance(*, depth: Array, cos_incidence: Array, index: Array) -> Array:
+def internal_transmittance(*, depth: Lanes, cos_incidence: Lanes, index: Lanes) -> Lanes:
     """a: transmittance of one passage of a pane, exp(-depth / cos(angle inside)) (Beer, Lambert, Snell).
 
     depth  `optical_depth`
@@ -55,7 +55,7 @@ def internal_transmittance(*, depth: Array, cos_incidence: Array, index: Array) 
     return ops.exp(-depth / inside)
 
 
-def pane_reflectance(*, surface: Array, internal: Array) -> Array:
+def pane_reflectance(*, surface: Lanes, internal: Lanes) -> Lanes:
     """R of a pane, all passages between its faces summed: r + (1 - r)^2 r a^2 / (1 - r^2 a^2).
 
     surface   r of one face
@@ -68,7 +68,7 @@ def pane_reflectance(*, surface: Array, internal: Array) -> Array:
     return surface + (1.0 - surface) * (1.0 - surface) * surface * twice / (1.0 - surface * surface * twice)
 
 
-def pane_transmittance(*, surface: Array, internal: Array) -> Array:
+def pane_transmittance(*, surface: Lanes, internal: Lanes) -> Lanes:
     """T of a pane, with `pane_reflectance`'s arguments: (1 - r)^2 a / (1 - r^2 a^2)."""
     return (1.0 - surface) * (1.0 - surface) * internal / (1.0 - surface * surface * internal * internal)
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from .receiver import top_hat_in_circle
 
 _RINGS, _SPOKES = (
@@ -27,10 +27,10 @@ _NARROWEST = 0.7
 def share_on_aperture(
     *,
     profile: str,
-    aside_m: tuple[Array, Array],
-    spot_radius_m: tuple[Array, Array],
-    aperture_radius_m: Array,
-) -> Array:
+    aside_m: tuple[Lanes, Lanes],
+    spot_radius_m: tuple[Lanes, Lanes],
+    aperture_radius_m: Lanes,
+) -> Lanes:
     r"""Share of a beam on a round aperture, from 0 to 1.
 
     profile        "gaussian" (radii at 1/e^2) or "top_hat" (radii of the edge, an ellipse)
@@ -52,7 +52,7 @@ def share_on_aperture(
         return top_hat_in_circle(
             spot_radius=mean_radius, circle_radius=aperture_radius_m, distance=off * mean_radius
         )
-    mean: Array = 0.0
+    mean: Lanes = 0.0
     for u, v, weight in _places():
         a, b = (x + u * aperture_radius_m) / w1, (y + v * aperture_radius_m) / w2
         mean = mean + weight * ops.exp(-2.0 * (a * a + b * b))
@@ -72,7 +72,7 @@ def _places() -> list[tuple[float, float, float]]:
     return places
 
 
-def apparent_backscatter_per_sr(*, share: Array, range_m: Array, aperture_m2: Array) -> Array:
+def apparent_backscatter_per_sr(*, share: Lanes, range_m: Lanes, aperture_m2: Lanes) -> Lanes:
     """f_r cos(theta) of the surface whose echo by (5) would be as bright as a glint: S R^2 / A.
 
     With it (5) gives P_t eta_r tau_a^2 S: all light of a glint that falls on the aperture comes back, at any range.

@@ -13,21 +13,21 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array
+from ...maths.arrays import Lanes
 from ..constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 
 
-def range_from_time_of_flight_m(*, time_of_flight_s: Array) -> Array:
+def range_from_time_of_flight_m(*, time_of_flight_s: Lanes) -> Lanes:
     """Range from the round-trip time, R = c t / 2, (1), with c in vacuum (air is 2.9e-4 slower)."""
     return 0.5 * SPEED_OF_LIGHT_M_S * time_of_flight_s
 
 
-def time_of_flight_s(*, range_m: Array) -> Array:
+def time_of_flight_s(*, range_m: Lanes) -> Lanes:
     """Round-trip time to a range, 2 R / c: (1) solved for the time."""
     return (2.0 / SPEED_OF_LIGHT_M_S) * range_m
 
 
-def time_of_flight_from_beat_s(*, beat_frequency_hz: Array, chirp_rate_hz_s: Array) -> Array:
+def time_of_flight_from_beat_s(*, beat_frequency_hz: Lanes, chirp_rate_hz_s: Lanes) -> Lanes:
     """Time of flight of a frequency-modulated continuous-wave lidar from its beat, (2). Not used here."""
     return beat_frequency_hz / chirp_rate_hz_s
 
@@ -37,33 +37,33 @@ def photon_energy_j(*, wavelength_m: float) -> float:
     return PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
 
 
-def disc_area_m2(*, radius_m: Array) -> Array:
+def disc_area_m2(*, radius_m: Lanes) -> Lanes:
     """Area of a round aperture, A(0) of (4)."""
     return math.pi * radius_m * radius_m
 
 
 def lambertian_intensity_w_sr(
-    *, reflectivity: Array, transmittance: Array, peak_power_w: Array, cos_incidence: Array
-) -> Array:
+    *, reflectivity: Lanes, transmittance: Lanes, peak_power_w: Lanes, cos_incidence: Lanes
+) -> Lanes:
     """Radiant intensity of the spot towards the sensor, (3). The target must hold the whole spot."""
     return reflectivity * transmittance * peak_power_w * cos_incidence / math.pi
 
 
-def aperture_solid_angle_sr(*, aperture_m2: Array, range_m: Array) -> Array:
+def aperture_solid_angle_sr(*, aperture_m2: Lanes, range_m: Lanes) -> Lanes:
     """Solid angle of the aperture seen from the spot, A / R^2, (4), for R far above the aperture's size."""
     return aperture_m2 / (range_m * range_m)
 
 
 def lambertian_echo_power_w(
     *,
-    peak_power_w: Array,
-    reflectivity: Array,
-    cos_incidence: Array,
-    range_m: Array,
-    transmittance: Array,
-    aperture_m2: Array,
-    efficiency: Array,
-) -> Array:
+    peak_power_w: Lanes,
+    reflectivity: Lanes,
+    cos_incidence: Lanes,
+    range_m: Lanes,
+    transmittance: Lanes,
+    aperture_m2: Lanes,
+    efficiency: Lanes,
+) -> Lanes:
     """Peak echo power on the detector from a Lambertian plane wider than the spot, (5)."""
     return echo_power_w(
         peak_power_w=peak_power_w,
@@ -77,13 +77,13 @@ def lambertian_echo_power_w(
 
 def echo_power_w(
     *,
-    peak_power_w: Array,
-    backscatter_per_sr: Array,
-    range_m: Array,
-    transmittance: Array,
-    aperture_m2: Array,
-    efficiency: Array,
-) -> Array:
+    peak_power_w: Lanes,
+    backscatter_per_sr: Lanes,
+    range_m: Lanes,
+    transmittance: Lanes,
+    aperture_m2: Lanes,
+    efficiency: Lanes,
+) -> Lanes:
     """Peak echo power on the detector from any surface: (5) with f_r(w, w) cos(theta) for rho cos(theta) / pi.
 
     transmittance is one way and enters squared. Transmitter and receiver at one place and the far field, as in (5).
@@ -92,7 +92,7 @@ def echo_power_w(
     return transmittance * transmittance * efficiency * peak_power_w * backscatter_per_sr * spread
 
 
-def field_of_view_solid_angle_sr(*, detector_radius_m: Array, focal_length_m: Array) -> Array:
+def field_of_view_solid_angle_sr(*, detector_radius_m: Lanes, focal_length_m: Lanes) -> Lanes:
     """Solid angle of the receiver's field of view, pi (r_PD / f)^2, as in (6) (small angles)."""
     ratio = detector_radius_m / focal_length_m
     return math.pi * ratio * ratio
@@ -100,12 +100,12 @@ def field_of_view_solid_angle_sr(*, detector_radius_m: Array, focal_length_m: Ar
 
 def background_power_w(
     *,
-    radiance_w_m2_sr: Array,
-    aperture_m2: Array,
-    field_of_view_sr: Array,
-    transmittance: Array,
-    efficiency: Array,
-) -> Array:
+    radiance_w_m2_sr: Lanes,
+    aperture_m2: Lanes,
+    field_of_view_sr: Lanes,
+    transmittance: Lanes,
+    efficiency: Lanes,
+) -> Lanes:
     """Power on the detector from an extended source of this radiance: (8) with L for E_sun rho cos(theta_s) / pi.
 
     transmittance is one way. The source fills the field of view, so range does not enter.
@@ -114,8 +114,8 @@ def background_power_w(
 
 
 def field_of_view_area_m2(
-    *, range_m: Array, detector_radius_m: Array, focal_length_m: Array, cos_incidence: Array
-) -> Array:
+    *, range_m: Lanes, detector_radius_m: Lanes, focal_length_m: Lanes, cos_incidence: Lanes
+) -> Lanes:
     """Area of the target that the receiver sees, A_b = pi (R r_PD / f)^2 / cos(theta), under (6).
 
     Small angles; the target is plane and larger than that.
@@ -126,7 +126,7 @@ def field_of_view_area_m2(
     return solid_angle * range_m * range_m / cos_incidence
 
 
-def sun_flux_w(*, sun_irradiance_w_m2: Array, seen_area_m2: Array, cos_sun: Array) -> Array:
+def sun_flux_w(*, sun_irradiance_w_m2: Lanes, seen_area_m2: Lanes, cos_sun: Lanes) -> Lanes:
     """Sunlight on the part of the target that the receiver sees, Phi_s of (6).
 
     sun_irradiance_w_m2  in band, at normal incidence: the integral under (6), `physics.optics.solar_spectrum`
@@ -134,7 +134,7 @@ def sun_flux_w(*, sun_irradiance_w_m2: Array, seen_area_m2: Array, cos_sun: Arra
     return sun_irradiance_w_m2 * seen_area_m2 * cos_sun
 
 
-def sun_intensity_w_sr(*, sun_flux_w: Array, reflectivity: Array, cos_incidence: Array) -> Array:
+def sun_intensity_w_sr(*, sun_flux_w: Lanes, reflectivity: Lanes, cos_incidence: Lanes) -> Lanes:
     """Radiant intensity of sunlight from a Lambertian target towards the sensor, I_theta_s of (7).
 
     The cosine of the incidence cancels against the one in `field_of_view_area_m2`.
@@ -144,15 +144,14 @@ def sun_intensity_w_sr(*, sun_flux_w: Array, reflectivity: Array, cos_incidence:
 
 def lambertian_sun_power_w(
     *,
-    sun_irradiance_w_m2: Array,
-    reflectivity: Array,
-    cos_sun: Array,
-    aperture_m2: Array,
-    detector_radius_m: Array,
-    focal_length_m: Array,
-    transmittance: Array,
-    efficiency: Array,
-) -> Array:
+    sun_irradiance_w_m2: Lanes,
+    reflectivity: Lanes,
+    cos_sun: Lanes,
+    aperture_m2: Lanes,
+    field_of_view_sr: Lanes,
+    transmittance: Lanes,
+    efficiency: Lanes,
+) -> Lanes:
     """Sunlight from a Lambertian target on the detector, (8): (6) and (7) through the aperture (4).
 
     The middle of (8) prints eta_r; its right side has eta_rs, which is correct. Range does not enter if the
@@ -161,9 +160,7 @@ def lambertian_sun_power_w(
     return background_power_w(
         radiance_w_m2_sr=sun_irradiance_w_m2 * reflectivity * cos_sun / math.pi,
         aperture_m2=aperture_m2,
-        field_of_view_sr=field_of_view_solid_angle_sr(
-            detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
-        ),
+        field_of_view_sr=field_of_view_sr,
         transmittance=transmittance,
         efficiency=efficiency,
     )

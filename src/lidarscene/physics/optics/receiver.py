@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1
 
 _BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as `_NARROWEST`
@@ -28,29 +28,29 @@ _NARROWEST = (
 _RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, usually far better
 
 
-def field_of_view_half_angle_rad(*, detector_radius_m: Array, focal_length_m: Array) -> Array:
+def field_of_view_half_angle_rad(*, detector_radius_m: Lanes, focal_length_m: Lanes) -> Lanes:
     """Half angle of the receiver's field of view, atan(r_PD / f); 3.3 mrad at Table 1."""
     return xp(detector_radius_m, focal_length_m).atan2(detector_radius_m, focal_length_m)
 
 
-def spot_radius_rad(*, exit_radius_m: Array, half_divergence_rad: Array, range_m: Array) -> Array:
+def spot_radius_rad(*, exit_radius_m: Lanes, half_divergence_rad: Lanes, range_m: Lanes) -> Lanes:
     """Angular radius of the spot, sqrt((w_0 / R)^2 + theta^2), for a beam with its waist w_0 at the exit."""
     near = exit_radius_m / range_m
     square = near * near + half_divergence_rad * half_divergence_rad
     return xp(square).sqrt(square)
 
 
-def parallax_rad(*, offset_m: Array, crossing_m: Array, range_m: Array) -> Array:
+def parallax_rad(*, offset_m: Lanes, crossing_m: Lanes, range_m: Lanes) -> Lanes:
     """Angle between the spot's centre and the receiver's axis, o |1/R - 1/R_0|. R_0 = inf: parallel axes."""
     return xp(range_m).abs(offset_m * (1.0 / range_m - 1.0 / crossing_m))
 
 
-def blur_radius_rad(*, aperture_radius_m: Array, focus_m: Array, range_m: Array) -> Array:
+def blur_radius_rad(*, aperture_radius_m: Lanes, focus_m: Lanes, range_m: Lanes) -> Lanes:
     """Angular radius of the disc to which the lens images a point at R, r_A |1/R - 1/R_f|."""
     return xp(range_m).abs(aperture_radius_m * (1.0 / range_m - 1.0 / focus_m))
 
 
-def circles_overlap(*, first_radius: Array, second_radius: Array, distance: Array) -> Array:
+def circles_overlap(*, first_radius: Lanes, second_radius: Lanes, distance: Lanes) -> Lanes:
     """Area that two circles share, in the square of the lengths' unit.
 
     The sum of two circular segments, whose half angles follow from the law of cosines.
@@ -61,7 +61,7 @@ def circles_overlap(*, first_radius: Array, second_radius: Array, distance: Arra
     apart = distance >= first_radius + second_radius
     d = ops.where(inside | apart, first_radius + second_radius, distance)
 
-    def segment(own: Array, other: Array) -> Array:
+    def segment(own: Lanes, other: Lanes) -> Lanes:
         cosine = (d * d + own * own - other * other) / ops.maximum(2.0 * d * own, 1e-30)
         cosine = ops.minimum(ops.maximum(cosine, -1.0), 1.0)
         sine = ops.sqrt(1.0 - cosine * cosine)
@@ -71,7 +71,7 @@ def circles_overlap(*, first_radius: Array, second_radius: Array, distance: Arra
     return ops.where(inside, math.pi * least * least, ops.where(apart, 0.0, both))
 
 
-def gaussian_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Array) -> Array:
+def gaussian_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lanes) -> Lanes:
     r"""Share of a Gaussian spot (radius at 1/e^2) within a circle whose centre is a distance off.
 
     1 - Q_1(2 d / w, 2 r / w) with Marcum's Q (the distribution of Rice); 1 - exp(-2 r^2 / w^2) on the axis. Computed
@@ -87,7 +87,7 @@ def gaussian_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Ar
     r, d = circle_radius, distance
     wide = ops.maximum(ops.maximum(spot_radius, ops.sqrt(r * d) / _NARROWEST), 1e-3 * r + 1e-12)
     scale = 2.0 / (wide * wide)
-    total: Array = 0.0
+    total: Lanes = 0.0
     for k in range(_BOUNDARY):
         cosine = math.cos(math.pi * (k + 0.5) / _BOUNDARY)
         square = ops.maximum(r * r + d * d + 2.0 * r * d * cosine, 1e-12 * (wide * wide))
@@ -95,7 +95,7 @@ def gaussian_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Ar
     return ops.minimum(ops.maximum(total / _BOUNDARY, 0.0), 1.0)
 
 
-def top_hat_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Array) -> Array:
+def top_hat_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lanes) -> Lanes:
     """Share of an evenly lit disc within a circle whose centre is a distance off: shared area over the disc's."""
     ops = xp(spot_radius, circle_radius, distance)
     spot = ops.maximum(spot_radius, 1e-6 * circle_radius)
@@ -103,7 +103,7 @@ def top_hat_in_circle(*, spot_radius: Array, circle_radius: Array, distance: Arr
     return area / (math.pi * spot * spot)
 
 
-def point_share(*, off_axis_rad: Array, field_rad: Array, blur_rad: Array) -> Array:
+def point_share(*, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     """Share of the light of one point that falls on the detector: the part of its blur disc in the field of view.
 
     off_axis_rad  between the point's direction and the receiver's axis
@@ -112,8 +112,8 @@ def point_share(*, off_axis_rad: Array, field_rad: Array, blur_rad: Array) -> Ar
 
 
 def spot_share(
-    *, profile: str, spot_rad: Array, off_axis_rad: Array, field_rad: Array, blur_rad: Array
-) -> Array:
+    *, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes
+) -> Lanes:
     r"""Share of the spot's light that falls on the detector, in or out of focus.
 
     profile       "gaussian" (radius at 1/e^2) or "top_hat"
@@ -136,8 +136,8 @@ def spot_share(
     # Near its start 1 / r^2 may be steep. What the sum misses there is known, because c(r) integrates to pi least^2,
     # and it is added at the start.
     half = 2.0 * blur * field_rad
-    total: Array = 0.0
-    missing: Array = math.pi * least * least
+    total: Lanes = 0.0
+    missing: Lanes = math.pi * least * least
     for k in range(_RADII):
         t = math.pi * (k + 0.5) / _RADII
         square = near * near + half * (1.0 - math.cos(t))
@@ -149,8 +149,8 @@ def spot_share(
 
 
 def blind_range_m(
-    *, offset_m: Array, exit_radius_m: Array, aperture_radius_m: Array, field_rad: Array, edge_rad: Array
-) -> Array:
+    *, offset_m: Lanes, exit_radius_m: Lanes, aperture_radius_m: Lanes, field_rad: Lanes, edge_rad: Lanes
+) -> Lanes:
     """Range below which none of the spot reaches the detector, for parallel axes and focus at infinity.
 
     There o / R = phi + theta + (r_A + w_0) / R: the spot's inner edge, blurred, leaves the field of view. 0 if the

@@ -13,14 +13,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ...maths.arrays import frozen
+from ...maths.arrays import Numbers, frozen
 from ..constants import REFERENCE_ILLUMINANCE_KLUX
-
-Vector = np.ndarray[Any, Any]
 
 LUMINOUS_EFFICACY_LM_W = 683.0
 """K_m: lumens per watt at 555 nm, where V = 1 (the SI defines 683 lm/W at 540 THz, 0.0004 % less)."""
@@ -37,8 +34,8 @@ class Curve:
     value         (n,) float64; W/m3 (W/m2 per metre of wavelength) for a spectrum, 0 to 1 for a filter
     """
 
-    wavelength_m: Vector
-    value: Vector
+    wavelength_m: Numbers
+    value: Numbers
 
     def __post_init__(self) -> None:
         """Check shapes and order, and freeze the arrays."""
@@ -47,12 +44,12 @@ class Curve:
         if len(self.wavelength_m) < 2 or not (np.diff(self.wavelength_m) > 0.0).all():
             raise ValueError("wavelengths must be two or more, each longer than the one before")
 
-    def at(self, wavelength_m: Vector | float) -> Vector:
+    def at(self, wavelength_m: Numbers | float) -> Numbers:
         """The value at these wavelengths."""
         return np.asarray(np.interp(wavelength_m, self.wavelength_m, self.value, left=0.0, right=0.0))
 
 
-def photopic_efficiency(*, wavelength_m: Vector | float) -> Vector:
+def photopic_efficiency(*, wavelength_m: Numbers | float) -> Numbers:
     """V(lambda) of CIE 1924 (y-bar of CIE 1931), by the two-lobe fit of Wyman, Sloan and Shirley (2013).
 
     J. Comput. Graph. Tech. 2(2). It differs from the table by at most 0.0071 (at 620 nm), and the illuminance of
@@ -60,13 +57,13 @@ def photopic_efficiency(*, wavelength_m: Vector | float) -> Vector:
     """
     nm = 1e9 * np.asarray(wavelength_m, dtype=np.float64)
 
-    def lobe(peak: float, below: float, above: float) -> Vector:
+    def lobe(peak: float, below: float, above: float) -> Numbers:
         return np.asarray(np.exp(-0.5 * ((nm - peak) / np.where(nm < peak, below, above)) ** 2))
 
     return 0.821 * lobe(568.8, 46.9, 40.5) + 0.286 * lobe(530.9, 16.3, 31.1)
 
 
-def integral(curve: Curve, weight: Callable[[Vector], Vector], *, nodes_m: Vector | None = None) -> float:
+def integral(curve: Curve, weight: Callable[[Numbers], Numbers], *, nodes_m: Numbers | None = None) -> float:
     """Integral of curve times weight over wavelength, where both are defined.
 
     Simpson's rule between neighbouring points of the curve and of ``nodes_m``, the points of the weight: exact for a

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Array
+from ...maths.arrays import Lanes
 from ..constants import REFERENCE_ILLUMINANCE_KLUX
 from .receiver import circles_overlap
 
@@ -19,19 +19,19 @@ SUN_RADIUS_RAD = math.radians(959.63 / 3600.0)
 Over the year it varies by 1.7 %, as the distance does."""
 
 
-def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Array, illuminance_klux: Array) -> Array:
+def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Lanes, illuminance_klux: Lanes) -> Lanes:
     """E_sun of (6) at another illuminance: linear, because the spectrum keeps its shape."""
     return irradiance_at_100_klux_w_m2 * illuminance_klux / REFERENCE_ILLUMINANCE_KLUX
 
 
-def sky_irradiance_w_m2(*, sun_irradiance_w_m2: Array, diffuse_share: Array) -> Array:
+def sky_irradiance_w_m2(*, sun_irradiance_w_m2: Lanes, diffuse_share: Lanes) -> Lanes:
     """Diffuse irradiance of the sky, as a share of the sun's at normal incidence."""
     return sun_irradiance_w_m2 * diffuse_share
 
 
 def surface_radiance_w_m2_sr(
-    *, sun_irradiance_w_m2: Array, sun_scatter_per_sr: Array, sky_irradiance_w_m2: Array, reflectivity: Array
-) -> Array:
+    *, sun_irradiance_w_m2: Lanes, sun_scatter_per_sr: Lanes, sky_irradiance_w_m2: Lanes, reflectivity: Lanes
+) -> Lanes:
     """Radiance of a surface towards the sensor, L = E_sun V f_r(w_sun, w) cos(theta_s) + rho E_sky / pi.
 
     sun_scatter_per_sr  V f_r cos(theta_s), zero in shadow
@@ -42,24 +42,24 @@ def surface_radiance_w_m2_sr(
     return sun_irradiance_w_m2 * sun_scatter_per_sr + reflectivity * sky_irradiance_w_m2 / math.pi
 
 
-def sky_radiance_w_m2_sr(*, sky_irradiance_w_m2: Array) -> Array:
+def sky_radiance_w_m2_sr(*, sky_irradiance_w_m2: Lanes) -> Lanes:
     """Radiance of the uniform sky that a beam sees when it meets nothing."""
     return sky_irradiance_w_m2 / math.pi
 
 
-def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Array) -> Array:
+def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Lanes) -> Lanes:
     """Radiance of the sun's disc, E_sun over its solid angle; taken as uniform (its limb is darker)."""
     return sun_irradiance_w_m2 / (math.pi * SUN_RADIUS_RAD * SUN_RADIUS_RAD)
 
 
 def sun_disc_power_w(
     *,
-    sun_irradiance_w_m2: Array,
-    sun_angle_rad: Array,
-    field_rad: Array,
-    aperture_m2: Array,
-    efficiency: Array,
-) -> Array:
+    sun_irradiance_w_m2: Lanes,
+    sun_angle_rad: Lanes,
+    field_rad: Lanes,
+    aperture_m2: Lanes,
+    efficiency: Lanes,
+) -> Lanes:
     """Power of direct sunlight on the detector: radiance of the disc times the solid angle shared with the field of
     view.
 

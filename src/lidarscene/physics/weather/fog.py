@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from . import mie
 
 VISIBLE_M = 550e-9
@@ -40,7 +41,7 @@ class Droplets:
     gamma: float
     mode_m: float
 
-    def per_m4(self, radius_m: mie.Matrix) -> mie.Matrix:
+    def per_m4(self, radius_m: Numbers) -> Numbers:
         """n(r): droplets per cubic metre and metre of radius."""
         ratio = radius_m / self.mode_m
         b = self.alpha / self.gamma

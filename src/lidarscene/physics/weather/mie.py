@@ -10,11 +10,10 @@ functions.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from ...maths.arrays import Numbers
 
 # Wavelength in micrometres, n, k of liquid water at 25 C: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973).
 # Their steps are too wide for the bands near 1.2 and 1.45 um; there D. J. Segelstein's thesis, University of
@@ -42,7 +41,7 @@ def water_index(*, wavelength_m: float) -> complex:
     return complex(n, k)
 
 
-def efficiencies(*, size_parameter: Matrix, index: complex) -> tuple[Matrix, Matrix]:
+def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """Extinction and backscatter efficiency of spheres: cross-section over pi r^2.
 
     size_parameter  (n,) 2 pi r / lambda, above 0, up to about 20000
@@ -64,7 +63,7 @@ def efficiencies(*, size_parameter: Matrix, index: complex) -> tuple[Matrix, Mat
     return extinction, backscatter
 
 
-def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
+def _of_alike(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """`efficiencies` of spheres sorted by size, each summed to its own last term."""
     last = x + 4.05 * np.cbrt(x) + 2.0
     terms = int(last.max())
@@ -89,7 +88,7 @@ def _of_alike(x: Matrix, index: complex) -> tuple[Matrix, Matrix]:
     return 2.0 * forward / (x * x), np.abs(back) ** 2 / (x * x)
 
 
-def _logarithmic_derivatives(y: Matrix, terms: int) -> Matrix:
+def _logarithmic_derivatives(y: Numbers, terms: int) -> Numbers:
     """D_n(y) for n = 0 ... terms, (terms + 1, len(y)), by downward recurrence.
 
     Upward it is unstable; downward any start value far beyond |y| is forgotten.

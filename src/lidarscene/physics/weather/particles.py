@@ -15,15 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Array, Table, xp
+from ...maths.arrays import Array, Lanes, Numbers, Table, xp
 from .precipitation import Sizes
-
-Matrix = np.ndarray[Any, Any]
 
 MEAN_HITS = {4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
 """Particles drawn for a pulse, and the mean number above the cut. Pulses with more lose their weakest: less than 0.5 %
@@ -47,24 +44,32 @@ class Strengths:
     count: int
     log_strength: Table
     log_range: Table
-    range_m: Matrix
-    backscatter_per_m_sr: Matrix
+    range_m: Numbers
+    backscatter_per_m_sr: Numbers
 
-    def weak_backscatter_per_m_sr(self, range_m: Matrix) -> Matrix:
+    def weak_backscatter_per_m_sr(self, range_m: Numbers) -> Numbers:
         """beta of the particles that are not drawn. With the drawn ones it is the whole medium."""
         return np.interp(range_m, self.range_m, self.backscatter_per_m_sr)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sight:
+    """How a sensor sees the particles in its beam, from ``nearest_m`` to ``farthest_m``.
+
+    beam_area_m2  S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi w^2:
+                  mean and variance of the echoes are then those of the Gaussian
+    overlap       xi(R), 0 where the receiver sees nothing of the beam
+    """
+
+    beam_area_m2: Callable[[Numbers], Numbers]
+    overlap: Callable[[Numbers], Numbers]
+    extinction_per_m: float
+    nearest_m: float
+    farthest_m: float
+
+
 def strengths(
-    *,
-    sizes: Sizes,
-    backscatter_m2_sr: Callable[..., Matrix],
-    beam_area_m2: Callable[[Matrix], Matrix],
-    overlap: Callable[[Matrix], Matrix],
-    extinction_per_m: float,
-    nearest_m: float,
-    farthest_m: float,
-    count: int = 4,
+    sight: Sight, *, sizes: Sizes, backscatter_m2_sr: Callable[..., Lanes], count: int = 4
 ) -> Strengths:
     """Tables for `hits`.
 
@@ -81,18 +86,18 @@ def strengths(
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``: use the distance from which the
     receiver sees its beam, not less.
     """
-    r = np.geomspace(nearest_m, farthest_m, _RANGES)
-    area = beam_area_m2(r)
-    seen = overlap(r) * np.exp(-2.0 * extinction_per_m * r) / (area * r * r)
+    r = np.geomspace(sight.nearest_m, sight.farthest_m, _RANGES)
+    area = sight.beam_area_m2(r)
+    seen = sight.overlap(r) * np.exp(-2.0 * sight.extinction_per_m * r) / (area * r * r)
     diameter = np.linspace(0.0, 40.0 / sizes.slope_per_m, 4001)
-    sigma = backscatter_m2_sr(diameter_m=diameter)
+    sigma = np.asarray(backscatter_m2_sr(diameter_m=diameter))
 
-    def smallest_m(strength: Array) -> Matrix:
+    def smallest_m(strength: Lanes) -> Numbers:
         """(m, n) diameter that a particle at each range needs for this strength."""
         needed = np.atleast_1d(strength)[:, None] / np.maximum(seen, 1e-300)
         return np.interp(needed, sigma, diameter, right=np.inf)
 
-    def nearer(strength: Array) -> Matrix:
+    def nearer(strength: Lanes) -> Numbers:
         """(m, n) mean number of particles of at least this strength, up to each range."""
         larger = (
             sizes.intercept_per_m4 / sizes.slope_per_m * np.exp(-sizes.slope_per_m * smallest_m(strength))
@@ -127,14 +132,14 @@ def strengths(
     )
 
 
-def _below(diameter: Matrix, sizes: Sizes, sigma: Matrix) -> Matrix:
+def _below(diameter: Numbers, sizes: Sizes, sigma: Numbers) -> Numbers:
     """beta of all particles smaller than each diameter."""
     density = sizes.intercept_per_m4 * np.exp(-sizes.slope_per_m * diameter) * sigma
     steps = 0.5 * (density[1:] + density[:-1]) * np.diff(diameter)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def hits(tables: Strengths, *, seed: Array, pulse: Array, first_draw: int = 0) -> list[tuple[Array, Array]]:
+def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:
     """Range and strength of the strongest particles of each pulse, strongest first; strength 0 if there are no more.
 
     seed, pulse  as in `maths.random.words`
@@ -142,12 +147,12 @@ def hits(tables: Strengths, *, seed: Array, pulse: Array, first_draw: int = 0) -
     """
     ops = xp(pulse)
     found = []
-    expected: Array = 0.0
+    expected: Lanes = 0.0
     mean_hits = MEAN_HITS[tables.count]
     for number in range(tables.count):
         draw = first_draw + 2 * number
         words = [
-            random.words(seed=seed, stage=random.STAGE_PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)
+            random.words(seed=seed, stage=random.Stage.PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)
         ]
         expected = expected + random.exponential(words[0])
         level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)

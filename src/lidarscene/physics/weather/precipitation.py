@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from . import mie
 
 _DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
@@ -93,7 +93,7 @@ def snow_extinction_per_m(*, rate_mm_h: float, wavelength_m: float, kind: str) -
     return float((slope * wavelength_m * 1e9 + constant) * rate_mm_h**power * _DB_PER_KM)
 
 
-def drop_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
+def drop_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     """Backscatter of one raindrop, D^2 Q_back / 16 in W/sr per W/m2, from the two rays along its axis.
 
     The front face reflects r = ((n - 1) / (n + 1))^2, the back face (1 - r)^2 r (n / (2 - n))^2 exp(-2 a D): the
@@ -136,6 +136,6 @@ def snow_lidar_ratio_sr(*, wavelength_m: float) -> float:
     return _FLAKE_LIDAR_RATIO_SR * math.exp(4.0 * math.pi * absorption_index / wavelength_m * _FLAKE_PATH_M)
 
 
-def flake_backscatter_m2_sr(*, diameter_m: Array, wavelength_m: float) -> Array:
+def flake_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     """Backscatter of one flake, W/sr per W/m2: its extinction, twice its disc, over `snow_lidar_ratio_sr`."""
     return 0.5 * math.pi * diameter_m * diameter_m / snow_lidar_ratio_sr(wavelength_m=wavelength_m)

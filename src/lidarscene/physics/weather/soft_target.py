@@ -11,35 +11,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from ...maths.arrays import Array
+from ...maths.arrays import Lanes, Numbers
 from ...maths.special import normal_tail
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse
-
-Matrix = np.ndarray[Any, Any]
 
 _REACH = 4.0  # pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there
 _PANELS, _NODES = 12, 8  # of Gauss-Legendre quadrature over the pulse; panels, because overlaps have kinks
 
 
-def pulse_length_m(*, fwhm_s: Array) -> Array:
+def pulse_length_m(*, fwhm_s: Lanes) -> Lanes:
     """Range interval over which a pulse spreads an echo, at half its peak: c FWHM / 2, 0.9 m for 6 ns."""
     return 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s
 
 
 def volume_response(
     *,
-    range_m: Matrix,
-    backscatter_per_m_sr: Callable[[Matrix], Matrix],
+    range_m: Numbers,
+    backscatter_per_m_sr: Callable[[Numbers], Numbers],
     extinction_per_m: float,
     fwhm_s: float,
     nearest_m: float,
     farthest_m: float = math.inf,
-) -> Matrix:
+) -> Numbers:
     """Power from a medium at the time of each range: P = P_t eta A V(R), V in 1/m2.
 
     range_m               (n,) c t / 2 with t the time after the pulse
@@ -67,8 +64,8 @@ def volume_response(
 
 
 def share_before_surface(
-    *, range_m: Array, surface_m: Array, extinction_per_m: Array, fwhm_s: Array
-) -> Array:
+    *, range_m: Lanes, surface_m: Lanes, extinction_per_m: Lanes, fwhm_s: Lanes
+) -> Lanes:
     """Share of V(R) that is left if a surface at R_s ends the medium.
 
     Q((R - R_s - kappa sigma^2) / sigma), with sigma that of g in range and kappa = 2 alpha + 2 / R_s. Exact where
@@ -79,7 +76,7 @@ def share_before_surface(
     return normal_tail((range_m - surface_m) / sigma_m - falling_per_m * sigma_m)
 
 
-def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Matrix:
+def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Numbers:
     """An even grid from 0, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
 
     Linear interpolation is then good to 0.3 % of V, also on its rise.

@@ -16,10 +16,9 @@ import numpy as np
 
 from ...cloud.points import PointCloud
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from .data import Observation, Surfaces
 from .numbers import common, first_echoes
-
-Matrix = np.ndarray[Any, Any]
 
 LEAST_SHARED = 0.05
 """Share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
@@ -59,7 +58,7 @@ def found_by_any(everything: Sequence[Observation]) -> list[Surfaces]:
     """For each sensor the pulses with which any of them found a surface; truth from the first that did."""
     echoes = [first_echoes(one) for one in everything]
     every = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
-    truth: dict[str, Matrix] = {}
+    truth: dict[str, Numbers] = {}
     for one, (pulse, place) in reversed(list(zip(everything, echoes, strict=True))):
         at = np.searchsorted(every, pulse)
         for attribute in _TRUTHS:
@@ -88,10 +87,10 @@ def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) ->
     return float(np.mean(np.abs(apart) > tolerance_m))
 
 
-def _numbered(clouds: Sequence[PointCloud]) -> list[Matrix]:
+def _numbered(clouds: Sequence[PointCloud]) -> list[Numbers]:
     """For each cloud the number of each point's pulse among all different pulses of all clouds, in firing order."""
 
-    def joined(attribute: str) -> Matrix:
+    def joined(attribute: str) -> Numbers:
         # + 0.0 makes one zero of the two.
         return np.concatenate([getattr(cloud, attribute) + 0 for cloud in clouds])
 
@@ -105,7 +104,7 @@ def _numbered(clouds: Sequence[PointCloud]) -> list[Matrix]:
     return np.split(number, np.cumsum([len(cloud) for cloud in clouds])[:-1])
 
 
-def _shared(a: Matrix, b: Matrix) -> bool:
+def _shared(a: Numbers, b: Numbers) -> bool:
     a, b = np.unique(a), np.unique(b)
     smaller = min(len(a), len(b))
     return smaller == 0 or len(common(a, b)[0]) >= LEAST_SHARED * smaller

@@ -6,14 +6,12 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...cloud.points import PointCloud
 from ...detection.returns import Status
-
-Matrix = np.ndarray[Any, Any]
+from ...maths.arrays import Numbers
 
 INCIDENCE_DEG = tuple(range(0, 91, 10))
 REFLECTIVITY = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
@@ -31,16 +29,16 @@ class Surfaces:
     tripped      whether the echo tripped the comparator, in its window, hidden or neither; or None: not known
     """
 
-    pulse: Matrix
-    found: Matrix
-    snr: Matrix
-    true_range_m: Matrix
-    incidence_angle_rad: Matrix
-    reflectivity: Matrix
-    body: Matrix
-    class_id: Matrix
-    probability: Matrix | None = None
-    tripped: Matrix | None = None
+    pulse: Numbers
+    found: Numbers
+    snr: Numbers
+    true_range_m: Numbers
+    incidence_angle_rad: Numbers
+    reflectivity: Numbers
+    body: Numbers
+    class_id: Numbers
+    probability: Numbers | None = None
+    tripped: Numbers | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +53,7 @@ class Observation:
 
     name: str
     cloud: PointCloud
-    pulse: Matrix | None = None
+    pulse: Numbers | None = None
     surfaces: Surfaces | None = None
     fired: int | None = None
     lost: dict[str, int]
@@ -67,7 +65,7 @@ class Observation:
         return self.surfaces
 
     @property
-    def is_echo(self) -> Matrix:
+    def is_echo(self) -> Numbers:
         """(n,) which points are echoes of a surface."""
         return np.asarray(
             (self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m"))
@@ -91,9 +89,9 @@ class Grouping:
     attribute: str
     unit: str
     labels: tuple[str, ...]
-    edges: Matrix | None = None
+    edges: Numbers | None = None
 
-    def of(self, source: Surfaces | PointCloud) -> Matrix:
+    def of(self, source: Surfaces | PointCloud) -> Numbers:
         """(n,) group of each pulse or point, -1 for none. The upper edge of a bin belongs to the next, but the last."""
         values = truth_of(source, self.attribute)
         if self.edges is None:
@@ -103,7 +101,7 @@ class Grouping:
         return np.where(index < len(self.labels), index, -1)
 
     @property
-    def middles(self) -> Matrix:
+    def middles(self) -> Numbers:
         """Middles of the bins, in what people read: degrees for angles."""
         assert self.edges is not None
         scale = 180.0 / math.pi if self.unit == "deg" else 1.0
@@ -133,14 +131,14 @@ def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
 
 
 def _bins(
-    key: str, attribute: str, unit: str, edges: Matrix, told: Sequence[float] | None = None
+    key: str, attribute: str, unit: str, edges: Numbers, told: Sequence[float] | None = None
 ) -> Grouping:
     shown = edges if told is None else told
     labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(shown))
     return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
 
 
-def truth_of(source: Surfaces | PointCloud, attribute: str) -> Matrix:
+def truth_of(source: Surfaces | PointCloud, attribute: str) -> Numbers:
     """A column of truth."""
     values = getattr(source, attribute)
     assert values is not None

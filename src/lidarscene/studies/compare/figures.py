@@ -13,12 +13,12 @@ import numpy as np
 from ...figures import intervals
 from ...figures import lines as charts
 from ...figures.intervals import Series
+from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
 from .data import Grouping, Observation
 from .numbers import RangeError, paired_snr, range_errors, rates
 from .run import Sweep
 
-Matrix = np.ndarray[Any, Any]
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
@@ -150,7 +150,7 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
     return "error-range", draw, (ERROR_HEADER, error_rows(everything, grouping)), told
 
 
-def _millimetres(name: str, x: Matrix, found: Sequence[RangeError], what: str) -> Series:
+def _millimetres(name: str, x: Numbers, found: Sequence[RangeError], what: str) -> Series:
     y = np.array([1e3 * getattr(e, f"{what}_m") for e in found])
     half = np.array([1e3 * getattr(e, f"{what}_interval_m") for e in found])
     return Series(label=name, x=x, y=y, low=y - half, high=y + half)
@@ -164,7 +164,10 @@ def snr(
     if not len(kind):
         return None
     kinds = ("found by both", f"only by {a.name}", f"only by {b.name}", "by neither")
-    levels = tuple(None if one is None else one.tdc.threshold_to_noise for one in sensors)
+    levels = tuple(
+        None if one is None or one.tdc.threshold_to_noise is None else float(one.tdc.threshold_to_noise)
+        for one in sensors
+    )
     told = (
         f"Signal-to-noise ratio for {b.name} over that for {a.name}, of each pulse whose echo has one for both. The "
         "dashed line is equality" + (", dotted lines are the thresholds." if any(levels) else ".")

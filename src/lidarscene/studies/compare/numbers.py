@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ...cloud.points import PointCloud
+from ...maths.arrays import Numbers
 from .data import Grouping, Observation, Surfaces, truth_of
-
-Matrix = np.ndarray[Any, Any]
 
 NORMAL_95 = 1.959963984540054
 """Two-sided 95 % of a normal distribution."""
@@ -179,7 +177,7 @@ def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pa
     ]
 
 
-def first_echoes(one: Observation) -> tuple[Matrix, Matrix]:
+def first_echoes(one: Observation) -> tuple[Numbers, Numbers]:
     """Pulse numbers, rising, that have an echo among the points, and the index of the first echo of each."""
     assert one.pulse is not None
     place = np.flatnonzero(one.is_echo)
@@ -199,7 +197,7 @@ def paired_range_difference(a: Observation, b: Observation) -> RangeError | None
     return RangeError(group="all", points=len(apart), bias_m=float(apart.mean()), sigma_m=sigma)
 
 
-def difference(a: Observation, b: Observation) -> tuple[PointCloud, Matrix]:
+def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
     """The difference cloud and which of DIFFERENCE each point is, in the order of pulses.
 
     The first echo of each pulse that has one: A's point where A has one, else B's, with the sensor's index 0 or 1.
@@ -222,7 +220,7 @@ def difference(a: Observation, b: Observation) -> tuple[PointCloud, Matrix]:
     return together.select(order), kinds[order]
 
 
-def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Matrix, Matrix, Matrix]:
+def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Numbers, Numbers, Numbers]:
     """SNR for A and for B of the pulses where both are known, and 0 both found it, 1 A only, 2 B only, 3 neither."""
     _, in_a, in_b = common(a.pulse, b.pulse)
     found_a, found_b = a.found[in_a], b.found[in_b]
@@ -231,14 +229,14 @@ def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Matrix, Matrix, Matrix]:
     return a.snr[in_a][known], b.snr[in_b][known], kind[known]
 
 
-def common(a: Matrix, b: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+def common(a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     """Numbers in both of two lists without repetition, and where they are in each."""
     return np.intersect1d(a, b, assume_unique=True, return_indices=True)
 
 
-def _counts(index: Matrix, size: int) -> Matrix:
+def _counts(index: Numbers, size: int) -> Numbers:
     return np.bincount(index[index >= 0], minlength=size)
 
 
-def _mean(values: Matrix) -> float:
+def _mean(values: Numbers) -> float:
     return float(values.mean(dtype=np.float64)) if len(values) else 0.0

@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ...figures import pictures as plots
 from ...figures.page import Page, csv_text, put_text
 from ...files.atomic import require_writable
 from ...formats.ply import write_columns
+from ...maths.arrays import Numbers
 from ...scene.model import View
 from ..field_of_view.study import slugs
 from . import figures as figures
@@ -25,8 +25,6 @@ from .as_json import as_dict
 from .data import Observation
 from .numbers import DIFFERENCE, difference, pairs
 from .report import Comparison
-
-Matrix = np.ndarray[Any, Any]
 
 PAGE, NUMBERS = "index.html", "compare.json"
 COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94, 0)}
@@ -208,7 +206,7 @@ def _view(cloud: PointCloud, view: View | None) -> View:
     return View(eye_m=(x, y, z), target_m=(right, up, ahead), fov_deg=camera.fov_deg)
 
 
-def _save_difference(path: Path, cloud: PointCloud, kinds: Matrix, a: str, b: str) -> None:
+def _save_difference(path: Path, cloud: PointCloud, kinds: Numbers, a: str, b: str) -> None:
     """The difference cloud with colours that every viewer shows; classes and bodies are numbers, named in comments."""
     rgb = np.array([COLOURS[kind] for kind in DIFFERENCE], dtype=np.uint8)[kinds]
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}

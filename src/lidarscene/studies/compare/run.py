@@ -15,6 +15,7 @@ import numpy as np
 
 from ...detection.returns import Outcome
 from ...kernel.world.build import World
+from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...outputs.report import OUTCOME_TEXT
 from ...rendering.options import DEFAULT_CHUNK
@@ -24,8 +25,6 @@ from ...sensor.model import Sensor
 from ..ranging.plane import Target, equal_range_illuminance_klux
 from .data import Observation, Surfaces
 from .numbers import Rate, range_errors, rate
-
-Matrix = np.ndarray[Any, Any]
 
 Named = tuple[str, Sensor]
 
@@ -64,22 +63,22 @@ class _Seen:
     """An observer of points: gathers what it is told."""
 
     def __init__(self) -> None:
-        self._pulse: list[Matrix] = [np.zeros(0, np.uint32)]
-        self._chunks: list[Mapping[str, Matrix]] = []
+        self._pulse: list[Numbers] = [np.zeros(0, np.uint32)]
+        self._chunks: list[Mapping[str, Numbers]] = []
 
-    def __call__(self, pulse: Matrix, columns: Mapping[str, Matrix]) -> None:
+    def __call__(self, pulse: Numbers, columns: Mapping[str, Numbers]) -> None:
         self._pulse.append(pulse)
         if columns:
             self._chunks.append(columns)
 
-    def pulse(self) -> Matrix:
+    def pulse(self) -> Numbers:
         """(n,) pulse numbers of the cloud's points."""
         return np.concatenate(self._pulse).astype(np.int64)
 
     def surfaces(self) -> Surfaces:
         """Every pulse that met a surface."""
 
-        def column(name: str) -> Matrix:
+        def column(name: str) -> Numbers:
             return np.concatenate([np.zeros(0, np.int32 if name in _WHOLE else np.float32),
                                    *(chunk[name] for chunk in self._chunks)])  # fmt: skip
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...light.beams import firing_time_s
-from ...maths.arrays import frozen
+from ...maths.arrays import Numbers, frozen
 from ...maths.pose import direction_from_angles
 from ...sensor.model import Sensor
-
-Vector = np.ndarray[Any, Any]
 
 _PLACES = 128  # where a still eye is tried
 _STEPS = 400  # group sizes looked at within one period, at most
@@ -27,7 +24,7 @@ class PulseTrain:
     period_s  after which they come again, later than the last of them
     """
 
-    time_s: Vector
+    time_s: Numbers
     period_s: float
 
     def __post_init__(self) -> None:

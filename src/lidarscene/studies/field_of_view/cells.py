@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from ...maths.arrays import Numbers
 
 _SHIFT = 0.381966  # of a cell: the golden section is far from every simple fraction
 
@@ -29,9 +28,9 @@ class Cells:
     """
 
     size_deg: float
-    columns: Matrix
-    first: Matrix
-    edges_deg: Matrix
+    columns: Numbers
+    first: Numbers
+    edges_deg: Numbers
 
     @classmethod
     def of_size(cls, size_deg: float) -> Cells:
@@ -48,7 +47,7 @@ class Cells:
         """Cells of the whole sphere."""
         return int(self.first[-1])
 
-    def of(self, azimuth_deg: Matrix, elevation_deg: Matrix) -> Matrix:
+    def of(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
         """The cell of each direction."""
         row = np.clip(
             np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1
@@ -57,11 +56,11 @@ class Cells:
         column = np.floor(azimuth_deg * columns / 360.0 + _SHIFT).astype(np.int64) % columns
         return np.asarray(self.first[row] + column)
 
-    def row_of(self, cell: Matrix) -> Matrix:
+    def row_of(self, cell: Numbers) -> Numbers:
         """The row of each cell."""
         return np.asarray(np.searchsorted(self.first, cell, side="right") - 1)
 
-    def middle_deg(self, cell: Matrix) -> tuple[Matrix, Matrix]:
+    def middle_deg(self, cell: Numbers) -> tuple[Numbers, Numbers]:
         """Azimuth (-180 to 180) and elevation of the middle of each cell."""
         row = self.row_of(cell)
         column = cell - self.first[row]
@@ -69,13 +68,13 @@ class Cells:
         elevation = 0.5 * (self.edges_deg[row] + self.edges_deg[row + 1])
         return np.asarray((azimuth + 180.0) % 360.0 - 180.0), np.asarray(elevation)
 
-    def square_degrees(self, cell: Matrix) -> Matrix:
+    def square_degrees(self, cell: Numbers) -> Numbers:
         """Solid angle of each cell."""
         row = self.row_of(cell)
         sines = np.sin(np.radians(self.edges_deg))
         return np.asarray(np.degrees(sines[row + 1] - sines[row]) * 360.0 / self.columns[row])
 
-    def within(self, outline: Matrix) -> Matrix:
+    def within(self, outline: Numbers) -> Numbers:
         """Cells whose middle lies inside a convex polygon of azimuth and elevation, (n, 2) counter-clockwise."""
         low, high = outline[:, 1].min(), outline[:, 1].max()
         rows = np.flatnonzero((self.edges_deg[1:] > low) & (self.edges_deg[:-1] < high))
@@ -89,7 +88,7 @@ class Cells:
         return np.asarray(cell[inside])
 
 
-def convex_outline(azimuth_deg: Matrix, elevation_deg: Matrix) -> Matrix:
+def convex_outline(azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
     """(n, 2) corners of the convex hull of these angles, counter-clockwise (Andrew's monotone chain).
 
     Hulls of single rows first: of many points with about one elevation only the two ends can be corners.
@@ -105,7 +104,7 @@ def convex_outline(azimuth_deg: Matrix, elevation_deg: Matrix) -> Matrix:
     return np.array(_chain(points) + _chain(points[::-1])) if len(points) > 2 else points
 
 
-def _chain(points: Matrix) -> list[tuple[float, float]]:
+def _chain(points: Numbers) -> list[tuple[float, float]]:
     """One side of the hull of sorted points, without its last corner."""
     chain: list[tuple[float, float]] = []
     for x, y in points.tolist():

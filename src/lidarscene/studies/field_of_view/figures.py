@@ -11,6 +11,7 @@ import numpy as np
 
 from ...figures import lines as charts
 from ...figures import maps
+from ...maths.arrays import Numbers
 from ..ranging.plane import Target
 from .cells import Cells
 from .pattern import LONG, rate_hz
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from .bodies import OnBody
     from .seen import Seen
 
-Matrix = np.ndarray[Any, Any]
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
@@ -249,7 +249,7 @@ def far(one: Seen) -> Figure:
 
 
 def _map(
-    one: Seen, kind: str, values: Matrix, label: str, missing: str, told: str, column: str, log: bool
+    one: Seen, kind: str, values: Numbers, label: str, missing: str, told: str, column: str, log: bool
 ) -> Figure:
     shown, outside, extent = image(one.cells, one.maps.cell, values)
     size = one.cells.size_deg
@@ -270,8 +270,8 @@ def _extent(one: Seen) -> tuple[float, float, float, float]:
 
 
 def image(
-    cells: Cells, cell: Matrix, values: Matrix
-) -> tuple[Matrix, Matrix, tuple[float, float, float, float]]:
+    cells: Cells, cell: Numbers, values: Numbers
+) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
     """Numbers of cells as rows over azimuth: the numbers, where no cell is, and the edges in degrees."""
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)

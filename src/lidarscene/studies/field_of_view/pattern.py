@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from ...scan import Scanner
 from .cells import Cells, convex_outline
-
-Matrix = np.ndarray[Any, Any]
 
 MOST_PULSES = 20_000_000
 DWELL_S = 1e-3
@@ -30,11 +28,11 @@ class Pulses:
     share      (n,) A(theta_r) / A(0)
     """
 
-    time_s: Matrix
-    azimuth_deg: Matrix
-    elevation_deg: Matrix
-    direction: Matrix
-    share: Matrix
+    time_s: Numbers
+    azimuth_deg: Numbers
+    elevation_deg: Numbers
+    direction: Numbers
+    share: Numbers
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -71,7 +69,7 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
     return whole.until(time_s)
 
 
-def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline") -> tuple[Matrix, float]:
+def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline") -> tuple[Numbers, float]:
     """Cells of the field of view, sorted, and how long the scanner was watched for them.
 
     kind  "reached": cells that ever got a pulse; "outline": these, and those with their middle in the convex hull of
@@ -98,15 +96,15 @@ class CellMaps:
     share             mean A(theta_r) / A(0) of its pulses; NaN without
     """
 
-    cell: Matrix
-    square_degrees: Matrix
-    first_s: Matrix
-    pulses: Matrix
-    density: Matrix
-    revisit_s: Matrix
-    share: Matrix
+    cell: Numbers
+    square_degrees: Numbers
+    first_s: Numbers
+    pulses: Numbers
+    density: Numbers
+    revisit_s: Numbers
+    share: Numbers
 
-    def coverage(self, times_s: Matrix) -> Matrix:
+    def coverage(self, times_s: Numbers) -> Numbers:
         """Share of the field's solid angle whose cells got a pulse before each of these times."""
         order = np.argsort(self.first_s)
         area = np.concatenate([[0.0], np.cumsum(self.square_degrees[order])])
@@ -114,7 +112,7 @@ class CellMaps:
         return np.asarray(area[np.searchsorted(self.first_s[order], before, side="left")] / area[-1])
 
 
-def maps(pulses: Pulses, cells: Cells, mask: Matrix, *, dwell_s: float = DWELL_S) -> CellMaps:
+def maps(pulses: Pulses, cells: Cells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
     """What the cells of the mask (sorted) got of these pulses."""
     place = np.searchsorted(mask, own := cells.of(pulses.azimuth_deg, pulses.elevation_deg))
     inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == own)

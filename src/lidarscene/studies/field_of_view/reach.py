@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
 from ..ranging.plane import Target, detection_margin, maximum_range_m
 from .cells import Cells
 from .pattern import CellMaps
-
-Matrix = np.ndarray[Any, Any]
 
 GROUND_M = 60.0
 GROUND_STEP_M = 0.5
@@ -21,7 +19,7 @@ GROUND_STEP_M = 0.5
 _SHARES = 1e-4  # aperture shares closer than this are one: the range goes with their fourth root
 
 
-def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Matrix:
+def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
     """Maximum range on this target in each cell, by the scanner's own aperture there; NaN where no pulse goes."""
     limit = np.full(len(maps.cell), np.nan)
     seen = np.isfinite(maps.share)
@@ -40,17 +38,17 @@ class Ground:
     seen  (sensors, rows, columns) whether each sensor sees the place
     """
 
-    x_m: Matrix
-    y_m: Matrix
-    seen: Matrix
+    x_m: Numbers
+    y_m: Numbers
+    seen: Numbers
 
     @property
-    def count(self) -> Matrix:
+    def count(self) -> Numbers:
         """How many sensors see each place."""
         return np.asarray(self.seen.sum(axis=0))
 
     @property
-    def square_metres(self) -> Matrix:
+    def square_metres(self) -> Numbers:
         """What each sensor sees of it."""
         return np.asarray(self.seen.sum(axis=(1, 2)) * (self.x_m[1] - self.x_m[0]) ** 2)
 

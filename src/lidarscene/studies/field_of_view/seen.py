@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-
+from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
 from ..ranging.plane import Target
 from .cells import Cells
@@ -14,8 +12,6 @@ from .pattern import CellMaps, Pulses, fired, maps
 from .pattern import field as field_of_view
 from .reach import range_map_m
 from .spacing import nearest_deg
-
-Matrix = np.ndarray[Any, Any]
 
 TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
 CELL_DEG = 0.28
@@ -50,8 +46,8 @@ class Seen:
     revisits_s: float
     maps: CellMaps
     revisits: CellMaps
-    range_m: Matrix
-    spacing_deg: Matrix
+    range_m: Numbers
+    spacing_deg: Numbers
 
 
 def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:

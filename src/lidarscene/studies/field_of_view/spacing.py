@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 
-Matrix = np.ndarray[Any, Any]
+from ...maths.arrays import Numbers
 
 QUERIES = 20_000
 PERCENTILES = (5, 25, 50, 75, 95)
@@ -15,7 +14,7 @@ PERCENTILES = (5, 25, 50, 75, 95)
 _AT_ONCE = 4_000_000  # candidates looked at together
 
 
-def nearest_deg(direction: Matrix, *, queries: int = QUERIES) -> Matrix:
+def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
     """Angle from directions, unit vectors (n, 3), to the nearest other one, degrees.
 
     Of all n, or of ``queries`` evenly taken ones; their neighbours are always looked for among all. A voxel's
@@ -37,7 +36,7 @@ def nearest_deg(direction: Matrix, *, queries: int = QUERIES) -> Matrix:
     return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * found[asked], 1.0))))
 
 
-def _in_voxels(points: Matrix, lanes: Matrix, side: float) -> Matrix:
+def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
     """Squared distance from these points to the nearest other one in the 27 voxels around; inf without."""
     wide = int(2.0 / side) + 4
     voxel = np.floor((points + 1.0) / side).astype(np.int64) + 1
@@ -61,7 +60,9 @@ def _in_voxels(points: Matrix, lanes: Matrix, side: float) -> Matrix:
     return best
 
 
-def _look(points: Matrix, lanes: Matrix, order: Matrix, low: Matrix, count: Matrix, best: Matrix) -> None:
+def _look(
+    points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers
+) -> None:
     """Lower ``best`` to the nearest of count candidates from ``low`` on."""
     some = np.flatnonzero(count)
     if len(some) == 0:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from ...physics.electronics import apd, sipm
 from ...sensor.catalogue import load_sensor
 from ...sensor.detectors import Apd, Sipm
@@ -86,7 +88,7 @@ def apd_noise(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -> 
     )
     unit = {"gain": 1.0, "excess_noise": 1.0, "bandwidth_hz": sensor.tdc.bandwidth_hz}
     optical = apd.light_shot_variance_a2(
-        responsivity_a_w=responsivity, power_w=float(light.background_power_w[0]), **unit
+        responsivity_a_w=responsivity, power_w=float(np.ravel(light.background_power_w)[0]), **unit
     )
     bulk = apd.dark_shot_variance_a2(
         surface_dark_current_a=0.0, bulk_dark_current_a=detector.bulk_dark_current_a, **unit
@@ -98,8 +100,8 @@ def apd_noise(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -> 
         bandwidth_hz=sensor.tdc.bandwidth_hz,
     )  # fmt: skip
     return ApdNoise(
-        optical_a2=optical, bulk_dark_a2=bulk, unmultiplied_a2=rest,
-        signal_a=responsivity * float(light.peak_power_w[0]),
+        optical_a2=float(optical), bulk_dark_a2=float(bulk), unmultiplied_a2=float(rest),
+        signal_a=float(responsivity) * float(np.ravel(light.peak_power_w)[0]),
     )  # fmt: skip
 
 
@@ -124,10 +126,12 @@ def sipm_counts(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=illuminance_klux), distance_m)
     photon = sensor.laser.photon_energy_j
     background = sipm.background_photons(
-        power_w=float(light.background_power_w[0]), dead_time_s=detector.dead_time_s, photon_energy_j=photon
+        power_w=float(np.ravel(light.background_power_w)[0]),
+        dead_time_s=detector.dead_time_s,
+        photon_energy_j=photon,
     )
     signal = sipm.signal_photons(
-        peak_power_w=float(light.peak_power_w[0]),
+        peak_power_w=float(np.ravel(light.peak_power_w)[0]),
         pulse_fwhm_s=sensor.laser.pulse_fwhm_s,
         photon_energy_j=photon,
     )
@@ -135,9 +139,10 @@ def sipm_counts(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -
         sipm.fired_share_published(photons=background, pde=detector.pde, cells=detector.cells)
     )
     return SipmCounts(
-        cells=detector.cells, pde=detector.pde, background_photons=background, signal_photons=signal, busy=busy,
-        variance=sipm.fired_variance_published(fired=busy, cells=detector.cells),
-        dark=sipm.dark_counts(
+        cells=float(detector.cells), pde=float(detector.pde), background_photons=float(background),
+        signal_photons=float(signal), busy=float(busy),
+        variance=float(sipm.fired_variance_published(fired=busy, cells=detector.cells)),
+        dark=float(sipm.dark_counts(
             cells=detector.cells, dark_count_rate_hz=detector.dark_count_rate_hz, dead_time_s=detector.dead_time_s
-        ),
+        )),
     )  # fmt: skip

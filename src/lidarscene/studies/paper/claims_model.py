@@ -35,12 +35,13 @@ def _verdict(good: bool) -> str:
 def _light() -> list[Claim]:
     near, far = (plane.echoes_of_plane(apd_lidar(), TABLE_1, r) for r in (10.0, 500.0))
     tilted = plane.echoes_of_plane(apd_lidar(), replace(TABLE_1, cos_incidence=0.5), 10.0)
-    same = near.background_power_w[0] == far.background_power_w[0] == tilted.background_power_w[0]
+    near_w, far_w, tilted_w = (float(np.ravel(one.background_power_w)[0]) for one in (near, far, tilted))
+    same = near_w == far_w == tilted_w
     return [
         Claim(
             place="(8)", says="Sunlight on the detector depends on neither range nor angle of incidence.",
-            found=f"{near.background_power_w[0]:.5e} W at 10 m, {far.background_power_w[0]:.5e} W at 500 m, "
-            f"{tilted.background_power_w[0]:.5e} W at 60° of incidence.", verdict=_verdict(bool(same)),
+            found=f"{near_w:.5e} W at 10 m, {far_w:.5e} W at 500 m, "
+            f"{tilted_w:.5e} W at 60° of incidence.", verdict=_verdict(same),
         ),
     ]  # fmt: skip
 

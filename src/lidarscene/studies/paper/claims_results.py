@@ -206,7 +206,8 @@ def _figure_6c() -> list[Claim]:
         Claim(
             place="Fig. 6(c) with (10)", says="The ranges are those of a lidar that listens for 4 µs.",
             found=f"Then it stops at {window_m:.1f} m: what Fig. 6(c) shows below "
-            f"{_klux_of_range(window_m):.1f} klux needs a longer window, and has more false alarms.", verdict=IN_PART,
+            f"{_klux_of_range(float(window_m)):.1f} klux needs a longer window, and has more false alarms.",
+            verdict=IN_PART,
         ),
     ]  # fmt: skip
 

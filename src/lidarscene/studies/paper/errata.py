@@ -28,22 +28,26 @@ def closed_forms(*, as_printed: bool) -> tuple[float, float]:
     diode = sensor.detector
     assert isinstance(diode, Apd)
     assert isinstance(cells, Sipm)
-    light = {
-        "peak_power_w": sensor.laser.peak_power_w, "reflectivity": TABLE_1.reflectivity,
-        "aperture_m2": sensor.optics.aperture_m2, "photon_energy_j": sensor.laser.photon_energy_j,
-        "sun_irradiance_w_m2": sensor.optics.sun_irradiance_w_m2,
-        "focal_over_radius": sensor.optics.focal_length_m / diode.radius_m,
-        "threshold_to_noise": sensor.tdc.threshold_to_noise, "transmittance": TABLE_1.transmittance,
-        "efficiency_laser": sensor.optics.efficiency_laser, "efficiency_sun": sensor.optics.efficiency_sun,
-        "cos_sun": TABLE_1.cos_sun, "as_printed": as_printed,
-    }  # fmt: skip
+    assert sensor.tdc.threshold_to_noise is not None
+    target = range_limit.Plane(
+        reflectivity=TABLE_1.reflectivity, sun_irradiance_w_m2=sensor.optics.sun_irradiance_w_m2,
+        transmittance=TABLE_1.transmittance, cos_sun=TABLE_1.cos_sun,
+    )  # fmt: skip
+    receiver = range_limit.Receiver(
+        peak_power_w=sensor.laser.peak_power_w, aperture_m2=sensor.optics.aperture_m2,
+        photon_energy_j=sensor.laser.photon_energy_j,
+        focal_over_radius=sensor.optics.focal_length_m / diode.radius_m,
+        threshold_to_noise=sensor.tdc.threshold_to_noise,
+        efficiency_laser=sensor.optics.efficiency_laser, efficiency_sun=sensor.optics.efficiency_sun,
+    )  # fmt: skip
     apd_m = range_limit.maximum_range_apd_m(
-        quantum_efficiency=diode.quantum_efficiency, excess_noise=diode.excess_noise,
-        bandwidth_hz=sensor.tdc.bandwidth_hz, **light,
+        target, receiver, quantum_efficiency=diode.quantum_efficiency, excess_noise=diode.excess_noise,
+        bandwidth_hz=sensor.tdc.bandwidth_hz, as_printed=as_printed,
     )  # fmt: skip
     sipm_m = range_limit.maximum_range_sipm_m(
-        pulse_fwhm_s=sensor.laser.pulse_fwhm_s, pde=cells.pde, dead_time_s=cells.dead_time_s, **light
-    )
+        target, receiver, pulse_fwhm_s=sensor.laser.pulse_fwhm_s, pde=cells.pde, dead_time_s=cells.dead_time_s,
+        as_printed=as_printed,
+    )  # fmt: skip
     return float(apd_m), float(sipm_m)
 
 

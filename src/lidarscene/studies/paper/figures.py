@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
+from ...maths.arrays import Numbers
 from ...physics.electronics import apd, sipm
 from ...sensor.model import Sensor
 from ..ranging import aperture, plane
 from ..ranging.plane import Target
 from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_derived, sipm_printed
-
-Matrix = np.ndarray[Any, Any]
 
 _DEAD_TIME_S, _DARK_HZ = 6e-9, 2007.0
 
@@ -32,7 +30,7 @@ class PaperFigure:
     caption: str
     chart: Chart
     header: tuple[str, ...]
-    columns: tuple[Matrix, ...]
+    columns: tuple[Numbers, ...]
 
 
 def figures() -> list[PaperFigure]:
@@ -90,7 +88,7 @@ def fig_5a() -> PaperFigure:
     photons = np.linspace(0.0, 1500.0, 301)
     lines = tuple(
         Line(label=f"PDE {pde:.0%}", x=photons, colour=i,
-             y=sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0))
+             y=np.asarray(sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0)))
         for i, pde in enumerate((0.10, 0.22, 0.40, 0.60))
     )  # fmt: skip
     caption = (
@@ -105,7 +103,7 @@ def fig_5b() -> PaperFigure:
     photons = np.linspace(0.0, 4000.0, 401)
     lines = tuple(
         Line(label=f"{cells:.0f} cells", x=photons, colour=i,
-             y=sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells))
+             y=np.asarray(sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells)))
         for i, cells in enumerate((50.0, 100.0, 200.0, 400.0))
     )  # fmt: skip
     return _figure(
@@ -124,14 +122,21 @@ def fig_5c() -> PaperFigure:
         y = sipm.signal_cells_published(
             background_cells=busy, dark_counts=dark, photons=photons, pde=pde, cells=cells
         )
-        lines.append(Line(label=f"{background:g} photons", x=photons, y=y, colour=i % 4))
+        lines.append(Line(label=f"{background:g} photons", x=photons, y=np.asarray(y), colour=i % 4))
         share = sipm.busy_share_steady_state(
             photons=background, pde=pde, cells=cells, dark_count_rate_hz=_DARK_HZ, dead_time_s=_DEAD_TIME_S
         )
         y = cells * (1.0 - share) * sipm.fired_share(photons=photons, pde=pde, cells=cells)
         if background:
             lines.append(
-                Line(label=f"{background:g}, derived", x=photons, y=y, colour=i, style="dashed", width=1.4)
+                Line(
+                    label=f"{background:g}, derived",
+                    x=photons,
+                    y=np.asarray(y),
+                    colour=i,
+                    style="dashed",
+                    width=1.4,
+                )
             )
     caption = (
         "Cells that the echo triggers, (24), 100 cells, PDE 22 %, background photons in a dead time. "
@@ -179,8 +184,8 @@ def fig_6b() -> PaperFigure:
     """Maximum range against elevation under three aperture laws."""
     angle = np.linspace(-30.0, 30.0, 121)
 
-    def reach(sensor: Sensor, law: Callable[[Matrix], Matrix]) -> Matrix:
-        found: Matrix = plane.maximum_range_m(sensor, Target(aperture_share=law(angle)))[0]
+    def reach(sensor: Sensor, law: Callable[[Numbers], Numbers]) -> Numbers:
+        found: Numbers = plane.maximum_range_m(sensor, Target(aperture_share=law(angle)))[0]
         return found
 
     pair = ((0, "APD", apd_lidar()), (1, "SiPM", sipm_printed()))

@@ -9,25 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from ...scan import Scanner
-
-Matrix = np.ndarray[Any, Any]
 
 LARGEST_DEG = 89.0
 """Beyond this neither a fixed window nor a scan mirror has an aperture."""
 
 
-def constant(angle_deg: Matrix) -> Matrix:
+def constant(angle_deg: Numbers) -> Numbers:
     """A(theta) = A(0): the receiver turns with the beam (a rotating head), and the raster as `render` has it."""
     return np.ones_like(angle_deg)
 
 
-def cosine(angle_deg: Matrix) -> Matrix:
+def cosine(angle_deg: Numbers) -> Numbers:
     """A(theta) = A(0) cos(theta): the aperture stands still, and a beam theta off its normal sees it foreshortened.
 
     A window or lens fixed in the housing, a flash or a solid-state receiver.
@@ -35,7 +33,7 @@ def cosine(angle_deg: Matrix) -> Matrix:
     return np.asarray(np.cos(np.radians(angle_deg)))
 
 
-def mirror(angle_deg: Matrix) -> Matrix:
+def mirror(angle_deg: Numbers) -> Numbers:
     """A(theta) = A(0) cos(45 deg + theta / 2) / cos(45 deg): a scan mirror is the stop (galvanometer, MEMS).
 
     On the axis the mirror folds the beam by 90 degrees, hence stands at 45 degrees to it. To deflect the beam by
@@ -45,7 +43,7 @@ def mirror(angle_deg: Matrix) -> Matrix:
     return np.asarray(np.cos(np.radians(45.0 + 0.5 * angle_deg)) / math.cos(math.radians(45.0)))
 
 
-LAWS: dict[str, Callable[[Matrix], Matrix]] = {"constant": constant, "cosine": cosine, "mirror": mirror}
+LAWS: dict[str, Callable[[Numbers], Numbers]] = {"constant": constant, "cosine": cosine, "mirror": mirror}
 
 _PULSES = 200_000  # of a frame that are looked at
 _SLICE = 0.02  # share of them that count as lying on the axis
@@ -57,7 +55,7 @@ def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
     return round(float(along.min()), 4), round(float(along.max()), 4)
 
 
-def of_scanner(scanner: Scanner, axis: str, angle_deg: Matrix) -> Matrix:
+def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
     """A(theta) as the sensor's own scanner has it, which is what `render` uses.
 
     Along one axis, from the pulses of a frame that are nearest to zero on the other; linear in between. Raises
@@ -77,7 +75,7 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Matrix) -> Matrix:
     return np.asarray(np.interp(angle_deg, along[near][order], share[near][order]))
 
 
-def _frame(scanner: Scanner, axis: str) -> tuple[Matrix, Matrix, Matrix]:
+def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, Numbers, Numbers]:
     """Angle along the axis and across it, degrees, and share of the aperture, of a frame's pulses."""
     count = min(scanner.pulses, _PULSES)
     pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))

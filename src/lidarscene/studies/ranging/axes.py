@@ -12,10 +12,9 @@ import numpy as np
 from pydantic import BaseModel
 
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from ...sensor.file import SensorFile
 from .aperture import LARGEST_DEG
-
-Matrix = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +70,7 @@ class Axis:
     column: str
     label: str
     unit: str
-    values: Matrix
+    values: Numbers
     log: bool
     whole: bool = False
 
@@ -80,7 +79,7 @@ class Axis:
         """Whether the sensor itself is varied, rather than the conditions."""
         return self.key not in CONDITIONS
 
-    def between(self, low: float, high: float, count: int) -> Matrix:
+    def between(self, low: float, high: float, count: int) -> Numbers:
         """Steps from low to high as this axis has them."""
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
@@ -131,7 +130,7 @@ def parameter_axis(
     )  # fmt: skip
 
 
-def _steps(start: float, stop: float, count: int, *, log: bool) -> Matrix:
+def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise InputError(f"--from {start:g} --to {stop:g}: finite numbers were expected")
     if start >= stop:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...physics.optics import air
 from ...sensor.model import Sensor
 from . import plane
@@ -20,8 +21,6 @@ from .aperture import LAWS, of_scanner
 from .axes import Axis
 from .plane import RangeStatus, Target
 from .subjects import Subject
-
-Matrix = np.ndarray[Any, Any]
 
 QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
 
@@ -56,9 +55,9 @@ class Curve:
     """
 
     name: str
-    values: Matrix
-    margin: Matrix | None = None
-    status: Matrix | None = None
+    values: Numbers
+    margin: Numbers | None = None
+    status: Numbers | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +81,7 @@ class Curves:
     detection_limits: tuple[Crossing, ...]
 
 
-def conditions_for(subject: Subject, question: Question, x: Matrix) -> list[tuple[Sensor, Target]]:
+def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tuple[Sensor, Target]]:
     """Sensor and target along the axis: one pair of arrays if the sensor's numbers stack, else one pair for each x."""
     axis, target = question.axis, question.target
     if not axis.is_parameter:
@@ -97,7 +96,7 @@ def conditions_for(subject: Subject, question: Question, x: Matrix) -> list[tupl
     return [(stack, replace(target, extinction_per_m=np.array(hazy, dtype=np.float64)))]
 
 
-def _along(sensor: Sensor, target: Target, question: Question, x: Matrix) -> Target:
+def _along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Target:
     match question.axis.key:
         case "illuminance":
             return replace(target, illuminance_klux=x)
@@ -122,7 +121,7 @@ def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Tar
     return replace(target, extinction_per_m=target.extinction_per_m + alpha)
 
 
-def curve(subject: Subject, question: Question, x: Matrix) -> Curve:
+def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
     """The sensor's values at these places of the axis."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
@@ -163,7 +162,7 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
     )
 
 
-def _difference(question: Question, first: Curve, second: Curve, *, same: float = 1e-9) -> Matrix:
+def _difference(question: Question, first: Curve, second: Curve, *, same: float = 1e-9) -> Numbers:
     """Relative difference of two curves; 0 where they are the same to ``same``, or nothing worth telling."""
     a, b = first.values, second.values
     both = np.isfinite(a) & np.isfinite(b)
@@ -176,16 +175,16 @@ def _difference(question: Question, first: Curve, second: Curve, *, same: float 
     return np.where(np.abs(part) > same, part, 0.0)
 
 
-def _beyond(margin: Matrix) -> Matrix:
+def _beyond(margin: Numbers) -> Numbers:
     return np.where(
         np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0)
     )
 
 
-def _crossings(question: Question, pair: tuple[Subject, ...], height: Matrix) -> list[Crossing]:
+def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[Crossing]:
     """Where a height, sampled along the axis, changes its sign."""
 
-    def height_at(x: Matrix) -> tuple[Matrix, Matrix]:
+    def height_at(x: Numbers) -> tuple[Numbers, Numbers]:
         those = [curve(subject, question, x) for subject in pair]
         if len(those) == 2:
             return _difference(question, *those, same=0.0), those[0].values
@@ -212,7 +211,12 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Matrix) ->
 
 
 def _refined(
-    axis: Axis, height_at: Callable[[Matrix], tuple[Matrix, Matrix]], low: float, high: float, *, falls: bool
+    axis: Axis,
+    height_at: Callable[[Numbers], tuple[Numbers, Numbers]],
+    low: float,
+    high: float,
+    *,
+    falls: bool,
 ) -> tuple[float, float] | None:
     """Place and value of a change of sign in this bracket; None where it is a jump.
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ...errors import BackendError
-from ...maths.arrays import Array
+from ...maths.arrays import Lanes
 
-Formula = Callable[[Mapping[str, Array]], Array]
+Formula = Callable[[Mapping[str, Lanes]], Lanes]
 """Numbers by name in, one number out; numpy or Dr.Jit."""
 
 Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, float]]]

@@ -53,7 +53,7 @@ def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> Best
 
 def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> float:
     """From the noise's parts: what is multiplied, at gain one, and what is not, of (18)."""
-    background = float(plane.echoes_of_plane(sensor, target, range_m).background_power_w[0])
+    background = float(np.ravel(plane.echoes_of_plane(sensor, target, range_m).background_power_w)[0])
     bandwidth = float(sensor.tdc.bandwidth_hz)
     responsivity = apd.responsivity_a_w(
         quantum_efficiency=diode.quantum_efficiency, photon_energy_j=sensor.laser.photon_energy_j
@@ -76,6 +76,7 @@ def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> 
     elif diode.excess_noise_index == 0.0:
         return math.inf
     else:
+        assert diode.excess_noise_index is not None
         gain = float(apd.best_gain(excess_noise_index=diode.excess_noise_index, **parts))
     return max(gain, 1.0)
 

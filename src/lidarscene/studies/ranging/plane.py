@@ -18,13 +18,11 @@ import numpy as np
 from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
-from ...maths.arrays import Array
+from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd, WorkingPoint
 from ...sensor.model import Sensor
-
-Matrix = np.ndarray[Any, Any]
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16
@@ -49,14 +47,14 @@ class Target:
     aperture_share  effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture`
     """
 
-    reflectivity: Array = 0.1
-    cos_incidence: Array = 1.0
-    cos_sun: Array = 0.5
-    illuminance_klux: Array = 100.0
-    diffuse_share: Array = 0.0
-    transmittance: Array = 0.98
-    extinction_per_m: Array = 0.0
-    aperture_share: Array = 1.0
+    reflectivity: Lanes = 0.1
+    cos_incidence: Lanes = 1.0
+    cos_sun: Lanes = 0.5
+    illuminance_klux: Lanes = 100.0
+    diffuse_share: Lanes = 0.0
+    transmittance: Lanes = 0.98
+    extinction_per_m: Lanes = 0.0
+    aperture_share: Lanes = 1.0
 
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
@@ -85,7 +83,7 @@ def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
     return replace(first, **changes)
 
 
-def echoes_of_plane(sensor: Sensor, target: Target, range_m: Matrix | float) -> Echoes:
+def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
     """Light on the detector from the target at these ranges: the same stage that `render` runs."""
     shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
     ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
@@ -122,32 +120,33 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Matrix | float) -> 
     return receive(beams, hits, sensor, ambient)
 
 
-def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Matrix, Matrix]:
+def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Numbers]:
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
     point = sensor.working_point(light.background_power_w)
     every = np.ones_like(light.range_m)
-    return point, point.signal(light.peak_power_w) * every, sensor.threshold(point) * every
+    signal, level = point.signal(light.peak_power_w) * every, sensor.threshold(point) * every
+    return point, np.asarray(signal), np.asarray(level)
 
 
-def _ratio(signal: Matrix, level: Matrix) -> Matrix:
+def _ratio(signal: Numbers, level: Numbers) -> Numbers:
     """signal / level; where both are zero there is no signal, where only the level is, nothing is against it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(signal > 0.0, signal / level, 0.0)
 
 
-def snr(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf where there is no noise at all."""
     point, signal, _ = _response(sensor, echoes_of_plane(sensor, target, range_m))
-    return _ratio(signal, point.noise * np.ones_like(signal))
+    return _ratio(signal, np.asarray(point.noise * np.ones_like(signal)))
 
 
-def detection_margin(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) peak signal over the comparator's level; 1 where the echo is found half of the time."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return _ratio(signal, level)
 
 
-def detection_probability(sensor: Sensor, target: Target, range_m: Matrix | float) -> Matrix:
+def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) P_d with the echo's own shot noise (13): what `render` keeps of many pulses, but for the window."""
     point, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
@@ -189,19 +188,19 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     return limit, status
 
 
-def _is_detected(sensor: Sensor, target: Target, range_m: Matrix) -> Matrix:
+def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
     """Whether the peak reaches the level; no signal is never detected, also by a level of zero."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return np.asarray((signal >= level) & (signal > 0.0))
 
 
-def _is_noiseless(sensor: Sensor, target: Target) -> Matrix:
+def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
     """Whether the level is zero where it is highest: then any echo is seen, until numbers run out."""
     _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(level <= 0.0)
 
 
-def _is_saturated(sensor: Sensor, target: Target) -> Matrix:
+def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
     """Whether the level is beyond what any light makes the detector give."""
     point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(point.signal(_BLINDING_W * np.ones_like(level)) < level)
@@ -224,30 +223,35 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     # (30) holds the sky too, if its share of the radiance joins cos theta_s under the root.
     daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
     dark = every * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
-    light: dict[str, Any] = {
-        "peak_power_w": laser.peak_power_w,
-        "reflectivity": np.where(echo > _NOTHING, target.reflectivity, 1.0),
-        "aperture_m2": np.where(echo > _NOTHING, optics.aperture_m2 * target.aperture_share, 1.0),
-        "sun_irradiance_w_m2": np.where(
-            dark, 1.0, optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
-        ),
-        "focal_over_radius": optics.focal_length_m / detector.radius_m,
-        "threshold_to_noise": sensor.tdc.threshold_to_noise,
-        "photon_energy_j": laser.photon_energy_j,
-        "transmittance": target.transmittance,
-        "efficiency_laser": optics.efficiency_laser,
-        "efficiency_sun": optics.efficiency_sun,
-        "cos_incidence": target.cos_incidence,
-        "cos_sun": np.where(dark, 1.0, daylight),
-    }
+    sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
+    wall = range_limit.Plane(
+        reflectivity=np.where(echo > _NOTHING, target.reflectivity, 1.0),
+        sun_irradiance_w_m2=np.where(dark, 1.0, sun_irradiance_w_m2),
+        transmittance=target.transmittance,
+        cos_incidence=target.cos_incidence,
+        cos_sun=np.where(dark, 1.0, daylight),
+    )
+    receiver = range_limit.Receiver(
+        peak_power_w=laser.peak_power_w,
+        aperture_m2=np.where(echo > _NOTHING, optics.aperture_m2 * target.aperture_share, 1.0),
+        focal_over_radius=optics.focal_length_m / detector.radius_m,
+        threshold_to_noise=sensor.tdc.threshold_to_noise,
+        photon_energy_j=laser.photon_energy_j,
+        efficiency_laser=optics.efficiency_laser,
+        efficiency_sun=optics.efficiency_sun,
+    )
     if isinstance(detector, Apd):
         bound = range_limit.maximum_range_apd_m(
-            quantum_efficiency=detector.quantum_efficiency, excess_noise=detector.excess_noise,
-            bandwidth_hz=sensor.tdc.bandwidth_hz, **light,
+            wall, receiver, quantum_efficiency=detector.quantum_efficiency, excess_noise=detector.excess_noise,
+            bandwidth_hz=sensor.tdc.bandwidth_hz,
         )  # fmt: skip
     else:
         bound = range_limit.maximum_range_sipm_m(
-            pulse_fwhm_s=laser.pulse_fwhm_s, pde=detector.pde, dead_time_s=detector.dead_time_s, **light
+            wall,
+            receiver,
+            pulse_fwhm_s=laser.pulse_fwhm_s,
+            pde=detector.pde,
+            dead_time_s=detector.dead_time_s,
         )
     rate = 0.75 * target.extinction_per_m * every
     thick = rate > 0.0
@@ -256,7 +260,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     return limit if conditions_shape(sensor, target) else float(limit[0])
 
 
-def _lambert_w(z: Matrix) -> Matrix:
+def _lambert_w(z: Numbers) -> Numbers:
     """w with w exp(w) = z for z >= 0, by Newton's method on w + log w = log z."""
     with np.errstate(divide="ignore"):
         log_z = np.log(np.maximum(z, 1e-300))

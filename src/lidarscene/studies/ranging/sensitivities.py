@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
-from ...maths.arrays import Array, xp
+from ...maths.arrays import Lanes, xp
 from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
@@ -85,9 +85,9 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     return found
 
 
-def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Array]) -> tuple[Sensor, Target]:
+def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes]) -> tuple[Sensor, Target]:
     """The sensor and target with these numbers in place of their own."""
-    changes: dict[str, dict[str, Array]] = {}
+    changes: dict[str, dict[str, Lanes]] = {}
     for name, value in values.items():
         part, _, field = name.partition(".")
         changes.setdefault(part, {})[field] = value
@@ -96,7 +96,7 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Array])
     return dataclasses.replace(sensor, **parts), target
 
 
-def margin_and_detection(sensor: Sensor, target: Target, range_m: Array) -> tuple[Array, Array]:
+def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tuple[Lanes, Lanes]:
     """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers."""
     light = _light(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w)
@@ -124,7 +124,7 @@ def sensitivities(
     values = parameters(sensor, target)
 
     def formula(which: int) -> derivatives.Formula:
-        def of(numbers: Mapping[str, Array]) -> Array:
+        def of(numbers: Mapping[str, Lanes]) -> Lanes:
             own = {name: number for name, number in numbers.items() if name != _RANGE}
             changed = with_parameters(sensor, target, own)
             return margin_and_detection(*changed, numbers[_RANGE])[which]
@@ -221,7 +221,7 @@ def tornado(
     )
 
 
-def _light(sensor: Sensor, target: Target, range_m: Array) -> Echoes:
+def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
     """`ranging.echoes_of_plane` for numbers of any kind, one range."""
     ops = xp(range_m)
     sun = sunlight.sun_irradiance_w_m2(

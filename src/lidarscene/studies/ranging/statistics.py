@@ -9,11 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from ...detection.returns import Outcome, Status, detect
+from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
 from ...physics.optics import radiometry, sunlight
@@ -21,8 +22,6 @@ from ...sensor.detectors import Apd, WorkingPoint
 from ...sensor.model import Sensor
 from . import plane
 from .plane import Target
-
-Matrix = np.ndarray[Any, Any]
 
 Tail = Literal["gaussian", "mcintyre", "webb", "exact"]
 TAILS: tuple[Tail, ...] = get_args(Tail)
@@ -39,11 +38,11 @@ class OperatingCurve:
     correct_probability    (10): right returns among all, for a target at the end of the window
     """
 
-    threshold_to_noise: Matrix
-    false_alarms_per_shot: Matrix
-    quiet_probability: Matrix
-    detection_probability: Matrix
-    correct_probability: Matrix
+    threshold_to_noise: Numbers
+    false_alarms_per_shot: Numbers
+    quiet_probability: Numbers
+    detection_probability: Numbers
+    correct_probability: Numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +72,7 @@ class Shots:
         return self.echoes / returned if returned else 1.0
 
 
-def detection_curve(sensor: Sensor, target: Target, snr: Matrix, *, own_noise: bool = True) -> Matrix:
+def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: bool = True) -> Numbers:
     """(n,) P_d of echoes with these signal-to-noise ratios, under the target's background.
 
     own_noise   False leaves the echo's own shot noise out, which makes P_d = Q(TNR - SNR) for a Gaussian
@@ -85,7 +84,7 @@ def detection_curve(sensor: Sensor, target: Target, snr: Matrix, *, own_noise: b
 
 
 def operating_curve(
-    sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Matrix
+    sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Numbers
 ) -> OperatingCurve:
     """Detection against false alarms for a target at this range, as the threshold varies."""
     ratios = np.asarray(threshold_to_noise, dtype=np.float64)
@@ -183,7 +182,9 @@ def simulated_shots(
             echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background
         )
     found = detect(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
-    alarms = sum(int(np.sum(s.reported & (s.status == int(Status.FALSE_ALARM)))) for s in found.stops)
+    alarms = sum(
+        int(np.sum(np.asarray(s.reported & (s.status == int(Status.FALSE_ALARM))))) for s in found.stops
+    )
     return Shots(shots, int(np.sum(found.outcome == int(Outcome.KEPT))), alarms)
 
 
@@ -202,7 +203,7 @@ def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
     if not isinstance(diode, Apd):
         raise ValueError(f"the detector of '{sensor.name}' has no avalanche of McIntyre's kind")
     bandwidth = float(sensor.tdc.bandwidth_hz)
-    per_ampere = mcintyre.resolution_time_s(bandwidth_hz=bandwidth) / ELEMENTARY_CHARGE_C
+    per_ampere = float(mcintyre.resolution_time_s(bandwidth_hz=bandwidth) / ELEMENTARY_CHARGE_C)
     responsivity = apd.responsivity_a_w(
         quantum_efficiency=diode.quantum_efficiency, photon_energy_j=sensor.laser.photon_energy_j
     )
@@ -216,7 +217,7 @@ def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Matrix:
+def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
     """Light on the detector from the target or the sky, (1,)."""
     if not sky:
         return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
@@ -236,7 +237,7 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Matrix:
     return np.atleast_1d(np.asarray(power, dtype=np.float64))
 
 
-def _sigma(point: WorkingPoint, signal: Matrix) -> Matrix:
+def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
     """Noise at the peak, with the echo's own."""
     return np.asarray(
         tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)

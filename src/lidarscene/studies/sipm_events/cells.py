@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...maths.special import normal_tail
 from ...physics.optics import pulse as pulse_shape
 from ...sensor.detectors import Sipm
-
-Matrix = np.ndarray[Any, Any]
 
 _LN2 = math.log(2.0)
 
@@ -61,7 +60,7 @@ class CellArray:
     def of(cls, detector: Sipm, **options: Any) -> CellArray:
         """The cells of a sensor's detector, with any option above."""
         return cls(
-            cells=int(detector.cells),
+            cells=int(float(detector.cells)),
             pde=float(detector.pde),
             dead_time_s=float(detector.dead_time_s),
             dark_count_rate_hz=float(detector.dark_count_rate_hz),
@@ -102,7 +101,7 @@ class Rates:
         self.per_s = light.background_photons * array.pde / array.cells / tau + array.dark_count_rate_hz
         energy = pulse_shape.pulse_energy_j(peak_power_w=1.0, fwhm_s=light.pulse_fwhm_s) / light.pulse_fwhm_s
         flash = 2.0 * energy * light.signal_photons * array.pde / array.cells
-        come = 1.0 - normal_tail(math.sqrt(8.0 * _LN2) * self.time_s / light.pulse_fwhm_s)
+        come = 1.0 - np.asarray(normal_tail(math.sqrt(8.0 * _LN2) * self.time_s / light.pulse_fwhm_s))
         # A floor under the rate keeps the inverse single-valued in the dark: one firing in 1e12 windows.
         floor = 1e-12 * np.linspace(0.0, 1.0, count)
         self.firings = self.per_s * (self.time_s - start_s) + flash * (come - come[0]) + floor
@@ -113,15 +112,15 @@ class Rates:
         """Over the whole window."""
         return float(self.firings[-1])
 
-    def by(self, time_s: Matrix) -> Matrix:
+    def by(self, time_s: Numbers) -> Numbers:
         """Firings by this time."""
         return np.asarray(np.interp(time_s, self.time_s, self.firings))
 
-    def when(self, firings: Matrix) -> Matrix:
+    def when(self, firings: Numbers) -> Numbers:
         """Time of this many firings; inf beyond the window."""
         return np.asarray(np.interp(firings, self.firings, self.time_s, right=np.inf))
 
 
-def recovered(age_s: Matrix, recovery_s: float) -> Matrix:
+def recovered(age_s: Numbers, recovery_s: float) -> Numbers:
     """1 - exp(-age / recovery); all of it at once where the recovery takes no time."""
     return -np.expm1(-age_s / recovery_s) if recovery_s > 0.0 else np.ones_like(age_s)

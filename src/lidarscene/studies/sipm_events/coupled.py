@@ -6,13 +6,10 @@ every cell's last avalanche and asks nothing else.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ...maths.arrays import Numbers
 from .cells import CellArray, Rates, recovered
-
-Matrix = np.ndarray[Any, Any]
 
 _SLOTS = 32
 """Afterpulses of a shot that can be due at a time; a further one takes the place of the one due last."""
@@ -33,7 +30,7 @@ class _State:
         self.due = np.full((shots, _SLOTS), np.inf)
         self.due_cell = np.zeros((shots, _SLOTS), dtype=np.int64)
 
-    def strike(self, shot: Matrix, cell: Matrix, time_s: Matrix) -> None:
+    def strike(self, shot: Numbers, cell: Numbers, time_s: Numbers) -> None:
         """A photon, a dark count or an afterpulse in one cell of each of these shots, and what it sets off."""
         array, random = self.array, self.random
         while len(shot):
@@ -53,7 +50,7 @@ class _State:
             step = random.integers(1, max(array.cells, 2), len(spreads))
             cell = (cell[spreads] + step) % array.cells
 
-    def _store_afterpulses(self, shot: Matrix, cell: Matrix, time_s: Matrix) -> None:
+    def _store_afterpulses(self, shot: Numbers, cell: Numbers, time_s: Numbers) -> None:
         comes = np.flatnonzero(self.random.random(len(shot)) < self.array.afterpulse)
         shot, cell, time_s = shot[comes], cell[comes], time_s[comes]
         slot = np.argmax(self.due[shot], axis=1)
@@ -63,7 +60,7 @@ class _State:
 
 def fire_coupled(
     array: CellArray, rates: Rates, shots: int, random: np.random.Generator
-) -> tuple[Matrix, Matrix, Matrix]:
+) -> tuple[Numbers, Numbers, Numbers]:
     """Shot, time and gain of every avalanche, with crosstalk and afterpulses."""
     state = _State(array, rates, shots, random)
     firings = (

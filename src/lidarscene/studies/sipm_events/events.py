@@ -15,14 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from .cells import CellArray, Light, Rates, recovered
 from .coupled import fire_coupled
-
-Matrix = np.ndarray[Any, Any]
 
 _EVENTS_AT_A_TIME = 2e6
 
@@ -36,9 +34,9 @@ class Avalanches:
     gain    (n,) charge, 1 for a recovered cell
     """
 
-    shot: Matrix
-    time_s: Matrix
-    gain: Matrix
+    shot: Numbers
+    time_s: Numbers
+    gain: Numbers
 
 
 def simulate(
@@ -62,7 +60,7 @@ def simulate(
 
 def fire_independent(
     array: CellArray, rates: Rates, shots: int, random: np.random.Generator
-) -> tuple[Matrix, Matrix, Matrix]:
+) -> tuple[Numbers, Numbers, Numbers]:
     """Shot, time and gain of every avalanche of cells that know nothing of each other.
 
     The state at the start is stationary: busy with probability x / (1 + x), for how long still even in (0, tau).

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from .cells import CellArray
 from .events import Avalanches
-
-Matrix = np.ndarray[Any, Any]
 
 
 def waveforms(
     array: CellArray, avalanches: Avalanches, *, shots: int, start_s: float, step_s: float, samples: int
-) -> Matrix:
+) -> Numbers:
     """(shots, samples) output in units of one recovered cell, exact at each sample.
 
     For a box shape the step has to be the dead time over a whole number.
@@ -31,7 +29,7 @@ def waveforms(
     return np.asarray((fall - rise) / summit)
 
 
-def _binned(avalanches: Avalanches, weight: Matrix, first: Matrix, shots: int, columns: int) -> Matrix:
+def _binned(avalanches: Avalanches, weight: Numbers, first: Numbers, shots: int, columns: int) -> Numbers:
     """(shots, columns) sum of the weights by the sample at which each avalanche is first seen."""
     inside = (first >= 0) & (first < columns)
     place = avalanches.shot[inside] * columns + first[inside]
@@ -40,7 +38,7 @@ def _binned(avalanches: Avalanches, weight: Matrix, first: Matrix, shots: int, c
 
 def _box(
     array: CellArray, avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int
-) -> Matrix:
+) -> Numbers:
     """Gains of the last dead time: a running sum less what it was one dead time before."""
     length = round(array.dead_time_s / step_s)
     if not math.isclose(length * step_s, array.dead_time_s, rel_tol=1e-9):
@@ -52,7 +50,7 @@ def _box(
 
 def _exponential(
     avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int, fall_s: float
-) -> Matrix:
+) -> Numbers:
     """Sum of gain exp(-age / fall): carried from sample to sample."""
     since = (avalanches.time_s - start_s) / step_s
     first = np.maximum(np.ceil(since), 0.0)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...physics.electronics import sipm, sipm_response
 from .cells import CellArray, Light
 from .working_point import moments, pulse_outputs
-
-Matrix = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,18 +25,18 @@ class ResponseTable:
     shots               per point; 0 where the numbers are exact
     """
 
-    background_photons: Matrix
-    signal_photons: Matrix
-    before: Matrix
-    noise: Matrix
-    mean: Matrix
-    variance: Matrix
-    skewness: Matrix
-    peak_time_s: Matrix
+    background_photons: Numbers
+    signal_photons: Numbers
+    before: Numbers
+    noise: Numbers
+    mean: Numbers
+    variance: Numbers
+    skewness: Numbers
+    peak_time_s: Numbers
     shots: int
 
     @property
-    def snr(self) -> Matrix:
+    def snr(self) -> Numbers:
         """(b, s): what (27) stands for."""
         return np.asarray((self.mean - self.before[:, None]) / self.noise[:, None])
 
@@ -95,7 +93,9 @@ def response_by_equation(
     background, signal = np.asarray(background_photons, float), np.asarray(signal_photons, float)
     tau = array.dead_time_s
     x = background * array.pde / array.cells + array.dark_count_rate_hz * tau
-    whole = sipm_response.captured_photons(photons=signal, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=1e3)
+    whole = np.asarray(
+        sipm_response.captured_photons(photons=signal, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=1e3)
+    )
     time, busy = sipm_response.busy_share_over_time(
         background=x[:, None], flash=(whole * array.pde / array.cells)[None, :],
         pulse_to_dead_time=pulse_fwhm_s / tau, steps=steps,
@@ -116,7 +116,7 @@ def response_by_equation(
 
 def published_snr(
     array: CellArray, *, background_photons: Sequence[float], signal_photons: Sequence[float]
-) -> Matrix:
+) -> Numbers:
     """(b, s) SNR by (27) as printed."""
     background = np.asarray(background_photons, float)[:, None]
     signal = np.asarray(signal_photons, float)[None, :]
@@ -132,7 +132,7 @@ def published_snr(
 
 def error_of_published_snr(
     array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None
-) -> Matrix:
+) -> Numbers:
     """(b, s) SNR by (27) over that of the table, less one.
 
     pulse_fwhm_s  give (24) the photons of this pulse in the dead time around its peak, instead of half of

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Numbers
 from ...physics.electronics.sipm_response import LATEST_PEAK
 from .cells import CellArray, Light
 from .events import simulate
 from .output import waveforms
-
-Matrix = np.ndarray[Any, Any]
 
 _EDGE = 2.0  # FWHM before the peak at which a shot begins
 _DARK_WINDOW = 20  # dead times of a shot that is watched for false alarms
@@ -25,10 +23,10 @@ _DARK_SEED = 1  # added to the seed of the shots with a pulse
 class Moments:
     """Of the output over shots: (samples,) each. The skewness is the third standardised moment."""
 
-    time_s: Matrix
-    mean: Matrix
-    variance: Matrix
-    skewness: Matrix
+    time_s: Numbers
+    mean: Numbers
+    variance: Numbers
+    skewness: Numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +65,7 @@ class Measured:
 
 def outputs(
     array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
-) -> Iterator[tuple[Matrix, Matrix]]:
+) -> Iterator[tuple[Numbers, Numbers]]:
     """(samples,) times and (shots, samples) outputs in single precision, some shots at a time.
 
     steps  samples per dead time
@@ -83,7 +81,7 @@ def outputs(
 
 def all_outputs(
     array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
-) -> tuple[Matrix, Matrix]:
+) -> tuple[Numbers, Numbers]:
     """`outputs` in one piece."""
     runs = list(outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps))
     return runs[0][0], np.concatenate([wave for _, wave in runs])
@@ -91,7 +89,7 @@ def all_outputs(
 
 def pulse_outputs(
     array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16
-) -> tuple[Matrix, Matrix]:
+) -> tuple[Numbers, Numbers]:
     """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked."""
     # On the sampling grid, so that one sample falls on the light's peak.
     step = array.dead_time_s / steps
@@ -103,7 +101,7 @@ def pulse_outputs(
     return all_outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps)
 
 
-def moments(time_s: Matrix, wave: Matrix) -> Moments:
+def moments(time_s: Numbers, wave: Numbers) -> Moments:
     """Mean, variance and skewness over shots, at each sample."""
     centre = wave.mean(axis=0, dtype=np.float64)
     variance, third = np.zeros((2, len(time_s)))
@@ -168,7 +166,7 @@ def measure(
     )
 
 
-def _first_passages(time_s: Matrix, wave: Matrix, absolute: float) -> Matrix:
+def _first_passages(time_s: Numbers, wave: Numbers, absolute: float) -> Numbers:
     """When each shot that does so first passes the level upwards, straight between samples."""
     high = wave >= absolute
     up = high[:, 1:] & ~high[:, :-1]
@@ -179,7 +177,7 @@ def _first_passages(time_s: Matrix, wave: Matrix, absolute: float) -> Matrix:
     return np.asarray(time_s[after - 1] + share * (time_s[after] - time_s[after - 1]))
 
 
-def _alarms(wave: Matrix, absolute: float, window_s: float) -> tuple[float, float]:
+def _alarms(wave: Numbers, absolute: float, window_s: float) -> tuple[float, float]:
     """Share of samples at or above the level, and the rate of first passages [1/s]; inf if no shot is quiet."""
     high = wave >= absolute
     quiet = int(np.count_nonzero(~high.any(axis=1)))

@@ -1,0 +1,160 @@
+"""Types: what the chain's signatures say, and the state that loops carry."""
+
+import ast
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene.maths import arrays, random
+from lidarscene.maths.arrays import NUMPY
+
+SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
+CHAIN = ("light", "detection", "physics", "scan")
+"""Folders whose annotations mean something."""
+
+LARGEST_SHARE_OF_ANY = 0.05
+MOST_PARAMETERS = 7
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def functions(folder: str) -> Iterator[tuple[str, list[ast.arg]]]:
+    """Place and parameters of every function, but for self and cls."""
+    for file in sorted((SOURCE / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, Function):
+                given = node.args
+                every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+                taken = [one for one in every if one is not None and one.arg not in ("self", "cls")]
+                yield f"{file.relative_to(SOURCE)}:{node.lineno} {node.name}", taken
+
+
+def says_any(annotation: ast.expr) -> bool:
+    """Whether Any is part of an annotation, in quotation marks too."""
+    return any(
+        (isinstance(node, ast.Name) and node.id == "Any")
+        or (isinstance(node, ast.Attribute) and node.attr == "Any")
+        or (isinstance(node, ast.Constant) and isinstance(node.value, str) and "Any" in node.value)
+        for node in ast.walk(annotation)
+    )
+
+
+@pytest.mark.parametrize("folder", CHAIN)
+def test_few_parameters_are_any(folder: str) -> None:
+    annotated = [
+        (place, one) for place, taken in functions(folder) for one in taken if one.annotation is not None
+    ]
+    loose = [f"{place}: {one.arg}" for place, one in annotated if one.annotation and says_any(one.annotation)]
+    assert len(annotated) > 100  # the folder is there
+    assert len(loose) <= LARGEST_SHARE_OF_ANY * len(annotated), "\n".join(loose)
+
+
+@pytest.mark.parametrize("folder", [*CHAIN, "maths"])
+def test_no_function_has_many_parameters(folder: str) -> None:
+    many = [f"{place}: {len(taken)}" for place, taken in functions(folder) if len(taken) > MOST_PARAMETERS]
+    assert many == []
+
+
+def test_any_has_no_other_name() -> None:
+    """An alias of Any, or of an array of anything, would hide it from the count above."""
+    hidden = []
+    for file in sorted(SOURCE.rglob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        assert "np.ndarray[Any, Any]" not in text, f"{file}: `maths.arrays.Numbers` was expected"
+        for node in ast.parse(text).body:
+            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+            if isinstance(value, ast.Name) and value.id == "Any":
+                hidden.append(f"{file.relative_to(SOURCE)}:{node.lineno}")
+    assert hidden == []
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two numbers of a state, one of which may be missing."""
+
+    value: object
+    other: object = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Nested:
+    """A state with states in it."""
+
+    count: object
+    pairs: tuple[Pair, ...]
+
+
+def test_states_are_taken_apart_and_put_together() -> None:
+    state = Nested(count=1, pairs=(Pair(value=2), Pair(value=3, other=4)))
+    assert list(arrays.flattened((state, (5,)))) == [1, 2, 3, 4, 5]
+    assert arrays.rebuilt((state, (5,)), iter([6, 7, 8, 9, 10])) == (
+        Nested(count=6, pairs=(Pair(value=7), Pair(value=8, other=9))),
+        (10,),
+    )
+
+
+def halved(make, ops) -> Nested:
+    """Numbers halved, each lane until it is below one, with the halvings counted."""
+    first = make(np.array([0.5, 5.0, 40.0], dtype=np.float32))
+    start = Nested(count=ops.full(first, 0), pairs=(Pair(value=first), Pair(value=first, other=2.0 * first)))
+
+    def step(now: Nested) -> Nested:
+        one, two = now.pairs
+        pairs = (Pair(value=0.5 * one.value), Pair(value=two.value, other=0.5 * two.other))
+        return Nested(count=now.count + 1, pairs=pairs)
+
+    return ops.loop(start, lambda now: now.pairs[0].value >= 1.0, step)
+
+
+@pytest.mark.parametrize("where", ["numpy", "device"])
+def test_a_loop_carries_dataclasses(where: str, request: pytest.FixtureRequest) -> None:
+    if where == "device":
+        mi = request.getfixturevalue("mi")
+        found = halved(mi.Float, arrays.xp(mi.Float(0.0)))
+    else:
+        found = halved(np.asarray, NUMPY)
+    one, two = found.pairs
+    assert np.array(found.count).tolist() == [0, 3, 6]
+    assert np.array(one.value).tolist() == [0.5, 0.625, 0.625]
+    assert np.array(two.value).tolist() == [0.5, 5.0, 40.0]
+    assert np.array(two.other).tolist() == [1.0, 1.25, 1.25]
+    assert one.other is None
+
+
+@pytest.mark.parametrize("where", ["numpy", "device"])
+def test_where_any_takes_a_state(where: str, request: pytest.FixtureRequest) -> None:
+    make = np.asarray if where == "numpy" else request.getfixturevalue("mi").Float
+    value = make(np.array([1.0, 2.0, 3.0], dtype=np.float32))
+    ops = arrays.xp(value)
+    found = ops.where_any(value > 2.5, lambda: Pair(value=10.0 * value), Pair(value=value))
+    assert np.array(found.value).tolist() == [1.0, 2.0, 30.0]
+    assert found.other is None
+
+
+def test_both_array_types_have_every_function(mi) -> None:
+    """`xp` promises `Ops`, which no type checker compares with functions that Dr.Jit brings."""
+    promised = [name for name in vars(arrays.Ops) if not name.startswith("_")]
+    assert len(promised) > 20
+    for ops in (NUMPY, arrays.xp(mi.Float(0.0))):
+        assert [name for name in promised if not callable(getattr(ops, name, None))] == []
+
+
+def test_numbers_of_stages_are_never_given_out_again() -> None:
+    """Old clouds can be made again because each stage keeps its number; a new stage takes the next one."""
+    assert {stage.name: stage.value for stage in random.Stage} == {
+        "EDGE_NOISE": 1, "FALSE_ALARM": 2, "TDC_JITTER": 3, "POINTING": 4, "TRAILING_EDGE": 5, "SAMPLES": 6,
+        "INTERFERENCE": 8, "AMBIENT": 9, "PARTICLES": 11, "GAPS": 12,
+    }  # fmt: skip
+
+
+def test_a_stage_is_a_plain_number_to_the_generator(mi) -> None:
+    pulse = np.arange(5, dtype=np.uint32)
+    for given in (pulse, mi.UInt32(pulse)):
+        named = random.words(seed=3, stage=random.Stage.GAPS, pulse=given)
+        plain = random.words(seed=3, stage=12, pulse=given)
+        for a, b in zip(named, plain, strict=True):
+            assert np.array(a).dtype == np.uint32
+            np.testing.assert_array_equal(np.array(a), np.array(b))
