@@ -1,7 +1,8 @@
-"""Pixels: points in, for each pixel of a picture the point that it shows out. Plain numpy.
+"""Find the point that each pixel of a picture shows.
 
-Two projections: a pinhole camera that sees the points as discs, nearest on top, and the sensor's own
-view, azimuth by elevation, one cell a beam.
+Pictures, thumbnails and comparisons colour points in different ways; which point a pixel shows is the same question for
+all. There are two projections: a pinhole camera that sees points as discs, the nearest on top, and the sensor's own
+view, azimuth by elevation, one cell a beam. Plain NumPy, no OpenGL: it runs wherever the simulation runs.
 """
 
 from __future__ import annotations

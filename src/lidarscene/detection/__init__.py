@@ -4,6 +4,7 @@ A detector's signal is noisy, so whether and when a pulse is reported is drawn: 
 both, in closed form, and no waveform is sampled. The functions run on NumPy and Dr.Jit arrays alike, so that the range
 analysis and the scene simulation share them (docs/theory.md 7 to 9, 23 and 24).
 
+shots              what every step of the electronics knows of some pulses
 returns            one echo to a pulse: detection, time, false alarms
 comparator         noise on an edge, the time at which it trips
 multi_echo         several sub-echoes to a pulse, and several stops

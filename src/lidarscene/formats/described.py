@@ -25,7 +25,7 @@ LARGEST = np.finfo(np.float32).max
 
 
 def description(cloud: Cloud) -> str:
-    """Metadata, units, the type of the positions, and the names behind the integers: ASCII, one line."""
+    """Return metadata, units, type of the positions and the names behind the integers, as one line of ASCII JSON."""
     content: dict[str, Any] = {
         "lidarscene": VERSION,
         "position": cloud.xyz_m.dtype.name,
@@ -37,15 +37,15 @@ def description(cloud: Cloud) -> str:
 
 
 def unit_of(cloud: Cloud, name: str) -> str:
-    """Unit of a column; that of the intensity is the detector's."""
+    """Return the unit of a column; that of the intensity depends on the detector, and is in the metadata."""
     unit = next(column.unit for column in COLUMNS if column.name == name)
     return cloud.metadata.get(f"{name}_unit", unit)
 
 
 def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
-    """The fields of the cloud of these columns, by name as in files, and this `description`.
+    """Return the fields of a cloud from its columns, by name as in files, and its `description`.
 
-    Raises ValueError if this is none of ours.
+    Raises ValueError if the description is none of ours, or if columns are missing.
     """
     content = json.loads(text)
     if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
@@ -61,10 +61,8 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
 
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Whatever goes wrong while a file is read becomes one line that names it.
-
-    The libraries behind the formats raise what their parsers raise; all of it means "not readable".
-    """
+    """Turn every error in the block into an InputError of one line that names the file."""
+    # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
     try:
         yield
     except LidarSceneError:
@@ -83,10 +81,10 @@ def counted_stream(
     header: Callable[[Cloud, int], bytes],
     write: Callable[[IO[bytes], Cloud], None],
 ) -> Iterator[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
-    header  of a cloud and so many points; as long for any number of them
-    write   the points of a cloud behind what is there
+    header  from a cloud and a number of points to the header, whose length must not depend on the number
+    write   append the points of a cloud to the file
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         first: list[Cloud] = []
@@ -101,5 +99,6 @@ def counted_stream(
             write(file, cloud)
 
         yield append
+        # The number of points is known now: the header is written again over the first one, which is as long.
         file.seek(0)
         file.write(header(first[0], points))

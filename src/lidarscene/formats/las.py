@@ -51,10 +51,11 @@ def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = 
 def las_stream(
     path: str | os.PathLike[str], *, compressed: bool = False
 ) -> Iterator[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
-    The standard intensity is of the largest in the file, known last: it is put into the LAS that is there by then.
-    A LAZ cannot be changed; it is made of a LAS, which needs its room on the disk, beside it and without a name.
+    The standard intensity is a share of the largest in the file, which is known last. In a LAS file it is filled in at
+    the end. A LAZ file cannot be changed: the points are written to an unnamed LAS file first, which takes as much disk
+    space, and are compressed from there.
     """
     laspy = _laspy(compressed)
     with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as opened:
@@ -81,10 +82,10 @@ def _laspy(compressed: bool) -> Any:
 
 
 class _Writer:
-    """The points of clouds in a file.
+    """Write the points of clouds into a file.
 
-    first    the first cloud without its points
-    largest  intensity so far
+    first    the first cloud, without its points
+    largest  largest intensity so far
     """
 
     first: Cloud
@@ -133,7 +134,7 @@ class _Writer:
         self._file.flush()
 
     def read_back(self) -> Iterator[tuple[int, Numbers]]:
-        """Place in the file and records, a block at a time, with the standard intensity put in from the column."""
+        """Yield position in the file and records, block by block, with the standard intensity filled in."""
         header = self._writer.header
         dtype, count = header.point_format.dtype(), header.point_count
         for first in range(0, count, BLOCK_POINTS):
@@ -204,7 +205,7 @@ def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str],
 
 
 def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Numbers]:
-    """What LAS calls things, as far as it can hold them; ``peak`` is the largest intensity of the file."""
+    """Return LAS's own fields, as far as they can hold our values; ``peak`` is the largest intensity of the file."""
     returns = cloud.column("return_number").clip(1, MOST_RETURNS)
     angle = np.rint(np.degrees(cloud.column("azimuth").astype(np.float64)) / SCAN_ANGLE_STEP_DEG)
     return {
@@ -223,7 +224,7 @@ def _intensity(values: Numbers, peak: float) -> Numbers:
 
 
 def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
-    """The cloud in pieces; no pulse is cut."""
+    """Yield the cloud in pieces that cut no pulse: the number of returns of a pulse is one of the fields."""
     first = 0
     while first < len(cloud):
         end = min(first + PIECE_POINTS, len(cloud))
@@ -245,7 +246,7 @@ def _pulse_changes(cloud: Cloud, which: slice) -> Numbers:
 
 
 def returns_of_pulses(cloud: Cloud) -> Numbers:
-    """(n,) how many points the pulse of each point has: neighbours of one time, channel and direction."""
+    """Return (n,) number of points of each point's pulse: neighbours of the same time, channel and direction."""
     if not len(cloud):
         return np.zeros(0, np.uint8)
     starts = np.flatnonzero(np.r_[True, _pulse_changes(cloud, slice(None))])

@@ -27,9 +27,9 @@ def write_parquet(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 @contextmanager
 def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata.
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
-    Row groups are of one size however the cloud was cut.
+    Row groups have one size, however the cloud was cut: so the bytes of the file do not depend on the pieces.
     """
     arrow, parquet = _arrow()
     with atomic_output(path) as temporary, open(temporary, "wb") as file, ExitStack() as open_writer:

@@ -52,7 +52,7 @@ def write_pcd(
 def pcd_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
 ) -> AbstractContextManager[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
     data = "ascii" if ascii else "binary"
 
     def write(file: IO[bytes], cloud: Cloud) -> None:
@@ -113,14 +113,14 @@ def _lines(rows: Numbers) -> Iterator[bytes]:
 
 
 def _packed(data: bytes, lzf: Any) -> bytes:
-    """Both lengths and the compressed bytes; as they are, in runs, where they do not get less."""
+    """Return both lengths and the compressed bytes; uncompressed, in runs, if LZF does not make them fewer."""
     packed = lzf.compress(data) if data else None
     packed = _runs(data) if packed is None else packed
     return struct.pack("<II", len(packed), len(data)) + packed
 
 
 def _runs(data: bytes) -> bytes:
-    """The bytes as LZF without any compression: runs of up to 32, each behind its length less one."""
+    """Return the bytes as LZF without compression: runs of up to 32, each after its length minus one."""
     whole = len(data) // LONGEST_RUN * LONGEST_RUN
     blocks = np.frombuffer(data[:whole], np.uint8).reshape(-1, LONGEST_RUN)
     announced = np.insert(blocks, 0, LONGEST_RUN - 1, axis=1).tobytes()

@@ -44,7 +44,7 @@ def write_ply(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False
 def ply_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
 ) -> AbstractContextManager[Callable[[Cloud], None]]:
-    """Write the clouds that are appended in the block, at least one, as one: the first's names and metadata."""
+    """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
 
     def write(file: IO[bytes], cloud: Cloud) -> None:
         for block in _blocks(cloud):
@@ -137,7 +137,7 @@ def _comment(start: str, text: str) -> Iterator[str]:
 
 
 def _escaped(text: str) -> str:
-    """ASCII in one line, without the words that other readers take for more than a comment."""
+    """Escape text to one line of ASCII, without words that other readers take for more than a comment."""
     text = text.encode("unicode_escape").decode("ascii")
     return re.sub("(?i)(?<=end)_(?=header)|(?<=texture)f(?=ile)", lambda m: f"\\x{ord(m[0]):02x}", text)
 
@@ -216,7 +216,7 @@ def _unescaped(text: str) -> str:
 
 
 def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
-    """The points as blocks; ValueError unless the size of the file is right to the byte."""
+    """Yield the points in blocks. Raises ValueError unless the size of the file is right to the byte."""
     start = file.tell()
     expected = start + header.points * header.dtype.itemsize
     came = file.seek(0, os.SEEK_END)
@@ -229,7 +229,7 @@ def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 
 
 def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
-    """The points as blocks; ValueError unless each line is there, and whole."""
+    """Yield the points in blocks. Raises ValueError unless every line is there and whole."""
     for first in range(0, header.points, BLOCK_POINTS):
         count = min(BLOCK_POINTS, header.points - first)
         lines = list(itertools.islice(file, count))
@@ -248,7 +248,7 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 
 
 def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
-    """The fields of the cloud of these blocks, of so many points at most."""
+    """Return the fields of the cloud in these blocks; ``most`` is the number of points that the file has room for."""
     has_truth = "true_range" in (header.dtype.names or ())
     scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
     rows = min(header.points, most)  # a damaged header may promise more than any memory holds

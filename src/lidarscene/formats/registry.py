@@ -26,13 +26,13 @@ Stream = Callable[..., AbstractContextManager[Callable[[Any], None]]]
 class Format:
     """One format.
 
-    suffix  what names of such files end in
-    write   path, cloud and options to a file
-    read    path to the fields of a cloud; None where a file cannot hold enough to become a cloud again
-    stream  path and ``ascii`` to a block in which clouds are appended to the file; None where a file cannot be written
-            piece by piece, bit for bit as it is from the whole cloud
-    extra   group of optional packages that it needs (`files.optional`)
-    text    whether ``write`` and ``stream`` know ``ascii``
+    suffix  end of the names of such files
+    write   write a cloud: path, cloud, options
+    read    read the fields of a cloud from a path; None if such a file does not hold all of a cloud
+    stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
+            written piece by piece with the same bytes as from the whole cloud
+    extra   group of optional packages that the format needs (`files.optional`)
+    text    whether ``write`` and ``stream`` take ``ascii``
     """
 
     suffix: str
@@ -98,7 +98,7 @@ DATASETS = ("kitti", "semantickitti")
 
 
 def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
-    """The format of this name, or else the one whose suffix the path has; the longest counts."""
+    """Return the format of this name, or else the one whose suffix the path has; the longest suffix wins."""
     if name is not None:
         if name not in FORMATS:
             raise InputError(f"format '{name}': there is none; the choices are {', '.join(FORMATS)}")

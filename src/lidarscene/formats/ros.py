@@ -43,7 +43,7 @@ LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
 }  # fmt: skip
 
 _REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
-"""Columns that a layout has under another name, beside those under their own."""
+"""Columns that a layout has under another name only."""
 
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Constants of sensor_msgs/PointField."""

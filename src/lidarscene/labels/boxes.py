@@ -95,14 +95,14 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
 
 
 class BoxTally:
-    """`boxes` of a frame whose points come in pieces: `see` all, `settle`, `count` all, `boxes`.
+    """`boxes` of a frame whose points come in pieces: `see` all of them, `settle`, `count` all of them, `boxes`.
 
-    moves  whether something does, so that where the boxes are is known when all points are seen. If not they may be
-           settled at once, and each piece be seen and counted, and forgotten.
+    moves  whether something moves. If so, the places of the boxes are known only when all points were seen. If not,
+           `settle` may come first, and each piece be seen, counted and forgotten
     """
 
     def __init__(self, cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> None:
-        """For points of which ``cloud`` has some: its metadata and names are those of all."""
+        """Begin a tally; ``cloud`` is any piece of the frame, for its names and metadata."""
         truth_of(cloud)
         self._to_world = frame_to_world(cloud)
         self._origins_m = self._to_world.apply(sensor_positions_m(cloud.metadata))
@@ -122,7 +122,7 @@ class BoxTally:
         self._boxes: list[Box] = []
 
     def see(self, cloud: PointCloud) -> None:
-        """Count the echoes of each body, and when they were."""
+        """Count the echoes of each body, and add up their times."""
         _, body = truth_of(cloud)
         echo, sensors = cloud.status == 0, len(self._starts_s)
         for number, (index, _) in enumerate(self._things):
@@ -132,7 +132,7 @@ class BoxTally:
                 self._time_ps[number] += int(np.rint(cloud.time_s[own] / PICOSECOND).astype(np.int64).sum())
 
     def settle(self) -> None:
-        """Put the boxes where the points that were seen show them."""
+        """Place the boxes at the mean time of their bodies' points."""
         for number, (index, body) in enumerate(self._things):
             points = max(int(self._points_on[number].sum()), 1)
             later_s = self._points_on[number] @ (self._starts_s - self._starts_s[0]) / points
@@ -161,7 +161,7 @@ class BoxTally:
         ]
 
     def _at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
-        """The box of a body, so long after a frame's start, where the cloud shows it."""
+        """Return the box of a body ``since_s`` after a frame's start, where the cloud shows it."""
         box = box_of(body, index)
         if body.motion is not None:
             # The box that the body has by its pose, carried along.
@@ -212,9 +212,9 @@ def box_of(body: Body, index: int) -> Box:
 
 
 def upright(box: Box) -> tuple[Numbers, float]:
-    """Length, width, height, and the turn to the left in radians, of the least box about z around this one.
+    """Return (length, width, height) and yaw in radians of the smallest upright box around this one.
 
-    For formats that know no other turn. The same box where it stands upright.
+    For formats that know no other rotation. An upright box is returned as it is.
     """
     forward = box.pose.rotation[:, 0]
     yaw = float(np.arctan2(forward[1], forward[0]))
