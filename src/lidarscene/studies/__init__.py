@@ -1,1 +1,1 @@
-"""What designers ask of a sensor without tracing anything: ranges, and what limits them."""
+"""Questions about sensors: how far they see and why, what a pattern covers, who finds more. Few of them trace."""

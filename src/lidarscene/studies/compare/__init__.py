@@ -1,1 +1,1 @@
-"""TODO."""
+"""Comparison of sensors on one scene: who finds which surface, and how well."""
