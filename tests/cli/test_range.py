@@ -247,11 +247,19 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--over", "gain"), "--over gain: table1-apd.toml has no numeric key of that name"),
         ((APD, "--over", "detector.gian"), "did you mean detector.gain?"),
         ((APD, SIPM, "--over", "detector.gain"), "--over detector.gain: table1-sipm.toml has no numeric key"),
+<<<<<<< HEAD
         ((APD, "--over", "detector.circuit_noise_na"), "is 0 in table1-apd.toml, so --from and --to must be given"),
         ((APD, "--over", "detector.gain", "--from", "0.5"), "1 or more was expected, 0.5 came"),
         ((APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--log"), "must be more than 0 on a log"),
         ((APD, "--over", "detector.gain", "--from", "5", "--to", "5"), "--from must be below --to"),
         ((APD, "--over", "distance", "--from", "2000"), "--from must be below --to"),
+=======
+        ((APD, "--over", "detector.circuit_noise_na"), "is 0 in table1-apd.toml, so --from and --to were expected"),
+        ((APD, "--over", "detector.gain", "--from", "0.5"), "must be >= 1, got 0.5"),
+        ((APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--log"), "more than 0 was expected on a log"),
+        ((APD, "--over", "detector.gain", "--from", "5", "--to", "5"), "--from below --to was expected"),
+        ((APD, "--over", "distance", "--from", "2000"), "--from below --to was expected"),
+>>>>>>> h14-4
         ((APD, "--over", "distance", "--from", "0"), "--from 0: more than 0"),
         ((APD, "--over", "illuminance", "--from", "0"), "must be more than 0 on a logarithmic axis (or --linear)"),
         ((APD, "--over", "distance", "--n", "1"), "must be a whole number from 2 to 100000, got 1"),
@@ -264,7 +272,7 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--over", "distance", "--aperture-law", "cosine"), "--aperture-law goes with --over elevation"),
         ((APD, "--over", "azimuth", "--from", "-95", "--aperture-law", "mirror"), "aperture law holds to 89 degrees"),
         ((APD, "--over", "detector.gain", "--set", "detector.gain=3"), "--set detector.gain=3 does not go with --over"),
-        ((APD, "--set", "detector.gain"), "KEY=VALUE was expected"),
+        ((APD, "--set", "detector.gain"), "must be KEY=VALUE"),
         ((APD, "--set", "x:detector.gain=3"), "'x' is not among the sensors here: table1-apd"),
         ((APD, "--set", "detector.pde=0.3"), "table1-apd.toml --set detector.pde=0.3: unknown key"),
         ((APD, "--reflectivity", "1.5"), "--reflectivity 1.5: must be 0 or more and up to 1"),

@@ -355,7 +355,7 @@ def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: Po
 def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud: PointCloud) -> None:
     """And a run that starts again does not leave lines of the old one."""
     later = replace(street_cloud, metadata={**street_cloud.metadata, "frame_start_s": "7.0"})
-    with pytest.raises(InputError, match=r"times\.txt: 5 lines were expected before this frame, 3 came"):
+    with pytest.raises(InputError, match=r"times\.txt: must have 5 lines before this frame, got 3"):
         kitti_dataset.write_sequence_frame(sequence, 5, later, street.scene())
     kitti_dataset.write_sequence_frame(sequence, 0, later, street.scene())
     assert (sequence / "dataset/sequences/00/times.txt").read_text() == "7.000000000e+00\n"

@@ -79,9 +79,9 @@ def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> 
 def test_what_cannot_be_deskewed_is_refused() -> None:
     simulator = Simulator(standing(), table1())
     cloud = simulator.render(coordinates="vehicle")
-    with pytest.raises(InputError, match="is deskewed, a raw one was expected"):
+    with pytest.raises(InputError, match="must be a raw cloud, got one that is deskewed"):
         deskewed(deskewed(cloud, simulator.motion), simulator.motion)
-    with pytest.raises(InputError, match="a cloud of one sensor was expected, deskew before merging"):
+    with pytest.raises(InputError, match="must be a cloud of one sensor, deskew before merging"):
         deskewed(merged([cloud, cloud], ["a", "b"]), simulator.motion)
     with pytest.raises(InputError, match="metadata do not say when and where"):
         deskewed(dataclasses.replace(cloud, metadata={"frame": "sensor"}), simulator.motion)
@@ -124,7 +124,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     back = PointCloud.load(tmp_path / "rig.ply")
     np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
     assert (back.sensor_names, back.metadata) == (together.sensor_names, dict(together.metadata))
-    with pytest.raises(ValueError, match="clouds in one frame, world or vehicle, were expected"):
+    with pytest.raises(ValueError, match="clouds must be in one frame, world or vehicle, got"):
         merged([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
 
 

@@ -95,7 +95,7 @@ def test_position_is_single_or_double() -> None:
         ({"metadata": {"frame": "world"}}, "'sensor_position_m' as 'x y z'; came 'world' with ''"),
         ({"metadata": {"frame": "world", "sensor_position_m": "1 2 inf"}}, "with '1 2 inf'"),
         ({"metadata": {"frame": "car"}}, "'frame' must be 'sensor', or 'world'"),
-        ({"metadata": {"": "nothing"}}, "keys of 1 to 100 characters"),
+        ({"metadata": {"": "nothing"}}, "keys must have 1 to 100 characters"),
     ],
 )
 def test_what_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:

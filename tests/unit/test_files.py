@@ -81,11 +81,11 @@ def test_impossible_paths_say_why(tmp_path: Path, check) -> None:
     (tmp_path / "file").write_text("x")
     os.mkfifo(tmp_path / "pipe")
     cases = {
-        tmp_path: "it is a folder, the name of a file was expected",
+        tmp_path: "must be the name of a file, got a folder",
         tmp_path / "file" / "a.ply": f"'{tmp_path / 'file'}' is a file, not a folder",
         tmp_path / "file" / "b" / "a.ply": f"'{tmp_path / 'file'}' is a file, not a folder",
-        tmp_path / "pipe": "it is a device or pipe, the name of a file was expected",
-        Path("/dev/null"): "it is a device or pipe, the name of a file was expected",
+        tmp_path / "pipe": "must be the name of a file, got a device or pipe",
+        Path("/dev/null"): "must be the name of a file, got a device or pipe",
         tmp_path / ("n" * 300): "File name too long",
         tmp_path / ("n" * 300) / "a.ply": "File name too long",
     }

@@ -167,12 +167,10 @@ def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
     os.truncate(path, size - 10)
     with pytest.raises(InputError) as caught:
         PointCloud.load(path)
-    assert (
-        str(caught.value) == f"{path}: truncated: {size} bytes were expected for 3 points, {size - 10} came"
-    )
+    assert str(caught.value) == f"{path}: truncated: must have {size} bytes for 3 points, got {size - 10}"
     write_ply(path, small_cloud(3), ascii=True)
     os.truncate(path, path.stat().st_size - 1)
-    with pytest.raises(InputError, match="truncated: 3 lines of points were expected, 2 came"):
+    with pytest.raises(InputError, match="truncated: must have 3 lines of points, got 2"):
         PointCloud.load(path)
 
 

@@ -101,7 +101,7 @@ def test_angles_as_before(tmp_path: Path) -> None:
         ("place = [48.0, 11.0]", "sun: place and time were expected together, place came"),
         ("time = 2026-06-21T12:00:00Z", "sun: place and time were expected together, time came"),
         ("north_deg = 3", "sun: place and time were expected together, north_deg came"),
-        ("place = [111.0, 11.0], time = 2026-06-21T12:00:00Z", r"sun.place\[0\]: 90 or less was expected"),
+        ("place = [111.0, 11.0], time = 2026-06-21T12:00:00Z", r"sun.place\[0\]: must be <= 90"),
         ("place = [48.0], time = 2026-06-21T12:00:00Z", "sun.place"),
         (
             "place = [48.0, 11.0], time = 2026-06-21T12:00:00Z, azimuth_deg = 3",

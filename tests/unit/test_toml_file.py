@@ -109,7 +109,7 @@ def test_override_in_a_list_of_tables(assignment: str, changed: list[object]) ->
 def test_override_of_a_table_that_is_not_there(assignment: str) -> None:
     with pytest.raises(InputError) as caught:
         with_overrides(BODIES, [assignment], option="--scene-set")
-    told = f"--scene-set {assignment}: bodies.NAME.KEY was expected, with a name of a, b"
+    told = f"--scene-set {assignment}: must be bodies.NAME.KEY, with a name of a, b"
     assert str(caught.value) == told
 
 
@@ -126,5 +126,5 @@ def test_a_scene_names_the_override_that_is_to_blame(tmp_path: Path) -> None:
     assert scene_model(path, overrides=["bodies.w.scale=2", "sun.illuminance_klux=1"]).bodies[0].scale == 2
     with pytest.raises(InputError) as caught:
         scene_model(path, overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"])
-    told = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: more than 0 was expected, -2 came'
+    told = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: must be > 0, got -2'
     assert str(caught.value) == told

@@ -87,8 +87,8 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
         ({"laser.peak_power_w": "much"}, "laser.peak_power_w: a number was expected, 'much' came"),
         ({"laser.peak_power_w": math.inf}, "laser.peak_power_w: a number was expected, inf came"),
         ({"laser.peak_power_w": True}, "laser.peak_power_w: a number was expected, True came"),
-        ({"laser.peak_power_w": -1}, "more than 0 was expected"),
-        ({"detector.gain": 0.5}, "1 or more was expected"),
+        ({"laser.peak_power_w": -1}, "must be > 0, got -1"),
+        ({"detector.gain": 0.5}, "must be >= 1, got 0.5"),
         ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: 0 or more was expected"),
     ],
 )

@@ -1,4 +1,8 @@
-"""CloudBuilder: the columns of a point cloud, gathered chunk by chunk."""
+"""Gather the columns of a point cloud chunk by chunk.
+
+A frame comes in chunks, and many small arrays that are joined in the end would keep the cloud in memory twice: the
+allocator keeps the holes that they leave. So each column is one array that is reserved once and filled.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +16,12 @@ from ..maths.arrays import Numbers
 
 
 class CloudBuilder:
-    """Gathers a cloud chunk by chunk. A single chunk is taken as it is; of several each column is one array.
-    One value that was broadcast (all strides 0), the same in every chunk, stays one value.
+    """The columns of a cloud, chunk after chunk. A single chunk is taken as it is, without a copy.
 
-    capacity  points at most, if known: room is reserved, and takes no memory until it is used. Beyond it, and
-              without it, the columns grow in steps of a quarter. Small arrays that are joined in the end would
-              double the peak: the allocator keeps the holes they leave.
+    A column that is one broadcast value (all strides 0), the same in every chunk, stays one value.
+
+    capacity  largest number of points, if known: room is reserved, and takes no memory until it is used. Beyond it,
+              and without it, columns grow in steps of a quarter
     """
 
     def __init__(self, *, capacity: int = 0) -> None:
@@ -51,7 +55,7 @@ class CloudBuilder:
         self._points = end
 
     def add(self, cloud: Cloud) -> None:
-        """Add the points of a cloud; the first's names and metadata are those of what is built."""
+        """Add the points of a cloud; names and metadata are taken from the first one."""
         if not self._description:
             self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
         self.append({c: getattr(cloud, c) for c in (MEASURED + TRUTH if cloud.has_truth else MEASURED)})

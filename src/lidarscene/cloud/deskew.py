@@ -1,4 +1,8 @@
-"""Deskew: a cloud of a sensor that moved in, the cloud that it would be had every point been taken at once out."""
+"""Remove the sensor's own motion: re-express every point as if it had been measured at the frame's start.
+
+A scanner measures its points one after the other, while the vehicle drives on: at 20 m/s a frame of 0.1 s is bent by
+2 m. Whoever knows his own motion moves each point by how far the sensor had come when its pulse left.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +24,20 @@ REMOVED = "removed"
 
 
 def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
-    """The points where they are in the world, in the same frame as before: that of the frame's start.
+    """Return the points in the coordinates that they have had so far, those of the frame's start, without own motion.
 
-    Each point is moved by how far the sensor has come since the frame began when its pulse left. What moves itself
-    stays distorted, as it does for whoever knows his own motion only.
+    Bodies that move stay distorted, as they do for everyone who knows his own motion only.
 
-    cloud   of one frame, of one sensor, as `Simulator.render` gives it
-    motion  of the sensor in the world, such as `Simulator.motion`
-    length_s  of the frame, if the cloud is a piece of one: all are moved alike; None: until the cloud's last point
-    Raises InputError for a cloud of several sensors, one that is deskewed, or one whose metadata do not tell when it
-    began.
+    cloud     one frame of one sensor, as `Simulator.render` returns it
+    motion    of the sensor in the world, such as `Simulator.motion`
+    length_s  duration of the frame, if the cloud is a piece of one; None: until the cloud's last point
+    Raises InputError for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say
+    when it began.
     """
     if len(cloud.sensor_names) > 1:
-        raise InputError("deskewed: a cloud of one sensor was expected, deskew before merging")
+        raise InputError("deskewed: must be a cloud of one sensor, deskew before merging")
     if cloud.metadata.get("ego_motion") == REMOVED:
-        raise InputError("deskewed: this cloud is deskewed, a raw one was expected")
+        raise InputError("deskewed: must be a raw cloud, got one that is deskewed")
     try:
         start_s = float(cloud.metadata["frame_start_s"])
         goal = _goal(cloud)

@@ -1,4 +1,8 @@
-"""Point clouds for other libraries and for notebooks: a PointCloud in, a DataFrame, tensors or a picture out."""
+"""Convert point clouds for pandas, PyTorch and Open3D, and show them in notebooks.
+
+Whoever analyses or trains on clouds has tools of his own, and none of them is a dependency of ours. They are imported
+when they are asked for, and share the cloud's memory where they can.
+"""
 
 from __future__ import annotations
 

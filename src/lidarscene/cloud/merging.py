@@ -1,4 +1,8 @@
-"""Clouds of several sensors of a rig as one cloud."""
+"""Merge the clouds of the sensors of a rig into one.
+
+The frames of several sensors begin at different times, and each sensor has its own place and unit of intensity. A
+merged cloud has a column that says of which sensor a point is, and metadata with one entry for each sensor.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +28,7 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     """
     frames = {cloud.metadata.get("frame", "sensor") for cloud in clouds}
     if len(frames) != 1 or "sensor" in frames:
-        raise ValueError(
-            f"merged: clouds in one frame, world or vehicle, were expected, {sorted(frames)} came"
-        )
+        raise ValueError(f"merged: clouds must be in one frame, world or vehicle, got {sorted(frames)}")
     numbered = [
         replace(cloud, sensor_names=tuple(labels), sensor_index=_constant(number, len(cloud)))
         for number, cloud in enumerate(clouds)

@@ -1,4 +1,8 @@
-"""PointCloud: what the user gets. Columns of points in, files and Open3D out."""
+"""The point cloud: columns of points, what they mean, and how to save, load and convert them.
+
+This is what users work with. It is a frozen struct of arrays, checked once when it is made: whatever has a PointCloud
+can rely on shapes, types and finite numbers. The table `formats.columns.COLUMNS` says what each column is.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +98,7 @@ class PointCloud:
             if attribute not in absent:
                 _check_index(attribute, getattr(self, attribute), getattr(self, names))
         if not all(0 < len(key) <= 100 for key in self.metadata):
-            raise ValueError("PointCloud.metadata: keys of 1 to 100 characters were expected")
+            raise ValueError("PointCloud.metadata: keys must have 1 to 100 characters")
         sensor_positions_m(self.metadata)
 
     def __len__(self) -> int:
@@ -102,8 +106,8 @@ class PointCloud:
 
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))
-        told = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
-        counts = f"{len(self)} points: {', '.join(told[:2] + [one for one in told[2:] if one[0] != '0'])}"
+        parts = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
+        counts = f"{len(self)} points: {', '.join(parts[:2] + [one for one in parts[2:] if one[0] != '0'])}"
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
         extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
@@ -295,10 +299,10 @@ class PointCloud:
 
 
 def _checked(attribute: str, values: Any, n: int) -> Numbers:
-    """`_fitted`, and ValueError if there is a NaN."""
+    """Return `fitted` values. Raises ValueError if there is a NaN."""
     array = fitted(attribute, values, n)
-    told = array[:1] if is_constant(array) else array
-    if told.dtype.kind == "f" and told.size and np.isnan(told.min()):
+    distinct = array[:1] if is_constant(array) else array
+    if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
         raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
     return array
 

@@ -1,4 +1,8 @@
-"""Thinning: the points of a frame in, piece by piece, every k-th of them out, as many as a picture can show."""
+"""Keep every k-th point of a frame that comes in pieces: as many as a picture can show.
+
+A picture has some two million pixels, a frame may have a hundred million points. k grows while points come, and those
+kept before are thinned to it: the result does not depend on how the frame was cut, and memory stays small.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ MOST_POINTS = 1 << 22
 """More are drawn one over the other: a picture has some two million pixels."""
 
 FACTOR = 3
-"""k is a power of it: odd, so that of the 2^n channels of a scanner that turns all are seen."""
+"""k is a power of it. Odd, because scanners fire 2^n channels in turn: an even k would drop whole channels."""
 
 
 class Thinned:

@@ -1,4 +1,8 @@
-"""Files that appear whole or not at all: a path in, a temporary path out, renamed at the end."""
+"""Write files that appear whole or not at all.
+
+A run of hours may be killed at any moment, and a half-written cloud looks like a whole one. So a file is written beside
+its target, synced to disk and renamed: on one file system a rename is atomic. Whoever sees the name sees all of it.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +21,13 @@ _ours: set[Path] = set()
 
 @contextmanager
 def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Iterator[Path]:
-    """A temporary file to write (empty, beside ``path``) that becomes ``path`` when the block ends well.
+    """Yield the path of an empty temporary file beside ``path``; it becomes ``path`` when the block ends without error.
 
-    Missing folders are made. If anything goes wrong, a kill included, ``path`` is what it was before; an
-    OSError becomes one OutputError that names the path. What a killed process left, `.NAME.PID.part`, is
-    removed by the next write to the same name. Without ``synced`` it is not waited for the disk: a machine that loses
-    its power may lose or empty the file.
+    Missing folders are made. If anything goes wrong, a kill included, ``path`` is what it was before. An OSError
+    becomes one OutputError that names the path. What a killed process leaves, `.NAME.PID.part`, is removed by the next
+    write to the same name.
+
+    synced  wait until the disk has the data; else a power failure may lose or empty the file
     """
     target = _target(path)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -53,9 +58,9 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
 
 
 def named(path: str | os.PathLike[str], take: Callable[..., None]) -> Callable[..., None]:
-    """The same function, whose OSError becomes the OutputError of this path.
+    """Wrap a function so that its OSError becomes an OutputError that names this path.
 
-    Of several files that are written at once, an `atomic_output` would take the errors of others for its own.
+    For several files that are written at once: each `atomic_output` would take the errors of the others for its own.
     """
 
     def taken(*arguments: Any) -> None:
@@ -72,7 +77,7 @@ def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
 
 
 def require_writable(path: str | os.PathLike[str]) -> None:
-    """Raise the OutputError that writing this file would, before hours of work go into its content."""
+    """Raise the OutputError that writing this file would raise, before hours of work go into its content."""
     target = _target(path)
     probe = target.with_name(f".{target.name}.{os.getpid()}.part")
     made: list[Path] = []
@@ -87,7 +92,7 @@ def require_writable(path: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """The regular file that this path names or would make, links followed."""
+    """Return the regular file that this path names or would make, links followed."""
     target = Path(os.path.realpath(path))
     try:
         reason = _obstacle(target)
@@ -99,11 +104,11 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 
 def _obstacle(target: Path) -> str:
-    """Why this cannot become a file, as far as can be seen without trying; "" if nothing is in the way."""
+    """Return why this cannot become a file, as far as can be seen without trying; "" if nothing is in the way."""
     if target.is_dir():
-        return "it is a folder, the name of a file was expected"
+        return "must be the name of a file, got a folder"
     if target.exists() and not target.is_file():
-        return "it is a device or pipe, the name of a file was expected"
+        return "must be the name of a file, got a device or pipe"
     if target.exists() and not os.access(target, os.W_OK):
         return "the file is write-protected"
     nearest = next(folder for folder in target.parents if folder.exists())
@@ -111,7 +116,7 @@ def _obstacle(target: Path) -> str:
 
 
 def _make_folders(folder: Path) -> list[Path]:
-    """Make this folder; returns those that were missing, deepest first."""
+    """Make this folder and return those that were missing, deepest first."""
     missing = [f for f in (folder, *folder.parents) if not f.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

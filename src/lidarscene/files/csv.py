@@ -1,4 +1,8 @@
-"""CSV files with a first line of column names: the columns that are known in, numbers out."""
+"""Read numbers from CSV files with a first line of column names.
+
+Patterns, poses and filters come as tables from elsewhere, with more columns than are wanted, in any order. The caller
+says which names it knows; the others are skipped without being parsed.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +23,9 @@ def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbe
             names = [name.strip() for name in file.readline().split(",")]
             used = [number for number, name in enumerate(names) if known(name)]
             if not used:
-                raise InputError(f"{path}: a first line with the names of the columns was expected")
+                raise InputError(f"{path}: the first line must name the columns")
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that there are no rows is told by the caller
+                warnings.simplefilter("ignore")  # of an empty table: the caller has a better message
                 values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None

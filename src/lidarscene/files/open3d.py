@@ -1,7 +1,7 @@
-"""The door to Open3D: nothing in, the `open3d` module out, or one line that says what to install.
+"""Import Open3D, or say in one line what to install: the only door to Open3D in this package.
 
-Open3D is optional. Its Linux wheels load libusb for its depth cameras, which bare machines lack; the package
-`libusb-package` brings it, but where no loader looks, so it is loaded here beforehand.
+Open3D is optional. Its Linux wheels load libusb for its depth cameras, and bare machines lack libusb. The package
+`libusb-package` brings it, but to a place where no loader looks, so it is loaded here beforehand.
 """
 
 from __future__ import annotations
@@ -23,10 +23,7 @@ _SYSTEM = "apt install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"
 
 @functools.cache
 def open3d() -> ModuleType:
-    """The `open3d` module: the only door to Open3D in this package.
-
-    Raises LidarSceneError, in one line, with what to install and what the loader said.
-    """
+    """Return the `open3d` module. Raises LidarSceneError, in one line, with what to install and the loader's error."""
     try:
         try:
             return _imported()
@@ -45,7 +42,7 @@ def _imported() -> ModuleType:
 
 
 def _preload_libusb() -> bool:
-    """Load the libusb of `libusb-package` for everyone in this process; False if that is not there."""
+    """Load the libusb of `libusb-package` into this process; return False if the package is not there."""
     spec = importlib.util.find_spec("libusb_package")
     for folder in (spec and spec.submodule_search_locations) or ():
         with contextlib.suppress(OSError):

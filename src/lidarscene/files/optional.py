@@ -1,4 +1,8 @@
-"""The door to optional packages: a module's name in, the module out, or one line with what to type."""
+"""Import optional packages, or say in one line what to install.
+
+Most formats need a package that most users do not need. They are imported when a file of the format is written or read;
+who lacks one gets the command that installs it instead of a traceback.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,9 @@ EXTRAS = {
 
 
 def optional(module: str, *, extra: str = "") -> Any:
-    """The module, of a package that this group brings, or of one that no group does.
+    """Import a module.
 
+    extra  group of `EXTRAS` that brings it; "" if none does
     Raises LidarSceneError, in one line, with what to type.
     """
     try:
@@ -35,6 +40,6 @@ def optional(module: str, *, extra: str = "") -> Any:
 
 
 def require(extra: str) -> None:
-    """Raise what `optional` would for any module of this group."""
+    """Raise LidarSceneError if any module of this group cannot be imported."""
     for module in EXTRAS[extra]:
         optional(module, extra=extra)

@@ -1,4 +1,8 @@
-"""PNG files: an array of 8-bit colours or 16-bit grey in, the bytes of a file out."""
+"""Encode PNG files: 8-bit colours or 16-bit grey, with texts.
+
+Range images are 16-bit grey with texts that say what a grey value means. A PNG is a few chunks around a zlib stream:
+forty lines instead of one more package.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ GREY, COLOUR = 0, 2
 
 
 def encoded(image: Numbers, *, text: Mapping[str, str] | None = None) -> bytes:
-    """A (h, w, 3) uint8 or (h, w) uint16 image as a PNG file, with Latin-1 texts by keyword."""
+    """Encode a (h, w, 3) uint8 or (h, w) uint16 image as a PNG file, with Latin-1 texts by keyword."""
     is_colour = image.ndim == 3
     height, width = image.shape[:2]
     depth, kind = (8, COLOUR) if is_colour else (16, GREY)

@@ -1,7 +1,8 @@
-"""Protocol Buffers on the wire: field numbers and values in, bytes out, one by one or as rows of an array.
+"""Encode Protocol Buffers, value by value or as rows of an array.
 
-Only what the OSI files need. Rows have one length, because numbers in them are written in a fixed number of bytes:
-a varint may have leading zero groups.
+An OSI frame has a message for each of a million points: generated classes would take minutes. Here all messages are
+written by NumPy at once. That needs rows of one length, so numbers in rows have a fixed number of bytes: a varint may
+have leading zero groups. Only what OSI files need is here (https://protobuf.dev/programming-guides/encoding).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ VARINT, FIXED64, BYTES = 0, 1, 2
 
 
 def varint(value: int) -> bytes:
-    """A number from 0 to 2^64 - 1, seven bits a byte, lowest first."""
+    """Encode a number from 0 to 2^64 - 1, seven bits a byte, lowest first; the eighth bit says that more follow."""
     groups = []
     while True:
         value, low = value >> 7, value & 0x7F
@@ -28,7 +29,7 @@ def varint(value: int) -> bytes:
 
 
 def tag(field: int, wire: int) -> bytes:
-    """What stands before a value."""
+    """Encode what stands before a value: field number and wire type."""
     return varint(field << 3 | wire)
 
 

@@ -1,6 +1,7 @@
-"""The door to pvlib: standard spectra and the place of the sun in, plain numbers out, or one line that helps.
+"""Standard solar spectra and the position of the sun, by pvlib: the only door to pvlib in this package.
 
-pvlib is optional and takes a second to load (it brings pandas and SciPy), so it is imported only when asked.
+pvlib is optional and takes a second to load, because it brings pandas and SciPy. It is imported when it is first asked
+for, and who lacks it is told in one line what to install.
 """
 
 from __future__ import annotations
@@ -17,10 +18,7 @@ from ..physics.optics.solar_spectrum import Curve
 
 @functools.cache
 def pvlib() -> ModuleType:
-    """The `pvlib` module: the only door to pvlib in this package.
-
-    Raises LidarSceneError, in one line, with what to install.
-    """
+    """Return the `pvlib` module. Raises LidarSceneError, in one line, with what to install."""
     try:
         import pvlib as module
 
@@ -35,7 +33,7 @@ def pvlib() -> ModuleType:
 
 @functools.cache
 def reference_spectrum(name: str) -> Curve:
-    """A column of ASTM G173-03, 280 to 4000 nm, as pvlib ships it.
+    """Return a column of ASTM G173-03, 280 to 4000 nm, as pvlib ships it.
 
     "global": air mass 1.5, on a surface tilted by 37 degrees towards the sun, sky and ground included;
     "direct": the sun and 2.5 degrees of sky around it, at normal incidence; "extraterrestrial": above the air.
@@ -45,13 +43,13 @@ def reference_spectrum(name: str) -> Curve:
 
 
 def sun_north_up_deg(*, latitude_deg: float, longitude_deg: float, time: datetime) -> tuple[float, float]:
-    """Azimuth (clockwise from north) and elevation of the sun, refraction at sea level included.
+    """Return azimuth (clockwise from north) and elevation of the sun, refraction at sea level included.
 
     By the solar position algorithm of Reda and Andreas (NREL/TP-560-34302), good to 0.0003 degrees without
     refraction. ``time`` has to have its offset from UTC.
     """
     if time.utcoffset() is None:
-        raise ValueError(f"a time with its offset from UTC was expected, {time.isoformat()} came")
+        raise ValueError(f"time must have an offset from UTC, got {time.isoformat()}")
     module = pvlib()
     import pandas
 

@@ -1,7 +1,8 @@
-"""Spool: rows of points or pulses in, the same rows a block at a time out, as often as wanted, and not from memory.
+"""Keep rows of points or pulses on disk, to read them again block by block.
 
-For what is known only at the end and needs every row once more. The rows lie in a file without a name, which the
-system takes away when it is closed or when the process is killed.
+Some results are known only at the end and then need every row once more, such as the points inside a box that moves.
+Memory must not grow with the frame, so the rows wait in a file without a name. The system removes it when it is closed
+or when the process is killed.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ BLOCK_ROWS = 1 << 18
 
 
 class Spool:
-    """Rows of one dtype, in the folder of the file that is made of them: there is room, or there will be none."""
+    """Rows of one dtype, in a file in ``folder``.
+
+    folder  that of the file that is made of the rows: if it has no room for them, it has none for that file either
+    """
 
     def __init__(self, folder: str | os.PathLike[str], dtype: Any) -> None:
         self.dtype = np.dtype(dtype)
@@ -44,7 +48,7 @@ class Spool:
         self._rows += len(rows)
 
     def blocks(self) -> Iterator[Numbers]:
-        """All rows in order, as structured arrays."""
+        """Yield all rows in order, as structured arrays of at most BLOCK_ROWS."""
         self._file.flush()
         for first in range(0, self._rows, BLOCK_ROWS):
             self._file.seek(first * self.dtype.itemsize)

@@ -1,4 +1,9 @@
-"""TOML files in, checked pydantic models out; every mistake is one line that names the file and the key."""
+"""Read TOML files as checked pydantic models; every mistake is one line that names the file and the key.
+
+Sensor, scene and job files are written by hand, so they have mistakes. pydantic finds them, but speaks of Python types
+and of its own models. Here its first error becomes a line in the words of the file, such as
+`car.toml: bodies[3 "car"].scale: must be > 0, got -2`, and `--set KEY=VALUE` changes tables before they are checked.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +27,17 @@ class FileModel(BaseModel):
 
 Model = TypeVar("Model", bound=BaseModel)
 
-# What was expected, by pydantic's error type; its own texts speak of Python.
-_EXPECTED = {
+# What a value must be, by pydantic's error type; its own texts speak of Python.
+_MUST_BE = {
     "bool_type": "true or false",
     "dict_type": "a table",
     "finite_number": "a finite number",
     "float_type": "a number",
-    "greater_than": "more than {gt:g}",
-    "greater_than_equal": "{ge:g} or more",
+    "greater_than": "> {gt:g}",
+    "greater_than_equal": ">= {ge:g}",
     "int_type": "a whole number",
-    "less_than": "less than {lt:g}",
-    "less_than_equal": "{le:g} or less",
+    "less_than": "< {lt:g}",
+    "less_than_equal": "<= {le:g}",
     "literal_error": "{expected}",
     "model_type": "a table",
     "string_too_short": "text that is not empty",
@@ -45,9 +50,9 @@ _EXPECTED = {
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
+    """Return the tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
     try:
-        # Windows editors put a byte-order mark first, which TOML does not know.
+        # Windows editors write a byte-order mark first, which TOML does not know.
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
@@ -72,10 +77,11 @@ def validated(
     overrides: Iterable[str] = (),
     option: str = "--set",
 ) -> Model:
-    """``tables`` as a model. Raises InputError with the first mistake and how many more there are.
+    """Return ``tables`` as a model. Raises InputError with the first mistake and the number of further ones.
 
-    overrides  the assignments already made with `with_overrides`, to be named where one is to blame
-    option     of the command line, by which they are given
+    where      the name of the file, for messages
+    overrides  assignments that `with_overrides` has made: the message names the one that is to blame
+    option     the command line's option for them
     """
     try:
         return model.model_validate(_with_tuples(tables))
@@ -89,39 +95,39 @@ def validated(
             path = _numbered(_key_path(assignment), tables)
             shared = min(len(path), len(place))
             where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
-        raise InputError(f"{where}: {_told(first, model, tables)}{more}") from None
+        raise InputError(f"{where}: {_message(first, model, tables)}{more}") from None
 
 
 def _with_tuples(value: Any) -> Any:
-    """Lists as tuples: strict models take nothing else."""
+    """Turn lists into tuples: strict models take nothing else."""
     if isinstance(value, dict):
         return {key: _with_tuples(inner) for key, inner in value.items()}
     return tuple(_with_tuples(inner) for inner in value) if isinstance(value, list) else value
 
 
-def _told(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> str:
-    """One pydantic error as "key: what was expected, what came"."""
+def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> str:
+    """Return a pydantic error as "key: must be X, got Y"."""
     kind, context = error["type"], error.get("ctx", {})
     location = _keys_in_file(error["loc"], tables, missing=kind == "missing")
     if kind.startswith("union_tag_"):
         location.append(context["discriminator"].strip("'"))
     key = _dotted(location, tables)
     if kind == "extra_forbidden":
-        known = ", ".join(_known_keys(model, location[:-1], tables))
-        return f"unknown key '{key}'" + (f"; known here: {known}" if known else "")
+        choices = ", ".join(_known_keys(model, location[:-1], tables))
+        return f"unknown key '{key}'" + (f"; known here: {choices}" if choices else "")
     if kind == "missing" and isinstance(location[-1], int):
-        return f"{_dotted(location[:-1], tables)}: a longer list was expected, {_shown(error['input'])} came"
+        return f"{_dotted(location[:-1], tables)}: must be a longer list, got {_shown(error['input'])}"
     if kind in ("missing", "union_tag_not_found"):
         return f"key '{key}' is missing"
     if kind == "value_error":
         message = str(error["msg"]).removeprefix("Value error, ")
         return f"{key}: {message}" if key else message
-    expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else f"({error['msg']}) something else"
-    return f"{key}: {expected} was expected, {_shown(context.get('tag', error['input']))} came"
+    valid = _MUST_BE[kind].format(**context) if kind in _MUST_BE else f"valid ({error['msg']})"
+    return f"{key}: must be {valid}, got {_shown(context.get('tag', error['input']))}"
 
 
 def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:
-    """A pydantic location without what is not in the file: the tags that say which of several models was tried."""
+    """Return a pydantic location without what is not in the file: the tags of the models that pydantic tried."""
     keys: list[Any] = []
     parts = list(location)
     for number, part in enumerate(parts):
@@ -137,7 +143,7 @@ def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> lis
 
 
 def _dotted(location: Iterable[Any], tables: Any) -> str:
-    """``bodies[3].scale``, with the name of what is counted where it has one: ``bodies[3 "car"].scale``."""
+    """Return a location as ``bodies[3].scale``, or ``bodies[3 "car"].scale`` if the table has a name."""
     text = ""
     for part in location:
         tables = _inside(tables, part)
@@ -157,13 +163,13 @@ def _inside(tables: Any, part: Any) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """A value much as it is written in TOML, not too long."""
+    """Return a value much as it is written in TOML, cut to 60 characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
-    """Keys that a model knows at a place, as far as the types and the file's own ``type`` tell."""
+    """Return the keys that a model knows at a location; [] if types and the file's ``type`` do not say which model."""
     for part in location:
         tables = _inside(tables, part)
         if isinstance(part, int):
@@ -178,7 +184,7 @@ def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) ->
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    """All models inside a type such as ``tuple[Body, ...]`` or ``Apd | Sipm``."""
+    """Return all models inside a type such as ``tuple[Body, ...]`` or ``Apd | Sipm``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [found for argument in getattr(annotation, "__args__", ()) for found in _models_in(argument)]
@@ -193,18 +199,18 @@ def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:
 def with_overrides(
     tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set"
 ) -> dict[str, Any]:
-    """A copy of the tables with ``a.b=value`` assignments made; values are TOML, or else plain text.
+    """Return a copy of the tables with assignments ``a.b=value`` made; values are TOML, or else plain text.
 
     In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
 
-    option  of the command line, by which they are given
+    option  the command line's option for them
     """
     result: dict[str, Any] = _copied(tables)
     for assignment in assignments:
         _, equals, text = assignment.partition("=")
         path = _key_path(assignment)
         if not equals or not all(path):
-            raise InputError(f"{option} {assignment}: KEY=VALUE was expected, such as {_EXAMPLES[option]}")
+            raise InputError(f"{option} {assignment}: must be KEY=VALUE, such as {_EXAMPLES[option]}")
         table: Any = result
         for depth in range(1, len(path)):
             part = path[depth - 1]  # names of tables in lists have become numbers
@@ -212,9 +218,9 @@ def with_overrides(
             if _is_list_of_tables(table):
                 path = path[:depth] + _numbered(path[depth:], table)
                 if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
-                    known = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
+                    choices = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
                     raise InputError(
-                        f"{option} {assignment}: {'.'.join(path[:depth])}.NAME.KEY was expected, with a name of {known}"
+                        f"{option} {assignment}: must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
                     )
             elif not isinstance(table, dict):
                 raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
@@ -234,7 +240,7 @@ def _is_list_of_tables(value: Any) -> bool:
 
 
 def _numbered(path: list[str], tables: Any) -> list[str]:
-    """The path with numbers for the names of tables in lists; names that are not there stay."""
+    """Return the path with names of tables in lists replaced by their numbers; unknown names stay."""
     keys = []
     for part in path:
         if _is_list_of_tables(tables):
@@ -248,7 +254,7 @@ def _numbered(path: list[str], tables: Any) -> list[str]:
 
 
 def toml_text(value: Any) -> str:
-    """A value as it is written in TOML, in one line."""
+    """Return a value as it is written in TOML, in one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(one)}" for key, one in value.items()) + "}"
     if isinstance(value, (list, tuple)):
@@ -259,7 +265,7 @@ def toml_text(value: Any) -> str:
 
 
 def _toml_value(text: str) -> Any:
-    """``text`` as a TOML value; as text where it is none."""
+    """Parse ``text`` as a TOML value; if it is none, return the text."""
     try:
         tables = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -268,14 +274,17 @@ def _toml_value(text: str) -> Any:
 
 
 def _copied(value: Any) -> Any:
-    """A copy that shares no table with the original."""
+    """Copy tables and lists, however deep."""
     if isinstance(value, list):
         return [_copied(inner) for inner in value]
     return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
 
 
 def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
-    """Which of these sensors SENSOR:KEY=VALUE is for, None for all, and KEY=VALUE. Raises InputError."""
+    """Split SENSOR:KEY=VALUE into the sensor (None: all of them) and KEY=VALUE.
+
+    Raises InputError if the sensor is not ``among`` these.
+    """
     key, equals, value = assignment.partition("=")
     sensor, colon, own_key = key.rpartition(":")
     if not colon:

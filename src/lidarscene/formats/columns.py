@@ -1,7 +1,8 @@
-"""The columns of point clouds: their table, what writers need of a cloud, and what metadata say of places and times.
+"""The table of all columns of point clouds, what writers need of a cloud, and how metadata say places and times.
 
-Formats stand below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fields`, the keyword
-arguments of a `cloud.points.PointCloud`.
+One table gives name, type, unit and meaning of each column to files, documentation and pictures alike. Formats stand
+below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fields`, the keyword arguments of a
+`cloud.points.PointCloud`.
 """
 
 from __future__ import annotations
@@ -179,7 +180,7 @@ def numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
         return np.array([float(word) for word in text.split()]).reshape(shape)
     except ValueError:
         count = math.prod(abs(size) for size in shape)
-        raise ValueError(f"metadata: '{key}': {count} numbers were expected, '{text}' came") from None
+        raise ValueError(f"metadata: '{key}': must be {count} numbers, got '{text}'") from None
 
 
 def fitted(attribute: str, values: Any, n: int) -> Numbers:

@@ -1,7 +1,8 @@
-"""What a cloud says besides its numbers, as one line of JSON, and fields from columns and that line.
+"""What several formats share: a cloud's description as one line of JSON, and files whose header counts the points.
 
-For formats that hold columns by name and a text: NPZ, Parquet, PCD, LAS. And what formats share whose header counts
-the points, which is known last where clouds come one after the other: PLY, PCD.
+NPZ, Parquet, PCD and LAS hold columns by name and a text: the description has the rest, so that reading gives back the
+same cloud. PLY and PCD begin with the number of points, which is known last if clouds come one after the other: the
+header is as long for any number, and is written again in the end.
 """
 
 from __future__ import annotations

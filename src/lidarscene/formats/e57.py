@@ -1,4 +1,4 @@
-"""Point clouds as E57 (ASTM E2807): a PointCloud in, a file out. Needs pye57. Written only.
+"""Write point clouds as E57 (ASTM E2807). Needs pye57.
 
 One scan. Standard fields: cartesianX/Y/Z, intensity, timeStamp (from the start of the frame), returnIndex (from 0),
 rowIndex (the channel, where it is not negative). Every other column is a field of its name in our own extension,

@@ -1,4 +1,4 @@
-"""Point clouds as KITTI (`.bin`) and nuScenes (`.pcd.bin`) have them: float32 rows without a header. Written only.
+"""Write point clouds as KITTI (`.bin`) and nuScenes (`.pcd.bin`): float32 rows without a header.
 
 KITTI has four numbers a point: x, y, z (forward, left, up, in the sensor's frame, as KITTI's Velodyne) and intensity.
 nuScenes has five: ring too. The axes are the sensor's own; those of the nuScenes lidar have x to the right and y

@@ -1,4 +1,4 @@
-"""Point clouds as LAS 1.4 or LAZ: a PointCloud in, a file out, and back. Needs laspy, and lazrs for LAZ.
+"""Write and read point clouds as LAS 1.4 or LAZ. Needs laspy, and lazrs for LAZ.
 
 Point format 6. Standard fields: x, y, z in steps of 10 um from a round origin; intensity as 16 bits of its largest
 value; return_number and number_of_returns, up to 15; gps_time, the pulse's time in the frame; classification, 64 +
@@ -256,6 +256,6 @@ def returns_of_pulses(cloud: Cloud) -> Numbers:
 def _classification(cloud: Cloud) -> Numbers:
     classes = np.full(len(cloud), UNCLASSIFIED, np.int64)
     if cloud.has_truth:
-        known = cloud.column("class") >= 0
-        classes[known] = np.minimum(FIRST_OF_USERS + cloud.column("class")[known], LARGEST_CLASS)
+        has_class = cloud.column("class") >= 0
+        classes[has_class] = np.minimum(FIRST_OF_USERS + cloud.column("class")[has_class], LARGEST_CLASS)
     return np.where(cloud.column("status") != 0, LOW_NOISE, classes).astype(np.uint8)

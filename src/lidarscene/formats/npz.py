@@ -1,4 +1,7 @@
-"""Point clouds as NPZ: a PointCloud in, one compressed numpy archive out, and back, exactly."""
+"""Write and read point clouds as NPZ: one compressed NumPy archive, exact.
+
+For Python users who want nothing but NumPy: an array for each column, and a text that makes it a cloud again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Point clouds as ASAM OSI 3.7: a PointCloud in, a trace file of one SensorData out. Written only.
+"""Write point clouds as ASAM OSI 3.7: a trace file of one SensorData.
 
 Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range,
 azimuth, elevation in the sensor's frame), existence_probability (that of detection), intensity in percent of the

@@ -1,4 +1,4 @@
-"""Point clouds as Apache Parquet: a PointCloud in, a table out, and back, exactly. Needs pyarrow.
+"""Write and read point clouds as Apache Parquet: one table, exact. Needs pyarrow.
 
 The `described.description` is in the file's key-value metadata under `lidarscene`; units are in the columns' own.
 """

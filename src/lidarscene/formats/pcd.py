@@ -1,4 +1,4 @@
-"""Point clouds as PCD 0.7 (Point Cloud Library): a PointCloud in, a file out, and back, exactly.
+"""Write and read point clouds as PCD 0.7 (Point Cloud Library), exact.
 
 Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
 `described.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
@@ -154,17 +154,17 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
     if data == "ascii":
         lines = file.readlines()
         if len(lines) != points or (lines and not lines[-1].endswith(b"\n")):
-            raise ValueError(f"{points} lines of points were expected, {len(lines)} came, or a part of them")
+            raise ValueError(f"must have {points} whole lines of points, got {len(lines)}")
         rows = np.loadtxt(lines, dtype=dtype, comments=None, ndmin=1) if lines else np.zeros(0, dtype)
         return {name: _with_infinity(np.ascontiguousarray(rows[name])) for name in names}
     content = file.read()
     if data == "binary_compressed":
         packed, size = struct.unpack_from("<II", content)
         if len(content) != 8 + packed:
-            raise ValueError(f"{8 + packed} bytes of points were expected, {len(content)} came")
+            raise ValueError(f"must have {8 + packed} bytes of points, got {len(content)}")
         content = optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
     if len(content) != points * dtype.itemsize:
-        raise ValueError(f"{points * dtype.itemsize} bytes of points were expected, {len(content)} came")
+        raise ValueError(f"must have {points * dtype.itemsize} bytes of points, got {len(content)}")
     if data == "binary":
         rows = np.frombuffer(content, dtype)
         return {name: np.ascontiguousarray(rows[name]) for name in names}

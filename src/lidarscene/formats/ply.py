@@ -1,4 +1,4 @@
-r"""Point clouds as PLY: a PointCloud in, a file out, and back.
+r"""Write and read point clouds as PLY, exact.
 
 The header names lidarscene, the metadata, the units and the names behind the numbers in comments. Text that
 would not survive there (line breaks, non-ASCII) is backslash-escaped; long text goes on in lines that start
@@ -223,7 +223,7 @@ def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
     file.seek(start)
     if came != expected:
         problem = "truncated" if came < expected else "longer than its header says"
-        raise ValueError(f"{problem}: {expected} bytes were expected for {header.points} points, {came} came")
+        raise ValueError(f"{problem}: must have {expected} bytes for {header.points} points, got {came}")
     for first in range(0, header.points, BLOCK_POINTS):
         yield np.fromfile(file, header.dtype, count=min(BLOCK_POINTS, header.points - first))
 
@@ -235,7 +235,7 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
         lines = list(itertools.islice(file, count))
         if len(lines) < count or not lines[-1].endswith(b"\n"):
             whole = first + sum(line.endswith(b"\n") for line in lines)
-            raise ValueError(f"truncated: {header.points} lines of points were expected, {whole} came")
+            raise ValueError(f"truncated: must have {header.points} lines of points, got {whole}")
         block = np.loadtxt(lines, dtype=header.dtype, comments=None, ndmin=1)
         if len(block) != count:
             raise ValueError(f"an empty line came among the points, in lines {first + 1} to {first + count}")

@@ -1,4 +1,7 @@
-"""The formats of point clouds: a name or the end of a file's name in, the module that writes and reads out."""
+"""The formats of point clouds by name and suffix, and what each can do.
+
+The command line, the library and the documentation ask this table, so that a new format is one module and one line.
+"""
 
 from __future__ import annotations
 
@@ -103,6 +106,8 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     file = os.path.basename(os.fspath(path)).lower()
     fitting = [one for one in FORMATS.values() if file.endswith(one.suffix)]
     if not fitting:
-        suffix, known = os.path.splitext(file)[1], ", ".join(SUFFIXES)
-        raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {known}")
+        suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
+        raise InputError(
+            f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}"
+        )
     return max(fitting, key=lambda one: len(one.suffix))

@@ -1,4 +1,4 @@
-"""Point clouds as ROS 2 messages: PointClouds in, a bag out, one file as MCAP or SQLite. Needs rosbags, no ROS.
+"""Write point clouds as a bag of ROS 2 messages: one file, MCAP or SQLite. Needs rosbags, no ROS.
 
 Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); where the
 cloud knows how the sensor stood, `/tf` has that as the transform from `map` to `lidar`. The fields of the driver

@@ -1,10 +1,11 @@
-"""Boxes: a Scene and the points of a frame in, the 3D box of every body that is a thing out, and what shows of it.
+"""3D boxes of the bodies that can be counted, and how much of each the cloud shows.
 
-A box stands along its body's own axes: length along the axis that is forward, width to the left, height along the
-one that is nearest to up. Its pose is where its centre is and how it is turned, in the world or seen from the sensor.
+Detectors are trained on boxes. A box follows its body's own axes: length along the axis that is forward, width to the
+left, height along the axis nearest to up. Its pose is position and rotation of its centre, in the world or seen from
+the sensor.
 
-Of a body that moves, and of every body where the sensor's own motion is in the points, a frame shows no one place. Its
-box is where the cloud shows it: as it stood, seen from the sensor, at the mean time of its points.
+If a body moves, or if the sensor's own motion is in the points, no single place is right for a whole frame. The box is
+then where the cloud shows the body: as seen from the sensor at the mean time of the body's points.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Labels as files: a PointCloud and its Scene in, one file for a frame out, in the words of a data set.
+"""Write the labels of a frame in the format of a data set.
+
+Loaders of KITTI, nuScenes and SemanticKITTI expect their own axes, classes and levels of visibility. Each format is
+translated here, once, so that such a loader reads a simulated frame as it reads a real one.
 
 kitti          text, one box a line, as in KITTI's `label_2`, in the camera of `CALIBRATION`
 nuscenes       JSON: entries like those of nuScenes' `sample_annotation`, in the world frame, and the poses

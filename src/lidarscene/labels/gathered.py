@@ -1,7 +1,7 @@
-"""Boxes of a frame that comes in pieces: clouds and their Scene in, `Box`es out, in memory that does not grow.
+"""The boxes of a frame that comes in pieces, in memory that does not grow with the frame.
 
-Where something moves, the boxes are where the points are on the average, and what is in them is counted afterwards:
-until then the points wait in a spool.
+If something moves, the place of a box is known only when all its points have come, and only then can the points inside
+be counted. Until then the points wait on disk.
 """
 
 from __future__ import annotations

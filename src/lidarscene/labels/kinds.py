@@ -1,4 +1,8 @@
-"""Kinds: a class of a scene file in, what data sets call it out."""
+"""What data sets call the classes of scene files.
+
+A scene says "car" or "kerb"; each data set has numbers and names of its own, and some have no word for a class. One
+table holds all of them, and says which classes can be counted (things) and which cannot (road, vegetation).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data sets in KITTI's folders, frame by frame: a PointCloud and its Scene in, the files that loaders expect out.
+"""Write data sets in KITTI's folders, frame by frame.
 
 `write_object_frame` fills `training/velodyne`, `label_2` and `calib` (3D object detection), `write_sequence_frame`
 `dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not depend on the others,
@@ -109,7 +109,7 @@ def _write_line(path: Path, frame: int, line: str) -> None:
     """Make this line number ``frame``, behind those that there are."""
     before = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
     if len(before) != frame:
-        raise InputError(f"{path}: {frame} lines were expected before this frame, {len(before)} came")
+        raise InputError(f"{path}: must have {frame} lines before this frame, got {len(before)}")
     _write_text(path, [*before, line])
 
 

@@ -1,4 +1,4 @@
-"""The truth of a frame as ASAM OSI 3.7: the boxes of its things in, a trace file of one GroundTruth out.
+"""Write the boxes of a frame as ASAM OSI 3.7 ground truth: a trace file of one GroundTruth.
 
 Vehicles, people and animals are moving objects, all other things stationary ones, with the id body + 1, dimensions,
 position of the box's centre and orientation in the world frame when the frame starts; moving ones have a velocity.

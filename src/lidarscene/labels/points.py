@@ -1,4 +1,8 @@
-"""Labels for training: a PointCloud and its Scene in, classes, instances and 3D boxes (`boxes`) out."""
+"""Class and instance of each point, in SemanticKITTI's numbers.
+
+A point knows the body that it is of; what data sets want is a number of a class and one of an instance. Whatever is no
+echo is an outlier, so that a network learns what noise looks like.
+"""
 
 from __future__ import annotations
 
