@@ -262,7 +262,7 @@ def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
 
 def test_clouds_need_truth(seen, tmp_path: Path) -> None:
     seen[0].cloud.without_truth().save(tmp_path / "a.ply")
-    with pytest.raises(InputError, match=r"a\.ply: a cloud with ground truth was expected"):
+    with pytest.raises(InputError, match=r"a\.ply: the cloud must have ground truth"):
         clouds.read([tmp_path / "a.ply"] * 2)
 
 

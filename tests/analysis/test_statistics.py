@@ -106,7 +106,7 @@ def test_tails_of_the_avalanche():
         statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")
     ]
     assert dark[0] == pytest.approx(dark[1], rel=0.15)
-    with pytest.raises(ValueError, match="an APD"):
+    with pytest.raises(ValueError, match="for an APD"):
         statistics.false_alarm_probability(SIPM, Target(), tail="exact")
     with pytest.raises(ValueError, match="no avalanche"):
         statistics.electrons(SIPM, 1e-9)

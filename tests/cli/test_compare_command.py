@@ -119,7 +119,7 @@ def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> 
         (tmp_path / name).write_bytes((folder / "table1-apd.ply").read_bytes())
     ran = run("compare", *names, "-o", ".")
     assert ran.code == 2
-    assert "difference-b.ply would be written over, another folder was expected" in ran.err
+    assert "must not overwrite an input, got difference-b.ply" in ran.err
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 

@@ -9,7 +9,7 @@ from lidarscene.physics.electronics import counting
 pytestmark = pytest.mark.usefixtures("mi")
 
 
-def test_rarely_is_a_choice():
+def test_where_any_is_a_choice():
     """Whether a whole packet of lanes, a single one of it or none needs the dear one."""
     import mitsuba as mi
 
@@ -18,7 +18,7 @@ def test_rarely_is_a_choice():
         expected = np.where(chosen, np.sqrt(x) + 1.0, -x), np.where(chosen, 2.0 * x, 7.0)
         for array, where in ((x, chosen), (mi.Float(x), mi.Bool(chosen))):
             ops = xp(array)
-            found = ops.rarely(
+            found = ops.where_any(
                 where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array)
             )
             for one, other in zip(found, expected, strict=True):

@@ -1,6 +1,7 @@
-"""Charts of comparisons: values with their intervals over bins or names, one sensor's SNR against another's.
+"""Charts of comparisons: values with their intervals over bins or names, and one sensor's SNR over another's.
 
-matplotlib is imported when called.
+A detection rate without its interval invites wrong conclusions, so these charts always draw both. matplotlib is
+imported when called.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from ..maths.arrays import Numbers
 from .lines import COLOURS, GREY, GRID, INK
 from .maps import MARKERS, plain_axes, save_drawn
 
-_SCATTERED = 12_000  # points of a scatter plot that are drawn
+_SCATTERED = 12_000  # most points of a scatter plot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Series:
-    """Values (n,) of one sensor with the ends of their intervals, and, if there is one, what was expected."""
+    """Values (n,) of one sensor, the ends of their intervals, and the expected values if they are known."""
 
     label: str
     x: Numbers
@@ -35,7 +36,7 @@ def save_series(
     path: str | os.PathLike[str], series: Sequence[Series], *, x_label: str, y_label: str, title: str,
     y_limits: tuple[float | None, float | None] | None = None,
 ) -> None:  # fmt: skip
-    """Markers with bars for the intervals, lines for what was expected. Raises OutputError."""
+    """Markers with bars for the intervals, lines for expected values. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
         _over_bins(axes, series, y_label)
@@ -50,7 +51,7 @@ def save_series(
 def save_panels(
     path: str | os.PathLike[str], panels: Sequence[tuple[str, Sequence[Series]]], *, x_label: str, title: str
 ) -> None:
-    """The same, several above each other: label of the values, and the values. Raises OutputError."""
+    """Several such charts one above the other: (label of the values, series) of each. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         figure.delaxes(axes)
@@ -79,7 +80,7 @@ def _over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
 def save_named(
     path: str | os.PathLike[str], series: Sequence[Series], *, names: Sequence[str], x_label: str, title: str
 ) -> None:
-    """The same with a name for each value, from top to bottom; ``x`` numbers the names."""
+    """The same with a name for each value, top to bottom; ``x`` is the index of the name. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
         for number, one in enumerate(series):
@@ -103,7 +104,11 @@ def save_snr(
     path: str | os.PathLike[str], a: Numbers, b: Numbers, kind: Numbers, *, kinds: Sequence[str],
     x_label: str, y_label: str, levels: tuple[float | None, float | None], title: str,
 ) -> None:  # fmt: skip
-    """SNR of B over that of A, both logarithmic, a colour for each kind; levels are the comparators' thresholds."""
+    """SNR of B over SNR of A, both axes logarithmic, a colour for each kind. Raises OutputError.
+
+    kind    (n,) index into ``kinds`` of each point
+    levels  thresholds of the two comparators, drawn as lines; None: none
+    """
 
     def draw(_: Any, axes: Any) -> None:
         taken = slice(None, None, max(len(a) // _SCATTERED, 1))

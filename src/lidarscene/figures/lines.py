@@ -1,6 +1,7 @@
-"""Line charts: a `Chart` in, a PNG or SVG file out. Colours are Okabe and Ito's, told apart by every eye.
+"""Line charts: a `Chart` in, a PNG or SVG file out.
 
-matplotlib is imported when called, without pyplot: a chart changes no global state.
+Colours are Okabe and Ito's, which people with any colour vision can tell apart. matplotlib is imported when called,
+without pyplot, so a chart changes no global state.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Blue, vermilion, green, purple, orange, sky, black; yellow is left out, being too pale on white."""
+"""Blue, vermilion, green, purple, orange, sky, black. Yellow is left out: too pale on white."""
 
 INK, GREY, GRID = "#1a1a1a", "#6b6b6b", "#dddddd"
 STYLES = {"solid": "-", "dashed": (0, (5, 2.2)), "dotted": (0, (1.2, 1.8)), "dashdot": (0, (6, 2, 1.2, 2))}
 SIZE_INCHES = (6.0, 4.2)
 DPI = 200
-_ROW = 88  # letters that fit into a row of the legend
+_ROW = 88  # characters in a row of the legend
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One curve. NaN and infinite values leave gaps. Lines of one ``colour`` belong together."""
+    """One curve. NaN and infinite values leave gaps. Lines with the same ``colour`` number share a colour."""
 
     label: str
     x: Numbers
@@ -43,7 +44,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A point worth its text, which stands ``offset`` (in points) from it; ``colour`` None is ink."""
+    """A marked point with a text at ``offset`` (in points); ``colour`` None is ink."""
 
     x: float
     y: float
@@ -54,7 +55,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Level:
-    """A horizontal dotted line and its text, at the left or the right end."""
+    """A horizontal dotted line with a text at its left or right end."""
 
     y: float
     text: str
@@ -78,7 +79,7 @@ class Chart:
 
 
 def suffix_of(path: str | os.PathLike[str]) -> str:
-    """The picture format that a file name asks for: png or svg. Raises InputError."""
+    """Picture format by the file's suffix: png or svg. Raises InputError."""
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg"):
         raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
@@ -86,11 +87,11 @@ def suffix_of(path: str | os.PathLike[str]) -> str:
 
 
 def save(chart: Chart, paths: Iterable[str | os.PathLike[str]]) -> None:
-    """Draw the chart once and write it under each of these names, atomically. Raises InputError, OutputError."""
+    """Draw the chart once and write it to each path, atomically. Raises InputError, OutputError."""
     import matplotlib as mpl
 
     kinds = [(path, suffix_of(path)) for path in paths]
-    # The file does not depend on when it was written, or by whom.
+    # No date and no random ids: equal charts are equal files.
     with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
         figure = _drawn(chart)
         for path, kind in kinds:
@@ -143,7 +144,7 @@ def _frame(axes: Any, chart: Chart) -> None:
 
 
 def _plain_decades(axis: Any) -> None:
-    """1, 10, 100 rather than powers; 2 and 5 too where there is but a decade or so."""
+    """Ticks as 1, 10, 100 instead of powers; also 2 and 5 if the axis has little more than a decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -156,7 +157,7 @@ def _plain_decades(axis: Any) -> None:
 
 
 def _notes(axes: Any, chart: Chart) -> None:
-    """Levels and marked points with their texts, on a white halo."""
+    """Levels and marked points with their texts, with a white halo."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]
@@ -178,7 +179,7 @@ def _notes(axes: Any, chart: Chart) -> None:
 
 
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:
-    """Title and legend above the axes, where no curve can run through them."""
+    """Title and legend above the axes, where no curve can cross them."""
     if chart.title:
         wrapped = "\n".join(textwrap.wrap(_plain(chart.title), 98))
         figure.suptitle(wrapped, x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
@@ -200,7 +201,7 @@ def _colour(number: int) -> str:
 
 
 def _plain(text: str) -> str:
-    """Dollar signs as themselves, not as the start of a formula."""
+    """Text with literal dollar signs; matplotlib takes them as the start of a formula."""
     return text.replace("$", r"\$")
 
 
@@ -210,9 +211,9 @@ def _plain(text: str) -> str:
 def tornado(
     paths: Iterable[str | os.PathLike[str]], *, bars: Sequence[tuple[str, float]], title: str, label: str
 ) -> None:
-    """Horizontal bars to the left and right of zero, in the order given, first on top; each with its number.
+    """Horizontal bars left and right of zero, in the given order from the top, each with its number.
 
-    Sign shows twice, in direction and colour. Raises InputError, OutputError.
+    The sign shows in direction and in colour. Raises InputError, OutputError.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

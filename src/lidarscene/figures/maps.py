@@ -1,6 +1,6 @@
-"""Pictures of fields of view: maps over angles, patterns, the ground from above, scatter plots.
+"""Pictures of fields of view: maps over angles, scan patterns, the ground from above, scatter plots.
 
-Colours run in viridis or cividis, light to dark for every eye. matplotlib is imported when called.
+Colour maps are viridis, readable with any colour vision and in grey. matplotlib is imported when called.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MARKERS = "osD^vP*"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raster:
-    """A picture of numbers over two axes; NaN is grey, ``outside`` where there is nothing to show stays white."""
+    """An image over two axes. NaN is grey; where ``outside`` holds nothing is drawn (white)."""
 
     values: Numbers
     outside: Numbers
@@ -36,7 +36,7 @@ class Raster:
 
 
 def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
-    """A map over azimuth (leftwards, as the sensor sees it) and elevation. Raises OutputError."""
+    """A map over azimuth (to the left, as the sensor sees it) and elevation. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib.colors import ListedColormap, LogNorm, Normalize
@@ -46,7 +46,7 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
         if picture.log:
             finite = finite[finite > 0.0]
         low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-        if high - low <= 1e-3 * abs(high):  # no colours for the last digits of one number
+        if high - low <= 1e-3 * abs(high):  # one value: no colours for its last digits
             low, high = low - max(0.05 * abs(low), 1e-12), high + max(0.05 * abs(high), 1e-12)
         norm = (LogNorm if picture.log and low > 0.0 else Normalize)(low, high)
         options = {"extent": picture.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
@@ -90,7 +90,7 @@ def save_ground(
     path: str | os.PathLike[str], count: Numbers, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
     title: str,
 ) -> None:  # fmt: skip
-    """How many sensors see each place of the ground, x forward and up the page. Raises OutputError."""
+    """How many sensors see each place of the ground, with x forward and up the page. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib import colormaps
@@ -125,7 +125,7 @@ def save_scatter(
     path: str | os.PathLike[str], groups: Sequence[tuple[str, Numbers, Numbers]], *, x_label: str, y_label: str,
     title: str,
 ) -> None:  # fmt: skip
-    """Points of each group on logarithmic axes, told apart by colour and by shape. Raises OutputError."""
+    """Points of each group on logarithmic axes, with a colour and a shape for each. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         for number, (name, x, y) in enumerate(groups):
@@ -160,12 +160,12 @@ def save_scatter(
 def save_drawn(
     path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float
 ) -> None:
-    """Have ``draw`` fill the figure's axes, and write a PNG this many inches high. Raises InputError, OutputError."""
+    """Let ``draw(figure, axes)`` draw, and write a PNG ``height`` inches high. Raises InputError, OutputError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     if not str(path).endswith(".png"):
-        raise InputError(f"{path}: a name that ends in .png was expected")
+        raise InputError(f"{path}: the name must end in .png")
     figure = Figure(figsize=(WIDTH_INCHES, height), dpi=DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure, figure.add_subplot())
@@ -200,6 +200,6 @@ def _key(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
 
 
 def _height(extent: tuple[float, float, float, float]) -> float:
-    """Inches that keep degrees about square, within reason."""
+    """Height in inches at which degrees are about square, within limits."""
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
     return float(np.clip(1.3 + (WIDTH_INCHES - 1.7) * high / wide, 3.2, 6.8))

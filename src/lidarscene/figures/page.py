@@ -1,4 +1,7 @@
-"""A page in two forms: headings, paragraphs, pictures and tables in, Markdown and HTML out; and its tables as CSV."""
+"""A page in two forms: headings, paragraphs, figures and tables in, Markdown and HTML out; and tables as CSV.
+
+Every study writes its results as such a page, so that text, figure and data of a result lie together.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +37,10 @@ _MEDIA = {"png": "image/png", "csv": "text/csv"}
 
 @dataclass
 class Page:
-    """Blocks in order, each added once in both forms.
+    """Blocks in order, each added once for both forms.
 
-    folder  of the figures, whose files are then put into the HTML, so that it can be sent alone; None: it links to
-            them, beside it
+    folder  of the figures, which are then embedded in the HTML, so that it can be sent alone; None: the HTML links to
+            the files beside it
     """
 
     title: str
@@ -57,21 +60,21 @@ class Page:
 
     def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
         """A PNG of this name beside the page, with its CSV, and its SVG if there is one."""
-        told = f"Fig. {number}" if svg else number
+        shown_name = f"Fig. {number}" if svg else number
         drawn = f"[SVG]({name}.svg), " if svg else ""
         linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
         size = ' width="1200" height="840"' if svg else ""
         self.markdown.append(
-            f"![{told}]({name}.png)\n\n**{told}** {_escaped(caption)} {drawn}[CSV]({name}.csv)"
+            f"![{shown_name}]({name}.png)\n\n**{shown_name}** {_escaped(caption)} {drawn}[CSV]({name}.csv)"
         )
         self.body.append(
-            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(told)}"{size}>'
-            f"<figcaption><b>{html.escape(told)}</b> {html.escape(caption)} "
+            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(shown_name)}"{size}>'
+            f"<figcaption><b>{html.escape(shown_name)}</b> {html.escape(caption)} "
             f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
 
     def pictures(self, shown: Sequence[tuple[str, str]]) -> None:
-        """PNGs beside the page, side by side where there is room: name without suffix, and caption, of each."""
+        """PNGs beside the page, side by side if there is room: (name without suffix, caption) of each."""
         self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in shown]
         figures = "".join(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
@@ -81,14 +84,14 @@ class Page:
         self.body.append(f'<div class="row">{figures}</div>')
 
     def _source(self, name: str) -> str:
-        """A file beside the page, or all of it."""
+        """A file's name, or its content as a data URL if figures are embedded."""
         if self.folder is None:
             return name
         data = base64.b64encode((self.folder / name).read_bytes()).decode("ascii")
         return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
 
     def _link(self, name: str) -> str:
-        """Where a link to a file beside the page leads."""
+        """The attributes of a link to a file beside the page."""
         return f'href="{self._source(name)}"' + (f' download="{name}"' if self.folder is not None else "")
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -108,7 +111,7 @@ class Page:
         return "\n\n".join([f"# {self.title}", *self.markdown]) + "\n"
 
     def as_html(self) -> str:
-        """The page in HTML, its style in itself."""
+        """The page in HTML, including its style."""
         title = html.escape(self.title)
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -135,7 +138,7 @@ def put_text(path: Path, text: str) -> None:
 
 
 def _escaped(text: str) -> str:
-    """Text that Markdown takes as text, in a table too."""
+    """Text with Markdown's special characters escaped, also for tables."""
     for letter in "\\|*_<":
         text = text.replace(letter, "\\" + letter)
     return text

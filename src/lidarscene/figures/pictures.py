@@ -1,6 +1,7 @@
 """Pictures: a PointCloud in, a PNG or SVG file out.
 
-The points are drawn by `lidarscene.cloud.pixels`; matplotlib, imported when called, adds title, axes and scale.
+Points are drawn by our own rasteriser (`lidarscene.cloud.pixels`), because a million markers are too slow in
+matplotlib, which only adds title, axes and scale. It is imported when called.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ def perspective_picture(
     highlight_false_alarms: bool = True,
     size_px: tuple[int, int] = (1920, 1080),
 ) -> None:
-    """Draw the cloud as seen from ``eye_m`` towards ``target_m``, in the frame of the points.
+    """Draw the cloud as seen from ``eye_m`` towards ``target_m``, in the coordinates of the points.
 
-    Without them: from above and behind the sensor, towards what is near. ``fov_deg`` is across.
+    Without these: from above and behind the sensor, towards what is near. ``fov_deg`` is across.
     """
     figure, whole = _figure(size_px), Thinned.of(cloud)
     cloud = whole.cloud()
@@ -62,7 +63,7 @@ def range_image(
     colour_by: str = "range",
     size_px: tuple[int, int] = (1920, 640),
 ) -> None:
-    """Draw azimuth by elevation as the sensor sees it, one cell a beam; dark grey where no point came."""
+    """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
     figure, whole = _figure(size_px), Thinned.of(cloud)
     cloud = whole.cloud()
     box = (0.06, 0.17, 0.84, 0.68)
@@ -82,9 +83,9 @@ def frame_picture(
     strips: tuple[str, ...] = ("range", "intensity"),
     size_px: tuple[int, int] = (1920, 1600),
 ) -> None:
-    """Draw both: the perspective on top, below it a range image for each column named in ``strips``.
+    """Draw the perspective on top, and below it a range image for each column in ``strips``.
 
-    Of a cloud of several sensors each has a range image of its own instead, as far as there is room. Of very many
+    A cloud of several sensors has one range image for each sensor instead, as far as there is room. Of very many
     points every k-th is drawn (`cloud.thinning.Thinned`), and the title says so.
     """
     whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
@@ -99,7 +100,7 @@ def frame_picture(
     shades = _Shades(cloud, colour_by)
     camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
     _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), whole, shades, camera, alarms=True)
-    own_axes = len(parts) > 1  # sensors look in different directions
+    own_axes = len(parts) > 1  # sensors look in different directions, so their strips share no axis
     for i, (part, name, label) in enumerate(reversed(images)):
         box = (0.06, foot + i * strip, 0.84, (0.72 if own_axes else 0.86) * strip)
         _draw_range_image(
@@ -116,7 +117,7 @@ def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
 
 
 class _Shades:
-    """The colour of each point for one column, and the scale that explains it.
+    """Colour of each point for one column, and the scale that explains it.
 
     rgb    (n, 3) uint8
     kinds  (label, colour) of each category, most frequent first; empty for a quantity
@@ -148,7 +149,7 @@ class _Shades:
         self.rgb = np.where(finite[:, None], colours, _rgb(NO_SURFACE))
 
     def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
-        """Number the categories by how often they come; all after the palette's last share its colour."""
+        """Number the categories by frequency; all beyond the palette share one colour."""
         found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
         order = np.argsort(-counts, kind="stable")
         rank = np.argsort(order, kind="stable")
@@ -162,7 +163,7 @@ class _Shades:
 
 
 def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
-    """Names by value for a column that sorts points, None for one that measures."""
+    """Names by value for a column of categories, None for a quantity."""
     tables = {
         "status": STATUS_NAMES,
         "in_shadow": ("lit", "in shadow"),
@@ -179,7 +180,7 @@ def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
 
 
 def _colour_map(name: str) -> Any:
-    """A perceptual map without the dark end, which would be lost on the background."""
+    """A perceptual colour map without its dark end, which would vanish on the dark background."""
     import matplotlib as mpl
     from matplotlib import colors
 
@@ -190,7 +191,7 @@ def _colour_map(name: str) -> Any:
 
 
 def _norm(values: Numbers, name: str) -> Any:
-    """The scale from the 1st to the 99th percentile; logarithmic for powers, finer for what is near."""
+    """Scale from the 1st to the 99th percentile: logarithmic for powers, with more contrast at near ranges."""
     from matplotlib import colors
 
     usable = values[np.isfinite(values)]
@@ -208,7 +209,7 @@ def _norm(values: Numbers, name: str) -> Any:
 def _draw_perspective(
     figure: Any, box: Box, whole: Thinned, shades: _Shades, camera: Camera, *, alarms: bool
 ) -> None:
-    """The perspective in this part of the figure, with title and scale."""
+    """The perspective in this box of the figure, with title and scale."""
     left, bottom, width, height = box
     cloud = whole.cloud()
     pixels = [SUPERSAMPLING * n for n in _pixels(figure, box)]
@@ -234,7 +235,7 @@ def _draw_perspective(
 def _draw_range_image(
     figure: Any, box: Box, cells: Cells, shades: _Shades, *, labels: bool, name: str = ""
 ) -> None:
-    """One strip: the sensor's view in this part of the figure, with axes in degrees and a scale."""
+    """One range image in this box of the figure, with axes in degrees and a scale."""
     left, bottom, width, height = box
     image = coloured(cells.image(size=_pixels(figure, box)), shades.rgb, nothing=_rgb(MISSING))
     x, y = cells.azimuth_deg, cells.elevation_deg
@@ -270,13 +271,13 @@ def _figure(size_px: tuple[int, int]) -> Any:
 
 
 def _pixels(figure: Any, box: Box) -> tuple[int, int]:
-    """Width and height of this part of the figure."""
+    """Width and height of this box of the figure, in pixels."""
     width, height = figure.get_size_inches() * figure.dpi
     return max(round(width * box[2]), 1), max(round(height * box[3]), 1)
 
 
 def _show(figure: Any, box: Box, image: Numbers, **options: Any) -> Any:
-    """Put the image there, pixel by pixel; returns its axes, which are off."""
+    """Put the image in this box, pixel by pixel; returns its axes, which are off."""
     axes = figure.add_axes(box)
     axes.imshow(image, aspect="auto", interpolation="none", **options)
     axes.set_axis_off()
@@ -285,13 +286,13 @@ def _show(figure: Any, box: Box, image: Numbers, **options: Any) -> Any:
 
 
 def _title(figure: Any, whole: Thinned) -> None:
-    """Scene and sensor, and how many points."""
+    """Names of scene and sensor, and the number of points."""
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
     named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    told = {"points": whole.points} | {name: int(count) for name, count in kinds}
+    numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}
     counts = [
         f"{count:,} {name}".replace(",", "\u202f")
-        for name, count in told.items()
+        for name, count in numbers.items()
         if count or name == "points"
     ]
     if whole.step > 1:
@@ -326,7 +327,7 @@ def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
 
 
 def _legend(figure: Any, shades: _Shades, box: Box) -> None:
-    """The categories, one line each, most frequent first, as far as there is room."""
+    """The categories, one line each, most frequent first, as many as fit."""
     line = 0.135 / figure.get_size_inches()[1]
     kinds = shades.kinds[: max(round(box[3] / line), 2)]
     if len(kinds) < len(shades.kinds):
@@ -340,7 +341,7 @@ def _legend(figure: Any, shades: _Shades, box: Box) -> None:
 
 
 def _panel(figure: Any, box: Box) -> None:
-    """A dark veil between the points and what is written over them."""
+    """A dark, half-transparent rectangle under text that lies over points."""
     from matplotlib.patches import Rectangle
 
     veil = Rectangle(box[:2], *box[2:], transform=figure.transFigure, color=BACKGROUND, alpha=0.7, lw=0)
@@ -348,7 +349,7 @@ def _panel(figure: Any, box: Box) -> None:
 
 
 def _save(figure: Any, path: str | os.PathLike[str]) -> None:
-    """Write what the suffix names, atomically."""
+    """Write the format of the suffix, atomically."""
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg"):
         raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")

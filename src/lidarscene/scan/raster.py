@@ -34,6 +34,8 @@ class Raster(GivenAngles):
         elevation_step: float,
         unit_rad: float,
         rate_hz: float,
+        jitter_rad: float | None = None,
+        encoder_rad: float | None = None,
     ) -> Raster:
         """From full angles and steps in one angular unit of ``unit_rad`` radians."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
@@ -42,6 +44,7 @@ class Raster(GivenAngles):
         return cls(
             columns=columns, rows=rows, rate_hz=rate_hz,
             azimuth_step_rad=azimuth_step * unit_rad, elevation_step_rad=elevation_step * unit_rad,
+            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 
     @property

@@ -1,9 +1,13 @@
-"""Link budgets of points: a cloud with truth, its sensor and the light of its scene in, watts and amperes out.
+"""Link budgets of points: a cloud with truth, its sensor and the scene's light in; watts and amperes out.
 
-The very stages of the simulation, on numpy. A cloud does not hold its surface's BSDF, only the diffuse reflectivity, so
-from a cloud alone the power by (5) and the background by (8) are those of a Lambertian surface: exact for diffuse
-materials, off where a coat, a mirror or a retro-reflector looks back. Where the Lambertian echo does not explain the
-SNR in the cloud, P_r is what does. Who has the world compiled gives the light itself (`kernel.rays.relit.light_of`).
+Answers why a point has the SNR that it has. It runs the stages of the simulation on numpy. A cloud does not hold its
+surfaces' BSDFs, only the diffuse reflectivity. So from a cloud alone, the echo power (5) and the background (8) are
+those of a Lambertian surface: exact for diffuse materials, wrong for coats, mirrors and retro-reflectors. Where the
+Lambertian echo does not explain the cloud's SNR, P_r is the power that does. With a compiled world,
+`kernel.rays.relit.light_of` gives the light itself.
+
+Symbols: P_r echo power, P_rs background power, sigma_0 noise without echo, U comparator level, P_d detection
+probability.
 """
 
 from __future__ import annotations
@@ -31,12 +35,12 @@ columns are single precision.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Budget:
-    """What decided on each point; all (n,) float64. Signals are amperes (APD) or cells (SiPM).
+    """What decided on each point; all (n,) float64. Signals are in amperes (APD) or cells (SiPM).
 
-    echo_power_w           P_r, peak: by (5) if that gives the cloud's SNR, else what does; 0 without a surface
-    lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without a surface
-    background_power_w     P_rs by (8), of a Lambertian surface unless the light was given, or of the sky
-    noise                  sigma_0 without an echo
+    echo_power_w           P_r, peak: by (5) if that explains the cloud's SNR, else what does; 0 without surface
+    lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without surface
+    background_power_w     P_rs by (8), of a Lambertian surface unless the light is given, or of the sky
+    noise                  sigma_0, without an echo
     threshold              level U of the comparator
     signal                 peak of the echo without noise
     noise_at_peak          sigma at the peak: with the echo's own shot noise
@@ -54,9 +58,10 @@ class Budget:
 
 
 def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
-    """The budget of every point, by the sensor that made the cloud.
+    """The budget of every point, for the sensor that made the cloud.
 
-    light  of the points' pulses, where it is known
+    light  of the points' pulses, if it is known
+
     Raises InputError for a cloud without truth.
     """
     if not cloud.has_truth:
@@ -108,7 +113,7 @@ def _lambertian(cloud: PointCloud) -> Hits:
 
 
 def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
-    """The beams of the points, of which only the receiving apertures matter here."""
+    """The beams of the points; only their receiving apertures matter here."""
     scanner, pulse = sensor.scanner, np.arange(sensor.scanner.pulses, dtype=np.uint32)
     shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
     if any(share.ndim for share in shares):
@@ -122,7 +127,7 @@ def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
 
 
 def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
-    """(n,) uint32 pulse that made each point: of its frame and channel, the nearest in time, then in azimuth."""
+    """(n,) uint32 pulse of each point: in its frame and channel, the nearest in time, then in azimuth."""
     first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
     pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
     times, rank = np.unique(scanner.time_s(pulse) - scanner.time_s(pulse[:1]), return_inverse=True)

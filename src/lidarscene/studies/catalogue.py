@@ -1,4 +1,7 @@
-"""Catalogue sensors against what their makers publish: range, precision, points per second."""
+"""Catalogue sensors compared with what their makers publish: range, precision, points per second.
+
+Sensor files hold estimates where makers say nothing. The published results are the check on them.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ Precision is the standard deviation of one shot."""
 class Compared:
     """One quantity; None is unknown.
 
-    condition  at which it was published, in words
+    condition  under which it was published, in words
     """
 
     published: float | None
@@ -37,7 +40,7 @@ class Compared:
 
     @property
     def deviation(self) -> float | None:
-        """Simulated over published, less one."""
+        """Simulated over published, minus one."""
         if self.published is None or self.simulated is None:
             return None
         return self.simulated / self.published - 1.0
@@ -45,7 +48,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One catalogue sensor. ``also``: ranges on further targets, which no value was fitted to."""
+    """One catalogue sensor. ``also``: ranges on further targets, to which no value was fitted."""
 
     name: str
     range_m: Compared
@@ -56,12 +59,12 @@ class Check:
 
 
 def points_per_second(sensor: Sensor) -> float:
-    """Pulses a second, averaged over a frame."""
+    """Pulses per second, averaged over a frame."""
     return sensor.scanner.pulses / sensor.scanner.frame_s
 
 
 def precision_m(sensor: Sensor, target: Target, range_m: float) -> float | None:
-    """Standard deviation of the reported range of one shot, by `returns.detect`; None where hardly any is seen."""
+    """Standard deviation of one shot's reported range, by `returns.detect`; None if hardly any echo is found."""
     light = echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
     numbers = np.arange(SHOTS, dtype=np.uint32)
     seen = detect(light, sensor, seed=_SEED, pulse=numbers).stops[0]
@@ -71,7 +74,7 @@ def precision_m(sensor: Sensor, target: Target, range_m: float) -> float | None:
 
 
 def check(name: str) -> Check:
-    """A catalogue sensor against its `[published]`. Raises InputError."""
+    """Compare a catalogue sensor with its `[published]` values. Raises InputError."""
     sensor = load_sensor(name)
     published = catalogue_published(name) or PublishedFile(source="unknown")
     return Check(
@@ -89,7 +92,7 @@ def check(name: str) -> Check:
 def _range(
     sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None
 ) -> Compared:
-    """At the published condition, or at 10 % and 100 klux where there is none."""
+    """Range under the published condition, or at 10 % and 100 klux if there is none."""
     known = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
@@ -120,7 +123,7 @@ def _precision(sensor: Sensor, published: PublishedFile) -> Compared:
 
 
 def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
-    """Conditions in a line; a star is one that nobody publishes."""
+    """Conditions in a line; a star marks an assumed one."""
     return ", ".join(
         text + ("" if getattr(published, key) is not None and key not in published.assumed else "*")
         for key, text in conditions
@@ -128,7 +131,7 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
 
 
 def as_dict(one: Check) -> dict[str, Any]:
-    """For machines; null is unknown."""
+    """For JSON; null is unknown."""
     return {
         "name": one.name,
         "range_m": _as_dict(one.range_m),

@@ -1,4 +1,7 @@
-"""A comparison for machines."""
+"""A comparison as a dictionary for JSON.
+
+Numbers keep their units in their names; null means not known.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from .run import Sweep
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """Everything for machines; null where a number is not known."""
+    """All results; null for unknown numbers."""
     told: dict[str, Any] = {
         "title": comparison.title, "matched": comparison.matched, "rates_are_shares_of": comparison.of,
         "seed": comparison.seed, "notes": list(comparison.notes),

@@ -1,8 +1,8 @@
-"""Comparison of clouds that exist: files with truth in, what each sensor made of its pulses out.
+"""Comparison of existing clouds: files with truth in, what each sensor made of its pulses out.
 
-A file has no pulse numbers. Points of two files are of one pulse where time, channel, azimuth and elevation agree
-to the last bit, as they do where the same scanner fired. There is nothing in a file about what its sensor missed:
-rates are shares of the pulses with which any of the sensors found a surface.
+A file has no pulse numbers. Points of two files belong to one pulse if time, channel, azimuth and elevation agree to
+the last bit, as they do if the same scanner fired. A file does not say what its sensor missed, so rates are shares of
+the pulses with which any of the sensors found a surface.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _NAMES = {"body": "body_names", "class_id": "class_names", "material": "material
 
 
 def read(paths: Sequence[Path]) -> list[Observation]:
-    """What lies in these files, matched by pulse if all share pulses with the first. Raises InputError."""
+    """Observations from these files, matched by pulse if all share pulses with the first. Raises InputError."""
     clouds = [PointCloud.load(path) for path in paths]
     for path, cloud in zip(paths, clouds, strict=True):
         if not cloud.has_truth:
-            raise InputError(f"{path}: a cloud with ground truth was expected, this one was written without")
+            raise InputError(f"{path}: the cloud must have ground truth, got one without")
     return observations([path.stem for path in paths], clouds)
 
 
 def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
-    """The same of clouds in memory; equal names get a number."""
+    """Observations from clouds in memory; equal names get a number."""
     own = [
         f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)
     ]
@@ -55,7 +55,7 @@ def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Obs
 
 
 def found_by_any(everything: Sequence[Observation]) -> list[Surfaces]:
-    """For each sensor the pulses with which any of them found a surface; truth from the first that did."""
+    """For each sensor, the pulses with which any of them found a surface; truth from the first that did."""
     echoes = [first_echoes(one) for one in everything]
     every = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
     truth: dict[str, Numbers] = {}
@@ -77,7 +77,10 @@ _TRUTHS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class
 
 
 def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) -> float:
-    """Share of the pulses that both found where their true ranges differ: more than a few, and the scenes differ."""
+    """Share of the pulses found by both whose true ranges differ.
+
+    More than a few mean that the scenes differ.
+    """
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
     _, in_a, in_b = common(pulse_a, pulse_b)
@@ -88,7 +91,7 @@ def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) ->
 
 
 def _numbered(clouds: Sequence[PointCloud]) -> list[Numbers]:
-    """For each cloud the number of each point's pulse among all different pulses of all clouds, in firing order."""
+    """For each cloud, the number of each point's pulse among all pulses of all clouds, in firing order."""
 
     def joined(attribute: str) -> Numbers:
         # + 0.0 makes one zero of the two.
@@ -111,7 +114,7 @@ def _shared(a: Numbers, b: Numbers) -> bool:
 
 
 def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
-    """The clouds with bodies, classes and materials numbered alike."""
+    """The clouds with one numbering of bodies, classes and materials."""
     if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAMES.values()):
         return list(clouds)
     tables = {

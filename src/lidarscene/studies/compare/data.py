@@ -1,4 +1,7 @@
-"""Comparison of sensors, what is compared: what each made of its pulses, and how pulses are sorted."""
+"""Comparison of sensors, the data: what each sensor made of its pulses, and how pulses are grouped.
+
+Simulated and loaded clouds become the same `Observation`, so everything after this does not know the source.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +23,13 @@ _MOST_RANGE_BINS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surfaces:
-    """The pulses that count in rates, each once; all (n,). Truth by the names that PointCloud uses.
+    """The pulses that count in rates, each once; all (n,). Truth by the names of PointCloud's columns.
 
     pulse        pulse numbers, rising
     found        whether an echo of the pulse is a point
-    snr          0 where it is not known
-    probability  P_d of each echo, or None: not known
-    tripped      whether the echo tripped the comparator, in its window, hidden or neither; or None: not known
+    snr          0 if unknown
+    probability  P_d of each echo, or None: unknown
+    tripped      whether the echo tripped the comparator, whatever became of it then; None: unknown
     """
 
     pulse: Numbers
@@ -45,10 +48,10 @@ class Surfaces:
 class Observation:
     """What one sensor made of a scene.
 
-    pulse     (n,) pulse number of each point of the cloud, or None: they match no other's
-    surfaces  what rates are shares of, or None: there are no rates
-    fired     pulses in the frame, or None: not known
-    lost      pulses that met a surface and gave no point, by reason; empty if not known
+    pulse     (n,) pulse number of each point of the cloud, or None: they match no other cloud's
+    surfaces  the pulses that rates refer to, or None: there are no rates
+    fired     pulses in the frame, or None: unknown
+    lost      number of pulses that met a surface and gave no point, by reason; empty if unknown
     """
 
     name: str
@@ -60,26 +63,26 @@ class Observation:
 
     @property
     def counted(self) -> Surfaces:
-        """The surfaces, where there are rates."""
+        """The surfaces; only where there are rates."""
         assert self.surfaces is not None
         return self.surfaces
 
     @property
     def is_echo(self) -> Numbers:
-        """(n,) which points are echoes of a surface."""
+        """(n,) whether each point is an echo of a surface."""
         return np.asarray(
             (self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m"))
         )
 
     @property
     def alarms(self) -> int:
-        """False alarms among the points."""
+        """Number of false alarms among the points."""
         return int(np.count_nonzero(self.cloud.status == Status.FALSE_ALARM))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grouping:
-    """A way to sort pulses: bins of a truth, or the index into names.
+    """A way to group pulses: bins of a truth column, or an index into names.
 
     attribute  of Surfaces and PointCloud
     edges      of the bins, rising, in the attribute's unit; None with names
@@ -92,7 +95,7 @@ class Grouping:
     edges: Numbers | None = None
 
     def of(self, source: Surfaces | PointCloud) -> Numbers:
-        """(n,) group of each pulse or point, -1 for none. The upper edge of a bin belongs to the next, but the last."""
+        """(n,) group of each pulse or point, -1 for none. An upper edge belongs to the next bin, except the last."""
         values = truth_of(source, self.attribute)
         if self.edges is None:
             return np.where(values < len(self.labels), values, -1)
@@ -102,7 +105,7 @@ class Grouping:
 
     @property
     def middles(self) -> Numbers:
-        """Middles of the bins, in what people read: degrees for angles."""
+        """Middles of the bins, in the unit for people: degrees for angles."""
         assert self.edges is not None
         scale = 180.0 / math.pi if self.unit == "deg" else 1.0
         return scale * 0.5 * (self.edges[1:] + self.edges[:-1])
@@ -117,7 +120,7 @@ def range_bins(farthest_m: float) -> Grouping:
 
 
 def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
-    """By true range, incidence and reflectivity, by class and by body."""
+    """Groupings by true range, incidence and reflectivity, by class and by body."""
     farthest = [truth_of(one.surfaces or one.cloud, "true_range_m") for one in everything]
     reach = max((float(far[np.isfinite(far)].max(initial=0.0)) for far in farthest), default=0.0)
     cloud = everything[0].cloud

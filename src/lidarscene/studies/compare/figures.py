@@ -1,4 +1,7 @@
-"""The figures of a comparison: each its name, how it is drawn, its table and its line of explanation."""
+"""The figures of a comparison: name, drawing, table and caption of each.
+
+A figure and its CSV come from one place, so that they cannot disagree.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ _MOST_CLASSES = 30
 
 
 def rate_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
-    """By sensor and group, groups without a surface left out; edges in metres, degrees or as shares."""
+    """Rows by sensor and group, without groups that have no surface; edges in metres, degrees or shares."""
     rows: list[tuple[Any, ...]] = []
     for one in everything:
         for number, each in enumerate(rates(one.counted, grouping)):
@@ -71,7 +74,7 @@ def rate_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tup
 
 
 def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figure:
-    """Detection rate over the bins of a truth."""
+    """Detection rate over the bins of a truth column."""
     series = []
     for one in everything:
         full = [
@@ -80,7 +83,7 @@ def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figu
         series.append(_series(one.name, [x for x, _ in full], [r for _, r in full]))
     what = _WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
-    told = (
+    caption = (
         f"Share of {of} from which an echo is a point, by {what}; bars are 95 % intervals (Wilson)"
         + ("" if series[0].expected is None else ", lines the mean of the computed detection probabilities")
         + ". Bins without a pulse are left out. Other properties of the surfaces differ from bin to bin too."
@@ -90,7 +93,7 @@ def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figu
         intervals.save_series, series=series, x_label=f"{what}{unit}", y_label="found [%]",
         y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0), title=f"Share of {of} that was found",
     )  # fmt: skip
-    return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(everything, grouping)), told
+    return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
 
 
 def rate_by_class(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figure:
@@ -104,20 +107,20 @@ def rate_by_class(everything: Sequence[Observation], grouping: Grouping, of: str
     for one, groups in zip(everything, every, strict=True):
         shown = [(place, groups[n]) for place, n in enumerate(kept) if groups[n].surfaces]
         series.append(_series(one.name, [p for p, _ in shown], [r for _, r in shown]))
-    told = f"The same by class, the most frequent first{' (the first 30)' if len(kept) == _MOST_CLASSES else ''}."
+    caption = f"The same by class, the most frequent first{' (the first 30)' if len(kept) == _MOST_CLASSES else ''}."
     draw = partial(
         intervals.save_named, series=series, names=[grouping.labels[n] or "unlabelled" for n in kept],
         x_label="found [%]", title=f"Share of {of} that was found",
     )  # fmt: skip
-    return "rate-class", draw, (RATE_HEADER, rate_rows(everything, grouping)), told
+    return "rate-class", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
 
 
 def _series(name: str, x: Sequence[float], groups: Sequence[Any]) -> Series:
-    known = all(each.expected is not None for each in groups)
+    has_expected = all(each.expected is not None for each in groups)
     return Series(
         label=name, x=np.array(x, dtype=np.float64), y=np.array([100.0 * r.rate for r in groups]),
         low=np.array([100.0 * r.interval[0] for r in groups]), high=np.array([100.0 * r.interval[1] for r in groups]),
-        expected=np.array([100.0 * r.expected for r in groups]) if known else None,
+        expected=np.array([100.0 * r.expected for r in groups]) if has_expected else None,
     )  # fmt: skip
 
 
@@ -131,7 +134,7 @@ def error_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tu
 
 
 def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
-    """Bias and deviation of the range over the range."""
+    """Bias and standard deviation of the range over the range."""
     middle = dict(zip(grouping.labels, grouping.middles, strict=True))
     bias, sigma = [], []
     for one in everything:
@@ -139,7 +142,7 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
         x = np.array([middle[e.group] for e in found], dtype=np.float64)
         bias.append(_millimetres(one.name, x, found, "bias"))
         sigma.append(_millimetres(one.name, x, found, "sigma"))
-    told = (
+    caption = (
         "Reported less true range of the echoes, by true range: mean (above) and standard deviation (below), with 95 % "
         "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
     )
@@ -147,7 +150,7 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
         intervals.save_panels, panels=(("mean error [mm]", bias), ("deviation [mm]", sigma)),
         x_label="true range [m]", title="Error of the reported range",
     )  # fmt: skip
-    return "error-range", draw, (ERROR_HEADER, error_rows(everything, grouping)), told
+    return "error-range", draw, (ERROR_HEADER, error_rows(everything, grouping)), caption
 
 
 def _millimetres(name: str, x: Numbers, found: Sequence[RangeError], what: str) -> Series:
@@ -159,7 +162,7 @@ def _millimetres(name: str, x: Numbers, found: Sequence[RangeError], what: str) 
 def snr(
     a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]
 ) -> Figure | None:
-    """Signal-to-noise ratio of B over that of A, pulse by pulse; None where no pulse has both."""
+    """SNR of B over SNR of A, pulse by pulse; None if no pulse has both."""
     of_a, of_b, kind = paired_snr(a.counted, b.counted)
     if not len(kind):
         return None
@@ -168,7 +171,7 @@ def snr(
         None if one is None or one.tdc.threshold_to_noise is None else float(one.tdc.threshold_to_noise)
         for one in sensors
     )
-    told = (
+    caption = (
         f"Signal-to-noise ratio for {b.name} over that for {a.name}, of each pulse whose echo has one for both. The "
         "dashed line is equality" + (", dotted lines are the thresholds." if any(levels) else ".")
     )
@@ -180,11 +183,11 @@ def snr(
     rows = [
         (float(x), float(y), kinds[k]) for x, y, k in zip(of_a[::step], of_b[::step], kind[::step], strict=True)
     ]  # fmt: skip
-    return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), told
+    return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
 
 
 def illuminance(swept: Sweep) -> Figure:
-    """Detection rate over illuminance, and where sensors overtake."""
+    """Detection rate over illuminance, and where sensors change places."""
     lines, rows = [], []
     for number, (name, course) in enumerate(swept.courses.items()):
         computed = {lit.illuminance_klux: lit.rate.expected or 0.0 for lit in course}
@@ -208,10 +211,10 @@ def illuminance(swept: Sweep) -> Figure:
         lines=tuple(lines), x_label="illuminance [klux]", y_label="found, expected [%]", x_log=True, marks=marks,
         title="Mean detection probability of all pulses that met a surface",
     )  # fmt: skip
-    told = (
+    caption = (
         "Mean of the computed detection probabilities over the scene's illuminance. Where the curves of the first "
         "sensor and another change places the crossing is marked: found by bisection, with the scene traced each time."
     )
     header = ("sensor", "illuminance_klux", "surfaces", "found", "rate", "rate_low", "rate_high", "expected",
               "false_alarms", "sigma_m")  # fmt: skip
-    return "illuminance", lambda path: charts.save(chart, [path]), (header, rows), told
+    return "illuminance", lambda path: charts.save(chart, [path]), (header, rows), caption

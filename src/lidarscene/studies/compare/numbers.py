@@ -1,6 +1,9 @@
-"""Comparison of sensors, the numbers: what each made of its pulses in; rates, range errors, who found what out.
+"""Comparison of sensors, the numbers: detection rates, range errors, and who found what, with intervals.
 
-A rate is a share of the pulses in `Surfaces`, found or not. Its interval is Wilson's, of 95 %.
+A rate is the share of the pulses in `Surfaces` that were found. Two sensors that fire the same pulses are compared
+pulse by pulse, which needs far fewer of them than comparing two rates. Intervals are of 95 %.
+
+Symbols: k found of n, p = k / n rate, z = 1.96.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ DIFFERENCE = ("both", "only_a", "only_b")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """Detection in one group of pulses; ``expected`` is the mean of their P_d, None if not known."""
+    """Detection in one group of pulses. ``expected`` is the mean of their P_d, None if unknown."""
 
     group: str
     surfaces: int
@@ -34,18 +37,18 @@ class Rate:
 
     @property
     def rate(self) -> float:
-        """Share found; 0 of nothing."""
+        """Share found; 0 if there are no pulses."""
         return self.found / self.surfaces if self.surfaces else 0.0
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's, 95 %."""
+        """Wilson's interval, 95 %."""
         return wilson(self.found, self.surfaces)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeError:
-    """Reported less true range of the echoes of one group: mean and standard deviation, 0 of a single one."""
+    """Reported minus true range of one group's echoes: mean and standard deviation (0 for a single echo)."""
 
     group: str
     points: int
@@ -65,7 +68,7 @@ class RangeError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Pulses of one group by who found their surface."""
+    """Numbers of pulses in one group by which of the two sensors found their surface."""
 
     group: str
     both: int
@@ -75,22 +78,22 @@ class Pair:
 
     @property
     def pulses(self) -> int:
-        """All of them."""
+        """Number of pulses."""
         return self.both + self.only_a + self.only_b + self.neither
 
     @property
     def difference(self) -> float:
-        """Rate of A less that of B; 0 of nothing."""
+        """Rate of A minus rate of B; 0 if there are no pulses."""
         return (self.only_a - self.only_b) / self.pulses if self.pulses else 0.0
 
     @property
     def difference_interval(self) -> tuple[float, float]:
-        """95 % of the difference of these paired shares."""
+        """95 % interval of the difference of these paired shares."""
         return paired_interval(only_a=self.only_a, only_b=self.only_b, pulses=self.pulses)
 
 
 def wilson(found: int, total: int) -> tuple[float, float]:
-    """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 of nothing."""
+    """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 for no pulses."""
     if not total:
         return 0.0, 1.0
     share, z2 = found / total, NORMAL_95**2 / total
@@ -103,7 +106,7 @@ def wilson(found: int, total: int) -> tuple[float, float]:
 def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, float]:
     """95 % interval of p_A - p_B from pairs (Agresti and Min, Statistics in Medicine 24 (2005) 729).
 
-    Wald's with half a pulse added to each of the four cells, so that no difference at all has a width too.
+    Wald's interval with half a pulse added to each of the four cells, so that a difference of zero has a width too.
     """
     total = pulses + 2.0
     b, c = only_a + 0.5, only_b + 0.5
@@ -113,14 +116,14 @@ def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, fl
 
 
 def rate(surfaces: Surfaces) -> Rate:
-    """Of all pulses."""
+    """Rate over all pulses."""
     expected = None if surfaces.probability is None else _mean(surfaces.probability)
     found = int(np.count_nonzero(surfaces.found))
     return Rate(group="all", surfaces=len(surfaces.pulse), found=found, expected=expected)
 
 
 def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
-    """Of each group, in its order; empty groups too."""
+    """Rate of each group in order, including empty groups."""
     index, size = grouping.of(surfaces), len(grouping.labels)
     count, found = _counts(index, size), _counts(index[surfaces.found], size)
     known = surfaces.probability is not None
@@ -137,7 +140,7 @@ def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
 
 
 def deviation(surfaces: Surfaces) -> float | None:
-    """Echoes that tripped less those expected, in standard deviations of independent draws; None if not known."""
+    """Tripped minus expected echoes, in standard deviations of independent draws; None if unknown."""
     if surfaces.probability is None or surfaces.tripped is None:
         return None
     p = surfaces.probability.astype(np.float64)
@@ -146,7 +149,7 @@ def deviation(surfaces: Surfaces) -> float | None:
 
 
 def range_errors(one: Observation, grouping: Grouping | None = None) -> list[RangeError]:
-    """Of each group with an echo, or of all echoes together."""
+    """Range error of each group that has an echo, or of all echoes together."""
     echoes = one.cloud.select(one.is_echo)
     error = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
     if grouping is None:
@@ -164,7 +167,10 @@ def range_errors(one: Observation, grouping: Grouping | None = None) -> list[Ran
 
 
 def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
-    """Who found what, of the pulses that met a surface for both, sorted by A's truth; empty groups too."""
+    """Who found what, among the pulses that met a surface for both, grouped by A's truth.
+
+    Includes empty groups.
+    """
     _, in_a, in_b = common(a.pulse, b.pulse)
     index, labels = np.zeros(len(in_a), dtype=np.int64), _ALL
     if grouping is not None:
@@ -178,7 +184,7 @@ def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pa
 
 
 def first_echoes(one: Observation) -> tuple[Numbers, Numbers]:
-    """Pulse numbers, rising, that have an echo among the points, and the index of the first echo of each."""
+    """Rising pulse numbers that have an echo among the points, and the index of each one's first echo."""
     assert one.pulse is not None
     place = np.flatnonzero(one.is_echo)
     pulse, first = np.unique(one.pulse[place], return_index=True)
@@ -186,7 +192,7 @@ def first_echoes(one: Observation) -> tuple[Numbers, Numbers]:
 
 
 def paired_range_difference(a: Observation, b: Observation) -> RangeError | None:
-    """Reported range of A less that of B, where both have an echo of a pulse; None without any."""
+    """Range of A minus range of B for pulses with an echo in both; None if there are none."""
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
     _, in_a, in_b = common(pulse_a, pulse_b)
@@ -198,10 +204,10 @@ def paired_range_difference(a: Observation, b: Observation) -> RangeError | None
 
 
 def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
-    """The difference cloud and which of DIFFERENCE each point is, in the order of pulses.
+    """The difference cloud, and the kind in DIFFERENCE of each of its points, ordered by pulse.
 
-    The first echo of each pulse that has one: A's point where A has one, else B's, with the sensor's index 0 or 1.
-    False alarms are left out.
+    It has the first echo of each pulse that has one: A's point if A has one, else B's, with the sensor's index 0 or
+    1. False alarms are left out.
     """
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
@@ -221,7 +227,10 @@ def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
 
 
 def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Numbers, Numbers, Numbers]:
-    """SNR for A and for B of the pulses where both are known, and 0 both found it, 1 A only, 2 B only, 3 neither."""
+    """SNR for A and for B of the pulses where both are known, and who found the surface.
+
+    0 both, 1 A only, 2 B only, 3 neither.
+    """
     _, in_a, in_b = common(a.pulse, b.pulse)
     found_a, found_b = a.found[in_a], b.found[in_b]
     kind = np.where(found_a, np.where(found_b, 0, 1), np.where(found_b, 2, 3))
@@ -230,7 +239,7 @@ def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Numbers, Numbers, Numbers]:
 
 
 def common(a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    """Numbers in both of two lists without repetition, and where they are in each."""
+    """Numbers in both of two lists without repetition, and their places in each."""
     return np.intersect1d(a, b, assume_unique=True, return_indices=True)
 
 

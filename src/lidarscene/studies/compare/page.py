@@ -1,4 +1,7 @@
-"""A comparison as files: a page that holds everything, JSON, CSV, pictures and difference clouds."""
+"""A comparison as files: a page with everything, JSON, CSV, pictures and difference clouds.
+
+All names are known before any work is done, so that a file that cannot be written is found first.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ _PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "differenc
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Where a comparison goes, and how its points are looked at; None: chosen by what is near the first sensor."""
+    """Folder of a comparison and camera of its pictures; None: chosen by what is near the first sensor."""
 
     folder: Path
     view: View | None = None
@@ -46,7 +49,7 @@ class Output:
 def file_names(
     names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool
 ) -> list[str]:
-    """Everything that `write` may write, by name."""
+    """Names of all files that `write` may write."""
     own = slugs(names)
     drawn = [
         *(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []),
@@ -65,13 +68,13 @@ def file_names(
 
 
 def require_files(folder: Path, names: Sequence[str]) -> None:
-    """Refuse what could not be written, before any work goes into it. Raises OutputError."""
+    """Check that all files can be written, before any work is done. Raises OutputError."""
     for name in names:
         require_writable(folder / name)
 
 
 def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> str:
-    """Write all of it; returns what is to be printed. Raises OutputError."""
+    """Write all files; returns the text to print. Raises OutputError."""
     folder, own = output.folder, slugs([one.name for one in comparison.everything])
     page = Page(comparison.title, folder=folder)
     for note in comparison.notes:
@@ -112,10 +115,10 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
 
 def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
     if figure is not None:
-        stem, draw, table, told = figure
+        stem, draw, table, caption = figure
         draw(folder / f"{stem}.png")
         put_text(folder / f"{stem}.csv", csv_text(*table))
-        page.figure(name=stem, number=stem, caption=told, svg=False)
+        page.figure(name=stem, number=stem, caption=caption, svg=False)
 
 
 def _rates(page: Page, comparison: Comparison, folder: Path) -> None:
@@ -128,8 +131,8 @@ def _rates(page: Page, comparison: Comparison, folder: Path) -> None:
     body = comparison.group("body")
     put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(everything, body)))
     header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
-    told = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
-    page.paragraph(f"The {len(rows)} bodies {told}; rate-body.csv has all.")
+    choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
+    page.paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
     page.table(header, rows)
 
 
@@ -143,7 +146,7 @@ def _signal_to_noise(page: Page, comparison: Comparison, folder: Path, own: Sequ
 def _against_first(
     comparison: Comparison, own: Sequence[str]
 ) -> Iterator[tuple[tuple[Observation, Observation], str]]:
-    """The first observation and each other, where pulses match, and the slug of the other."""
+    """The first observation with each other one, where pulses match, and the slug of the other."""
     return zip(comparison.against_first(), own[1:] if comparison.matched else (), strict=True)
 
 
@@ -169,7 +172,7 @@ def _pair_tables(comparison: Comparison, folder: Path, own: Sequence[str]) -> No
 
 
 def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[str]) -> None:
-    """Every cloud, and every difference, from one point of view."""
+    """Every cloud and every difference cloud, from one point of view."""
     view = _view(comparison.everything[0].cloud, output.view)
     shown = []
     for one, slug in zip(comparison.everything, own, strict=True):
@@ -197,7 +200,7 @@ def _picture(cloud: PointCloud, path: Path, view: View, *, colour_by: str) -> No
 
 
 def _view(cloud: PointCloud, view: View | None) -> View:
-    """The scene's, or what `plots` would choose for this cloud."""
+    """The scene's camera, or the one that `figures.pictures` would choose for this cloud."""
     if view is not None:
         return view
     camera = pixels.camera_for(cloud)
@@ -207,7 +210,10 @@ def _view(cloud: PointCloud, view: View | None) -> View:
 
 
 def _save_difference(path: Path, cloud: PointCloud, kinds: Numbers, a: str, b: str) -> None:
-    """The difference cloud with colours that every viewer shows; classes and bodies are numbers, named in comments."""
+    """The difference cloud with colours that every viewer shows.
+
+    Classes and bodies are numbers, named in the file's comments.
+    """
     rgb = np.array([COLOURS[kind] for kind in DIFFERENCE], dtype=np.uint8)[kinds]
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}
     columns |= {"difference": kinds, "red": rgb[:, 0], "green": rgb[:, 1], "blue": rgb[:, 2]}

@@ -1,4 +1,7 @@
-"""A comparison in words and numbers: tables for the page, JSON, and the text that the command prints."""
+"""A comparison in words and numbers: tables for the page, and the text that the command prints.
+
+Tables leave out columns of which nothing is known, so clouds from files and simulated ones share one code.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,14 @@ MOST_BODIES = 25  # rows of the page's table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """All that a report is made of.
+    """Everything that a report is made of.
 
-    everything  the observations, the first of which is compared with each other one
-    sensors     of each observation; None for a cloud that came as a file
-    groups      how pulses are sorted
-    matched     whether pulses of one number are the same pulse for all
-    of          what rates are shares of
-    notes       what the reader has to know of how this was made
+    everything  the observations; the first is compared with each other one
+    sensors     of each observation; None for a cloud from a file
+    groups      how pulses are grouped
+    matched     whether equal pulse numbers mean the same pulse for all
+    of          what rates are shares of, in words
+    notes       how the comparison was made, for the reader
     """
 
     title: str
@@ -43,11 +46,11 @@ class Comparison:
         return all(one.surfaces is not None for one in self.everything)
 
     def group(self, key: str) -> Grouping:
-        """The grouping of this key."""
+        """The grouping with this key."""
         return next(one for one in self.groups if one.key == key)
 
     def against_first(self) -> list[tuple[Observation, Observation]]:
-        """The first and each other, where pulses match."""
+        """The first observation with each other one, where pulses match."""
         return [(self.everything[0], other) for other in self.everything[1:]] if self.matched else []
 
 
@@ -106,17 +109,17 @@ def summary(comparison: Comparison) -> Table:
             cells += ["-" if all_of.expected is None else _percent(all_of.expected)]
             cells += ["-" if apart is None else f"{apart:+.1f} standard deviations"]
         errors = range_errors(one)
-        told = ("-", "-")
+        error_cells = ("-", "-")
         if errors:
             e = errors[0]
-            told = (f"{1e3 * e.bias_m:+.2f} ± {1e3 * e.bias_interval_m:.2f} mm",
+            error_cells = (f"{1e3 * e.bias_m:+.2f} ± {1e3 * e.bias_interval_m:.2f} mm",
                     f"{1e3 * e.sigma_m:.2f} ± {1e3 * e.sigma_interval_m:.2f} mm")  # fmt: skip
-        rows.append((one.name, *cells, *told))
+        rows.append((one.name, *cells, *error_cells))
     return _known(RATES, rows)
 
 
 def _known(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """The columns of which something is known."""
+    """The table without columns of which nothing is known."""
     kept = [i for i in range(len(header)) if any(row[i] != "-" for row in rows)]
     return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
@@ -126,12 +129,12 @@ PAIRS = ("A", "B", "found by both", "A only", "B only", "neither", "rate of A le
 
 
 def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """The first sensor against each other."""
+    """The first sensor compared with each other."""
     rows: list[tuple[str, ...]] = []
     for a, b in comparison.against_first():
         (p,) = pairs(a.counted, b.counted)
         apart = paired_range_difference(a, b)
-        told = "-" if apart is None else f"{1e3 * apart.bias_m:+.2f} mm, {1e3 * apart.sigma_m:.2f} mm"
+        range_apart = "-" if apart is None else f"{1e3 * apart.bias_m:+.2f} mm, {1e3 * apart.sigma_m:.2f} mm"
         rows.append(
             (
                 a.name,
@@ -142,16 +145,16 @@ def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
                 f"{p.neither:,}",
                 f"{100.0 * p.difference:+.2f} %",
                 _between(p.difference_interval),
-                told,
+                range_apart,
             )
         )
     return rows
 
 
 def group_table(comparison: Comparison, key: str, most: int | None = None) -> Table:
-    """Header and rows of a table by class or body: found by each sensor; by A only and by B only where pulses match.
+    """Header and rows of a table by class or body: found by each sensor, and by A only or B only if pulses match.
 
-    most  rows at most: those where one sensor found most pulses that the other did not, else those of most pulses
+    most  most rows: those where one sensor found most pulses that the other missed, else those with most pulses
     """
     grouping = comparison.group(key)
     names = [one.name for one in comparison.everything]
@@ -186,7 +189,7 @@ def _found(one: Rate) -> str:
 
 
 def counts_table(comparison: Comparison, key: str) -> Table:
-    """Echoes by group, where there are no rates."""
+    """Echoes by group, if there are no rates."""
     grouping = comparison.group(key)
     counted = [{e.group: e.points for e in range_errors(one, grouping)} for one in comparison.everything]
     rows = [
@@ -199,7 +202,7 @@ def counts_table(comparison: Comparison, key: str) -> Table:
 
 
 def crossing_lines(swept: Sweep, first: str) -> list[str]:
-    """A sentence for each crossing, or that there is none."""
+    """A sentence for each crossing, or one that there is none."""
     lines = []
     low, high = swept.illuminances_klux[0], swept.illuminances_klux[-1]
     for name, crossed in swept.crossings.items():
@@ -244,7 +247,7 @@ def sweep_table(swept: Sweep) -> Table:
 
 
 def as_text(comparison: Comparison) -> str:
-    """For people: a table of the sensors, a line for each pair and crossing."""
+    """For people: a table of the sensors, then a line for each pair and each crossing."""
     lines: list[str] = []
     for short, (header, rows) in ((_FATE_SHORT, fate(comparison)), (_RATES_SHORT, summary(comparison))):
         kept = [i for i, name in enumerate(header) if name in short]

@@ -1,6 +1,7 @@
 """Comparison of sensors, simulated: a scene and sensors in; what each made of it, also under other light, out.
 
-The one part of a comparison that traces. A scene is compiled once for each wavelength.
+The only part of a comparison that traces. The scene is compiled once for each wavelength, and all sensors have the
+same seed and place, so that differences come from the sensors.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ _PULSES_AT_ONCE = 2**18
 
 
 class Bench:
-    """A scene, and how to look at it: the same seed, the same place, any sensor, any illuminance."""
+    """A scene and a way to observe it: same seed and place for any sensor and any illuminance."""
 
     def __init__(
         self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK
     ) -> None:
-        """``pose`` is where the sensors stand, their mountings not included; the scene's own if None."""
+        """``pose`` is where the sensors stand, without their mountings; the scene's own if None."""
         self.scene, self.seed, self.pose, self.chunk = scene, seed, pose, chunk
         self._worlds: dict[float, World] = {}
 
@@ -95,7 +96,10 @@ _WHOLE = ("pulse", "outcome", "body", "class_id")
 
 
 def fires_alike(first: Sensor, other: Sensor) -> bool:
-    """Whether two sensors fire the same pulses: number, times, starts, directions and pointing jitter, and mounting."""
+    """Whether two sensors fire the same pulses.
+
+    Number, times, starts, directions, pointing jitter and mounting must be equal.
+    """
     a, b = first.scanner, other.scanner
     if (a.pulses, a.frame_s, a.jitter_rad) != (b.pulses, b.frame_s, b.jitter_rad):
         return False
@@ -106,11 +110,11 @@ def fires_alike(first: Sensor, other: Sensor) -> bool:
         return False
     for start in range(0, a.pulses, _PULSES_AT_ONCE):
         pulse = np.arange(start, min(start + _PULSES_AT_ONCE, a.pulses), dtype=np.uint32)
-        told = [
+        fired = [
             (*one.direction(pulse), one.time_s(pulse), one.offset_m(pulse) or (0.0, 0.0, 0.0)) for one in (a, b)
         ]  # fmt: skip
         if not all(
-            np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(told[0]), _flat(told[1]), strict=True)
+            np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(fired[0]), _flat(fired[1]), strict=True)
         ):  # fmt: skip
             return False
     return True
@@ -121,7 +125,7 @@ def _flat(values: tuple[Any, ...]) -> list[Any]:
 
 
 def with_beams_of(first: Sensor, other: Sensor) -> Sensor:
-    """The other sensor behind the first's scanner, where that is mounted."""
+    """The other sensor with the first one's scanner and mounting."""
     return replace(other, scanner=first.scanner, mounting=first.mounting)
 
 
@@ -136,7 +140,7 @@ class Lit:
 
     @classmethod
     def of(cls, one: Observation, illuminance_klux: float) -> Lit:
-        """What matters of an observation."""
+        """The numbers of an observation."""
         errors = range_errors(one)
         return cls(
             illuminance_klux=illuminance_klux, rate=rate(one.counted), false_alarms=one.alarms,
@@ -146,7 +150,7 @@ class Lit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
-    """Where two sensors are expected to find equally many surfaces; below it ``ahead_below`` finds more."""
+    """Illuminance at which two sensors are expected to find equally many surfaces; ``ahead_below`` finds more below."""
 
     illuminance_klux: float
     expected: float
@@ -156,11 +160,11 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """How the sensors do over illuminance.
+    """Sensors over illuminance.
 
-    courses    by sensor, in order
+    courses    by sensor, in order of illuminance
     crossings  of the first sensor with each other
-    on_plane_klux  where the two reach equally far on Table 1's plane; None if not within the sweep
+    on_plane_klux  illuminance of equal maximum range on Table 1's plane; None if outside the sweep
     """
 
     illuminances_klux: tuple[float, ...]
@@ -170,7 +174,7 @@ class Sweep:
 
 
 def sweep(bench: Bench, sensors: Sequence[Named], illuminances_klux: Sequence[float]) -> Sweep:
-    """Every sensor under every illuminance (rising, above 0), and the crossings with the first in between."""
+    """Every sensor under every illuminance (rising, above 0), and where the others cross the first."""
     courses = {
         name: [Lit.of(bench.observe(name, s, illuminance_klux=lux), lux) for lux in illuminances_klux]
         for name, s in sensors
@@ -184,7 +188,10 @@ def sweep(bench: Bench, sensors: Sequence[Named], illuminances_klux: Sequence[fl
 
 
 def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[Lit]]) -> list[Crossing]:
-    """By bisection in log illuminance, wherever the sign of the difference changes between two steps."""
+    """Crossings between two steps, by bisection in log illuminance.
+
+    They use expected rates, the mean P_d, which have no noise of draws.
+    """
 
     def expected(of: Named, lux: float) -> float:
         return _expected(Lit.of(bench.observe(*of, illuminance_klux=lux), lux))

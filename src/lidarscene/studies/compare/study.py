@@ -1,4 +1,7 @@
-"""Comparisons from beginning to end: a scene and sensors, or files of clouds, in; all files of the report out."""
+"""Comparisons from beginning to end: a scene and sensors, or files of clouds, in; all files of the report out.
+
+The command `compare` and Python users call these two functions.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,10 @@ def of_sensors(
     chunk: int = DEFAULT_CHUNK, same_beams: bool = False, illuminances_klux: Sequence[float] | None = None,
     as_json: bool = False,
 ) -> str:  # fmt: skip
-    """Render the scene with each sensor and write the report; returns what is to be said of it.
+    """Render the scene with each sensor and write the report; returns the text to print.
 
-    same_beams  all run with the first's scanner and mounting
+    same_beams  all sensors get the first one's scanner and mounting
+
     Raises InputError, OutputError, BackendError.
     """
     first = sensors[0][1]
@@ -60,7 +64,7 @@ def of_sensors(
 
 
 def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
-    """Read clouds and write the report; returns what is to be said of it. Raises InputError, OutputError."""
+    """Read clouds and write the report; returns the text to print. Raises InputError, OutputError."""
     seen = tuple(clouds.read(paths))
     matched = all(one.surfaces is not None for one in seen)
     names = [one.name for one in seen]
@@ -68,7 +72,7 @@ def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> 
     require_files(folder, files)
     for path in paths:
         if any((folder / name).exists() and (folder / name).samefile(path) for name in files):
-            raise InputError(f"--output {folder}: {path} would be written over, another folder was expected")
+            raise InputError(f"--output {folder}: must not overwrite an input, got {path}")
     notes = [_MATCHED_CLOUDS if matched else _UNMATCHED_CLOUDS, _INTERVALS]
     for other in seen[1:] if matched else ():
         share = clouds.disagreeing(seen[0], other)

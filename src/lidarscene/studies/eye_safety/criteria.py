@@ -1,4 +1,10 @@
-"""Criteria of class 1: one viewer before one train of pulses in, what is emitted against what is allowed out."""
+"""Criteria of class 1: one viewer and one pulse train in; emission compared with its limit out.
+
+The standard asks for several rules on single pulses, groups of pulses and average power; the strictest decides. Each
+is a `Criterion` with its own margin.
+
+Symbols: as in the standard, T_i grouping time, T2, C5 reduction for many pulses.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +22,7 @@ VIEWERS = {"eye": False, "telescope": True}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
-    """One rule: what is emitted through the aperture against what is allowed, in ``unit`` (J or W)."""
+    """One rule: emission through the aperture and its limit, both in ``unit`` (J or W)."""
 
     name: str
     clause: str
@@ -28,13 +34,13 @@ class Criterion:
 
     @property
     def margin(self) -> float:
-        """Limit over emission: 1 or more passes."""
+        """Limit over emission; >= 1 passes."""
         return self.limit / self.emission if self.emission > 0.0 else math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One viewer before one train of pulses."""
+    """One viewer in front of one pulse train."""
 
     sensor: Sensor
     viewer: str
@@ -44,7 +50,7 @@ class Check:
     time_base_s: float
 
     def criteria(self) -> Iterator[Criterion]:
-        """All that apply."""
+        """All criteria that apply."""
         yield self._single()
         yield from self._group()
         yield self._average()
@@ -64,7 +70,7 @@ class Check:
         )
 
     def _group(self) -> Iterator[Criterion]:
-        """The worst of all groups of pulses in a row that last from T_i up to 10 s."""
+        """The worst group of consecutive pulses, of durations from T_i up to 10 s."""
         least = self._grouping_s if iec.reaches_retina(self.sensor.laser.wavelength_m) else 0.0
         worst: Criterion | None = None
         for count in self.train.group_sizes(min(iec.t2_s(source_rad=0.0), self.time_base_s)):
@@ -79,7 +85,7 @@ class Check:
             yield worst
 
     def _train_of_pulses(self) -> Criterion:
-        """C5: pulses within T_i count as one, of their summed energy and of duration T_i."""
+        """The rule with C5: pulses within T_i count as one, with their summed energy and the duration T_i."""
         grouping, train = self._grouping_s, self.train
         longest = min(iec.t2_s(source_rad=self.source_rad), self.time_base_s)
         together = max(train.most_within(grouping), 1)
@@ -126,7 +132,7 @@ class Check:
         )
 
     def _through(self, duration_s: float) -> float:
-        """Energy of one pulse through the aperture for emissions of this duration."""
+        """Energy of one pulse through the aperture that applies to emissions of this duration."""
         aperture, _, beam = geometry(self.sensor, self.viewer, duration_s)
         return self.energy_j * iec.fraction_through_aperture(beam_diameter_m=beam, aperture_m=aperture)
 
@@ -145,7 +151,7 @@ class Check:
 
 
 def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, float, float]:
-    """Diameter of the aperture, its distance, and the 1/e^2 diameter of the beam there (0: not known)."""
+    """Diameter of the aperture, its distance, and the 1/e^2 diameter of the beam there (0: unknown)."""
     laser, telescope = sensor.laser, VIEWERS[viewer]
     aperture = iec.aperture_diameter_m(
         wavelength_m=laser.wavelength_m, duration_s=duration_s, telescope=telescope

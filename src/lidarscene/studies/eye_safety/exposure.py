@@ -1,4 +1,7 @@
-"""Exposure: which pulses of a sensor enter an eye that keeps still. A scanner's directions in, trains of pulses out."""
+"""Exposure: which pulses of a scanning sensor enter an eye that does not move. Directions in, pulse trains out.
+
+A scanning beam crosses a pupil only briefly; how many pulses enter, and how close together, sets the limits.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +21,17 @@ _STEPS = 400  # group sizes looked at within one period, at most
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PulseTrain:
-    """Pulses of one energy that come again every period.
+    """Pulses of one energy that repeat every period.
 
-    time_s    (n,) float64, never falling, from 0; n >= 1
-    period_s  after which they come again, later than the last of them
+    time_s    (n,) float64, non-decreasing, from 0; n >= 1
+    period_s  after which they repeat, later than the last of them
     """
 
     time_s: Numbers
     period_s: float
 
     def __post_init__(self) -> None:
-        """Check and freeze."""
+        """Check and freeze. Raises ValueError."""
         times = frozen(self.time_s, np.float64, (None,))
         object.__setattr__(self, "time_s", times)
         if (
@@ -37,7 +40,7 @@ class PulseTrain:
             or not (np.diff(times) >= 0.0).all()
             or times[-1] >= self.period_s
         ):
-            raise ValueError("times that go up from 0 to less than the period were expected")
+            raise ValueError("times must go up from 0 to less than the period")
 
     @property
     def per_period(self) -> int:
@@ -50,7 +53,7 @@ class PulseTrain:
         return self.per_period / self.period_s
 
     def shortest_span_s(self, pulses: int) -> float:
-        """Least time from the first to the last of so many pulses in a row."""
+        """Shortest time from the first to the last of this many consecutive pulses."""
         periods, rest = divmod(pulses - 1, self.per_period)
         twice = np.concatenate([self.time_s, self.time_s + self.period_s])
         return float(
@@ -58,7 +61,7 @@ class PulseTrain:
         )
 
     def most_within(self, duration_s: float) -> int:
-        """Most pulses that begin within a window of this duration, open at its end (less 1e-9, for rounding)."""
+        """Most pulses that start within a window of this duration, open at its end (minus 1e-9, for rounding)."""
         periods, rest = divmod(duration_s * (1.0 - 1e-9), self.period_s)
         twice = np.concatenate([self.time_s, self.time_s + self.period_s])
         starts = np.arange(self.per_period)
@@ -66,7 +69,7 @@ class PulseTrain:
         return int(periods) * self.per_period + int((ends - starts).max(initial=0))
 
     def groups_per_period(self, closer_than_s: float) -> int:
-        """Groups in a period when pulses that begin within this time of a group's first belong to it."""
+        """Groups per period, if pulses that start within this time of a group's first belong to it."""
         if self.period_s < closer_than_s:
             raise ValueError("the groups of a train are longer than its period")
         count, start = 0, 0
@@ -76,7 +79,7 @@ class PulseTrain:
         return count
 
     def group_sizes(self, longest_s: float) -> list[int]:
-        """Numbers of pulses in a row worth a look, from 1 to all that begin within this time."""
+        """Numbers of consecutive pulses to check, from 1 to all that start within this time."""
         most = max(self.most_within(longest_s), 1)
         steps = np.unique(np.geomspace(1, most, _STEPS).round().astype(int))
         inside = np.unique(np.linspace(1, min(most, self.per_period), _STEPS).round().astype(int))
@@ -84,15 +87,15 @@ class PulseTrain:
 
 
 def stationary_train(sensor: Sensor) -> PulseTrain:
-    """Every pulse into the eye: the beam does not move."""
+    """Every pulse enters the eye: the beam does not move."""
     return PulseTrain(time_s=np.zeros(1), period_s=1.0 / float(sensor.laser.repetition_rate_hz))
 
 
 def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
-    """So many pulses in a row, once in each frame."""
+    """So many consecutive pulses, once in each frame."""
     if not 1 <= pulses_in_aperture <= sensor.scanner.pulses:
         raise ValueError(
-            f"1 to {sensor.scanner.pulses} pulses of a frame were expected in the aperture, {pulses_in_aperture} came"
+            f"pulses_in_aperture must be 1 to {sensor.scanner.pulses} pulses of a frame, got {pulses_in_aperture}"
         )
     times = firing_time_s(sensor, np.arange(pulses_in_aperture, dtype=np.uint32))
     return PulseTrain(time_s=times, period_s=_frame_s(sensor))
@@ -101,10 +104,10 @@ def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
 def scanned_train(
     sensor: Sensor, *, aperture_m: float, distance_m: float, beam_diameter_m: float = 0.0
 ) -> PulseTrain:
-    """The pulses whose 1/e^2 beam touches a round aperture at this distance from where the beams start.
+    """The pulses whose 1/e^2 beam touches a round aperture at this distance from the start of the beams.
 
-    All beams start in one point, the sensor's origin. Of 129 places for the aperture, straight ahead and spread over
-    the frame's pulses, the one with most pulses is taken.
+    All beams start at the sensor's origin. Of 129 positions of the aperture, straight ahead and spread over the
+    frame's pulses, the one with most pulses is taken.
     """
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     azimuth, elevation = (np.asarray(a, dtype=np.float64) for a in sensor.scanner.angles(pulse))
@@ -121,5 +124,5 @@ def scanned_train(
 
 
 def _frame_s(sensor: Sensor) -> float:
-    """From the first pulse of a frame to that of the next."""
+    """Time from the first pulse of a frame to that of the next."""
     return float(firing_time_s(sensor, np.array([sensor.scanner.pulses], dtype=np.uint32))[0])

@@ -1,7 +1,7 @@
-"""Eye safety of a sensor: class 1 of IEC 60825-1:2014, each criterion with its margin. An aid, not a certification.
+"""Eye safety of a sensor: class 1 of IEC 60825-1:2014, each criterion with its margin.
 
-Every criterion of 4.3 f is put to an eye (condition 3 of table 10) and to an eye behind a telescope (condition 1),
-with the beam standing still and as the scanner moves it.
+Every criterion of 4.3 f is applied to an eye (condition 3 of table 10) and to an eye behind a telescope (condition
+1), with the beam standing still and as the scanner moves it. An aid to design, not a certification.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class EyeSafetyReport:
 
     @property
     def limiting(self) -> Criterion:
-        """The criterion with the least margin."""
+        """The criterion with the smallest margin."""
         return min(self.criteria, key=lambda criterion: criterion.margin)
 
     @property
@@ -44,11 +44,11 @@ class EyeSafetyReport:
 
     @property
     def class_1_peak_power_w(self) -> float:
-        """Peak power at which the limiting criterion is just met: everything is linear in it."""
+        """Peak power at which the limiting criterion is just met; emissions are linear in it."""
         return self.peak_power_w * self.limiting.margin
 
     def as_dict(self) -> dict[str, Any]:
-        """For machines."""
+        """For JSON."""
         return {
             **{key: value for key, value in asdict(self).items() if key != "criteria"},
             "notice": NOTICE,
@@ -71,22 +71,22 @@ def eye_safety_report(
 ) -> EyeSafetyReport:
     """Every criterion for this sensor.
 
-    scanned             count the pulses that enter from the scan; False: every pulse of a beam that stands still
-    pulses_in_aperture  or so many in a row in each frame
+    scanned             count the pulses that enter as the beam scans; False: every pulse of a beam that stands still
+    pulses_in_aperture  or this many consecutive pulses in each frame
     source_rad          angle of the apparent source; the sensor's own by default
-    time_base_s         100 s, or 30 000 s where long looks are meant
+    time_base_s         100 s, or 30 000 s where long viewing is intended
 
-    Raises InputError for lasers out of the standard's tables as they are here.
+    Raises InputError for lasers outside the tables of the standard.
     """
     if scanned and pulses_in_aperture is not None:
-        raise InputError("one of scanned and pulses_in_aperture was expected, not both")
+        raise InputError("must be scanned or pulses_in_aperture, not both")
     laser = sensor.laser
     energy_j = float(pulse_energy_j(peak_power_w=laser.peak_power_w, fwhm_s=laser.pulse_fwhm_s))
     motion = "scanned" if scanned else "stationary" if pulses_in_aperture is None else "counted"
     source = laser.source_rad if source_rad is None else source_rad
     try:
         if float(laser.pulse_fwhm_s) * float(laser.repetition_rate_hz) >= 1.0:
-            raise ValueError("the pulses overlap: a pulse shorter than the time between two was expected")
+            raise ValueError("the pulses overlap: a pulse must be shorter than the time between two")
         criteria = tuple(
             criterion
             for viewer in VIEWERS
@@ -142,7 +142,7 @@ _VIEWER_TEXT = {"eye": "eye", "telescope": "eye behind a telescope"}
 
 
 def as_text(report: EyeSafetyReport) -> str:
-    """One report for people: a table of criteria for each viewer, and what limits."""
+    """One report for people: a table of criteria for each viewer, and the limiting one."""
     lines = [_MOTION_TEXT[report.motion]]
     for viewer, title in _VIEWER_TEXT.items():
         lines.append(f"  {title:<26}{'emitted':>12}{'allowed':>12}{'margin':>10}")
@@ -162,7 +162,7 @@ def as_text(report: EyeSafetyReport) -> str:
 
 
 def report_text(sensor: Sensor) -> str:
-    """Eye safety of a sensor for people: as it scans, and with its beam standing still."""
+    """Eye safety of a sensor for people: scanning, and with its beam standing still."""
     laser = sensor.laser
     reports = [eye_safety_report(sensor, scanned=scanned) for scanned in (True, False)]
     head = (

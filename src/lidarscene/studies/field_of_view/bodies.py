@@ -1,4 +1,7 @@
-"""Points on each body of a scene against its distance: the one part of these studies that traces."""
+"""Points on each body of a scene over its distance: the only part of these studies that traces.
+
+Density per angle does not say how many points a pedestrian has at 50 m; this does.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from ...sensor.rig import Mounted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnBody:
-    """What one frame of a sensor has on a body: echoes, the median of their ranges, its class."""
+    """One sensor's frame on one body: number of echoes, median of their ranges, class."""
 
     body: str
     label: str
@@ -27,10 +30,11 @@ class OnBody:
 def points_on_bodies(
     scene: Scene, sensors: Sequence[Mounted], *, vehicle: Pose | None = None, seed: int = 0
 ) -> list[tuple[str, list[OnBody]]]:
-    """Each sensor's label, and what a frame of it has on bodies, from near to far. Needs a back end.
+    """For each sensor its label and what one frame of it has on each body, from near to far. Needs a back end.
 
-    vehicle  where the frame stands that the sensors' poses are in; the scene's sensor pose if None
-    Bodies without a class are left out, and those without a point.
+    vehicle  where the frame of the sensors' poses stands; the scene's sensor pose if None
+
+    Bodies without a class or without a point are left out.
     """
     place = scene.sensor_pose if vehicle is None else vehicle
     made = simulators(scene, sensors, pose=place)

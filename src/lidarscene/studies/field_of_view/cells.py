@@ -1,8 +1,9 @@
-"""Cells of equal solid angle on the sphere of directions, and which of them make up a field of view.
+"""Cells of equal solid angle on the sphere of directions, and the cells that make up a field of view.
 
-Rows are `cell` high in elevation; each is cut into the whole number of columns that makes them nearest to square,
-so every cell has cell^2 of solid angle, but for that rounding and the poles. Edges lie an odd fraction of a cell off
-zero: no even raster of directions falls on them.
+Coverage needs cells of equal size that do not beat with the raster. Rows are `cell` high in elevation; each is cut
+into the whole number of columns that makes them nearest to square. So every cell has the solid angle cell^2, except
+for this rounding and the poles. Edges are at odd fractions of a cell from zero, so that no even raster of directions
+falls on them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class Cells:
     """All cells of the sphere, numbered row by row from below.
 
     size_deg    height of a row
-    columns     (rows,) cells in each row
+    columns     (rows,) number of cells in each row
     first       (rows + 1,) number of the first cell of each row
     edges_deg   (rows + 1,) elevations between the rows
     """
@@ -44,7 +45,7 @@ class Cells:
 
     @property
     def count(self) -> int:
-        """Cells of the whole sphere."""
+        """Number of cells on the whole sphere."""
         return int(self.first[-1])
 
     def of(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
@@ -61,7 +62,7 @@ class Cells:
         return np.asarray(np.searchsorted(self.first, cell, side="right") - 1)
 
     def middle_deg(self, cell: Numbers) -> tuple[Numbers, Numbers]:
-        """Azimuth (-180 to 180) and elevation of the middle of each cell."""
+        """Azimuth (-180 to 180) and elevation of each cell's middle."""
         row = self.row_of(cell)
         column = cell - self.first[row]
         azimuth = (column + 0.5 - _SHIFT) * 360.0 / self.columns[row]
@@ -75,7 +76,7 @@ class Cells:
         return np.asarray(np.degrees(sines[row + 1] - sines[row]) * 360.0 / self.columns[row])
 
     def within(self, outline: Numbers) -> Numbers:
-        """Cells whose middle lies inside a convex polygon of azimuth and elevation, (n, 2) counter-clockwise."""
+        """Cells whose middle is inside a convex polygon of (azimuth, elevation), (n, 2) counter-clockwise."""
         low, high = outline[:, 1].min(), outline[:, 1].max()
         rows = np.flatnonzero((self.edges_deg[1:] > low) & (self.edges_deg[:-1] < high))
         if len(rows) == 0:
@@ -91,7 +92,7 @@ class Cells:
 def convex_outline(azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
     """(n, 2) corners of the convex hull of these angles, counter-clockwise (Andrew's monotone chain).
 
-    Hulls of single rows first: of many points with about one elevation only the two ends can be corners.
+    Rows are reduced first: of many points at about one elevation only the two ends can be corners.
     """
     row = np.rint(elevation_deg / 1e-3).astype(np.int64)
     order = np.lexsort((azimuth_deg, row))

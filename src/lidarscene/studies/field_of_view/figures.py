@@ -1,4 +1,7 @@
-"""The figures of a field-of-view study: each its name, how it is drawn, its table and its line of explanation."""
+"""The figures of a field-of-view study: name, drawing, table and caption of each.
+
+A figure and its CSV come from one place, so that they cannot disagree.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ _WIDE = 1200  # pixels across a map at most
 
 
 def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> str:
-    """What holds for all figures."""
+    """What holds for all figures, in words."""
     area = (
         "the cells whose middle lies in the convex outline, in azimuth and elevation, of all pulses, and "
         "those that got one,"
@@ -63,17 +66,17 @@ def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> 
 def summary_row(one: Seen) -> tuple[str, ...]:
     """One sensor in numbers."""
     ranges = one.range_m[np.isfinite(one.range_m)]
-    told = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
+    reach = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
     spacing = f"{np.median(one.spacing_deg):.4f}°" if len(one.spacing_deg) else "-"
     return (
         one.name, f"{rate_hz(one.sensor.scanner):,.0f}", f"{one.sensor.scanner.frame_s:.4g} s",
         f"{one.maps.square_degrees.sum():,.0f} square degrees",
-        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°", spacing, told,
+        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°", spacing, reach,
     )  # fmt: skip
 
 
 def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
-    """Share of the field of view that has got a pulse, against time."""
+    """Share of the field of view that has received a pulse, over time."""
     fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
     curves = [100.0 * one.maps.coverage(fine) for one in everything]
     lines = [
@@ -84,18 +87,20 @@ def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: flo
         lines=tuple(lines), x_label="time [s]", y_label="field of view covered [%]", y_limits=(0.0, 103.0),
         x_limits=(0.0, max(times_s)), title=f"Cells of {cell_deg:g} degrees",
     )  # fmt: skip
-    told = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
+    caption = (
+        f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
+    )
     header = ("time_s", *(f"{one.name} [%]" for one in everything))
     return (
         "coverage",
         lambda path: charts.save(chart, [path]),
         (header, zip(fine, *curves, strict=True)),
-        told,
+        caption,
     )
 
 
 def coverage_rows(everything: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
-    """The same at the times asked for."""
+    """Coverage at the requested times."""
     return [
         (one.name, *(f"{100.0 * c:.1f} %" for c in one.maps.coverage(np.array(times_s))))
         for one in everything
@@ -125,7 +130,7 @@ def spacing(everything: Sequence[Seen]) -> Figure:
         lines=lines, x_label="angle to the nearest other pulse [deg]", y_label="pulses [%]", x_log=True,
         y_limits=(0.0, None), title="Pulses of one frame",
     )  # fmt: skip
-    told = (
+    caption = (
         "How far the pulses of one frame are from their nearest neighbour; percentiles, in degrees, below. The search "
         f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
     )
@@ -134,7 +139,7 @@ def spacing(everything: Sequence[Seen]) -> Figure:
         "spacing",
         lambda path: charts.save(chart, [path]),
         (header, zip(middle, *shares, strict=True)),
-        told,
+        caption,
     )
 
 
@@ -159,7 +164,7 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
         f"No sensor sees ground nearer than {blind:.1f} m to the origin; "
         if np.isfinite(blind) else f"No sensor sees ground within {half:g} m; "
     )  # fmt: skip
-    told = (
+    caption = (
         "The ground z = 0 from above, by how many sensors see it: in the field of view, and an echo of ground with the "
         "target's reflectivity, at the beam's incidence there, reaches the comparator. The space between the lines of "
         "a pattern counts as seen. The vehicle itself hides nothing, and a sensor not above the ground sees none. "
@@ -175,17 +180,17 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
     header = ("x_m", "y_m", "sensors", *(one.name for one in everything))
     title = "Ground seen from above; grey: blind"
     draw = partial(maps.save_ground, count=below.count, half_m=half, sensors=places, title=title)
-    return "ground", draw, (header, rows), told
+    return "ground", draw, (header, rows), caption
 
 
 def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
-    """Points on each body against its distance."""
+    """Points on each body over its distance."""
     groups = [
         (name, np.array([b.distance_m for b in found]), np.array([b.points for b in found]))
         for name, found in bodies
     ]
     rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
-    told = (
+    caption = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
         "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
         "on the rig's vehicle."
@@ -194,62 +199,69 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
         maps.save_scatter, groups=groups, x_label="distance [m]", y_label="points on the body",
         title=f"One frame in the scene {scene}",
     )  # fmt: skip
-    return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), told
+    return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
 
 
 def pattern(one: Seen) -> Figure:
-    """Where the pulses of the first frame go, by time."""
+    """Directions of the first frame's pulses, coloured by time."""
     n = len(one.frame)
     # Pulses in a row, not every k-th, which would draw moire: the first part of a long frame, coloured by time.
     kept = slice(0, min(n, DOTS))
     columns = [one.frame.azimuth_deg[kept], one.frame.elevation_deg[kept], one.frame.time_s[kept]]
     part = "of one frame" if n <= DOTS else f"that come first of the {n:,} of a frame"
-    told = f"Where the {min(n, DOTS):,} pulses {part} go, coloured by time."
+    caption = f"Where the {min(n, DOTS):,} pulses {part} go, coloured by time."
     draw = partial(
         maps.save_pattern, azimuth_deg=columns[0], elevation_deg=columns[1], time_s=columns[2],
         extent=_extent(one), title=f"{one.name}: the {min(n, DOTS):,} pulses {part}",
     )  # fmt: skip
     rows = zip(columns[2], columns[0], columns[1], strict=True)
-    return f"{one.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), told
+    return f"{one.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
 def density(one: Seen) -> Figure:
     """Pulses per square degree."""
     over = f"in {one.mapped_s:g} s"
-    told = f"Pulses per square degree of solid angle {over}; cells without one are grey."
+    caption = f"Pulses per square degree of solid angle {over}; cells without one are grey."
     values = np.where(one.maps.pulses > 0, one.maps.density, np.nan)
     finite = values[np.isfinite(values)]
     log = bool(len(finite) and finite.max() > 30.0 * finite.min())
     return _map(
-        one, "density", values, f"pulses per square degree {over}", "no pulse", told, "density_per_deg2", log
+        one,
+        "density",
+        values,
+        f"pulses per square degree {over}",
+        "no pulse",
+        caption,
+        "density_per_deg2",
+        log,
     )
 
 
 def revisit(one: Seen) -> Figure:
     """Mean time between visits."""
-    told = (
+    caption = (
         f"Mean time from one visit of a cell to the next in {one.revisits_s:.4g} s; cells with fewer than two visits "
         "are grey."
     )
     values = one.revisits.revisit_s * 1e3
     finite = values[np.isfinite(values)]
     log = bool(len(finite) and finite.max() > 30.0 * finite.min())
-    return _map(one, "revisit", values, "mean time between visits [ms]", "fewer than two visits", told,
+    return _map(one, "revisit", values, "mean time between visits [ms]", "fewer than two visits", caption,
                 "revisit_ms", log)  # fmt: skip
 
 
 def far(one: Seen) -> Figure:
     """Maximum range."""
-    told = (
+    caption = (
         "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
         "and those without a limit, are grey."
     )
     missing = "no limit, or no pulse" if np.any(np.isinf(one.range_m)) else "no pulse"
-    return _map(one, "range", one.range_m, "maximum range [m]", missing, told, "range_m", False)
+    return _map(one, "range", one.range_m, "maximum range [m]", missing, caption, "range_m", False)
 
 
 def _map(
-    one: Seen, kind: str, values: Numbers, label: str, missing: str, told: str, column: str, log: bool
+    one: Seen, kind: str, values: Numbers, label: str, missing: str, caption: str, column: str, log: bool
 ) -> Figure:
     shown, outside, extent = image(one.cells, one.maps.cell, values)
     size = one.cells.size_deg
@@ -260,7 +272,7 @@ def _map(
     azimuth, elevation = one.cells.middle_deg(one.maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, picture=picture)
-    return f"{one.slug}-{kind}", draw, (("azimuth_deg", "elevation_deg", column), rows), told
+    return f"{one.slug}-{kind}", draw, (("azimuth_deg", "elevation_deg", column), rows), caption
 
 
 def _extent(one: Seen) -> tuple[float, float, float, float]:
@@ -272,7 +284,7 @@ def _extent(one: Seen) -> tuple[float, float, float, float]:
 def image(
     cells: Cells, cell: Numbers, values: Numbers
 ) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
-    """Numbers of cells as rows over azimuth: the numbers, where no cell is, and the edges in degrees."""
+    """Numbers of cells as rows over azimuth: values, where there is no cell, and edges in degrees."""
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)
     half = 180.0 / cells.columns[row]

@@ -1,4 +1,7 @@
-"""What a scan pattern covers, how densely and how soon: pulses of a scanner in, numbers for each cell out."""
+"""What a scan pattern covers, how densely and how soon: pulses of a scanner in, numbers for each cell out.
+
+Non-repetitive patterns get denser with time, so all numbers are for a given time of observation.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,9 @@ LONG = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulses:
-    """Where the pulses of some time go.
+    """Directions of the pulses of some time.
 
-    direction  (n, 3) unit vectors in the sensor's frame, as the beam leaves: no jitter, no encoder
+    direction  (n, 3) unit vectors in the sensor's frame, as the beam leaves: without jitter or encoder
     share      (n,) A(theta_r) / A(0)
     """
 
@@ -38,7 +41,7 @@ class Pulses:
         return len(self.time_s)
 
     def until(self, time_s: float) -> Pulses:
-        """Those fired before this time."""
+        """The pulses fired before this time."""
         n = int(np.searchsorted(self.time_s, time_s * (1.0 - 1e-12), side="left"))
         return Pulses(
             time_s=self.time_s[:n], azimuth_deg=self.azimuth_deg[:n], elevation_deg=self.elevation_deg[:n],
@@ -47,18 +50,16 @@ class Pulses:
 
 
 def rate_hz(scanner: Scanner) -> float:
-    """Pulses per second in the mean over a frame."""
+    """Pulses per second, averaged over a frame."""
     return scanner.pulses / scanner.frame_s
 
 
 def fired(scanner: Scanner, time_s: float) -> Pulses:
-    """The pulses of this time from the start of frame 0. Raises InputError where they are too many."""
+    """The pulses of this time from the start of frame 0. Raises InputError if they are too many."""
     frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
     count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
     if count > MOST_PULSES + scanner.pulses:
-        raise InputError(
-            f"--time: {time_s:g} s of this scanner are {count} pulses, at most {MOST_PULSES} were expected"
-        )
+        raise InputError(f"--time: {time_s:g} s of this scanner are {count} pulses, must be <= {MOST_PULSES}")
     pulse = np.arange(count, dtype=np.uint32)
     x, y, z = (np.asarray(a, dtype=np.float64) * np.ones(count) for a in scanner.direction(pulse))
     whole = Pulses(
@@ -70,9 +71,9 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
 
 
 def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline") -> tuple[Numbers, float]:
-    """Cells of the field of view, sorted, and how long the scanner was watched for them.
+    """Sorted cells of the field of view, and the time for which the scanner was watched to find them.
 
-    kind  "reached": cells that ever got a pulse; "outline": these, and those with their middle in the convex hull of
+    kind  "reached": cells that ever get a pulse; "outline": these, and those with their middle in the convex hull of
           all pulses in azimuth and elevation
     """
     watched = max(LONG * time_s, scanner.frame_s)
@@ -89,10 +90,10 @@ def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline
 class CellMaps:
     """Numbers for each cell of a field of view.
 
-    first_s           when its first pulse left; inf: never
-    pulses            how many it got
-    density           of them per square degree
-    revisit_s         mean time between visits; NaN for less than two
+    first_s           time of its first pulse; inf: never
+    pulses            number of pulses
+    density           pulses per square degree
+    revisit_s         mean time between visits; NaN for fewer than two
     share             mean A(theta_r) / A(0) of its pulses; NaN without
     """
 
@@ -113,7 +114,7 @@ class CellMaps:
 
 
 def maps(pulses: Pulses, cells: Cells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
-    """What the cells of the mask (sorted) got of these pulses."""
+    """What these pulses give to the cells of the mask (sorted cell numbers)."""
     place = np.searchsorted(mask, own := cells.of(pulses.azimuth_deg, pulses.elevation_deg))
     inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == own)
     lane = np.flatnonzero(inside)

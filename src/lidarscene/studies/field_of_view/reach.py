@@ -1,4 +1,7 @@
-"""How far sensors see over their field of view, and on the ground around the vehicle that carries them."""
+"""How far sensors see over their field of view, and on the ground around the vehicle that carries them.
+
+A pattern that covers an angle is of no use where its echoes are too weak; range and coverage are combined here.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _SHARES = 1e-4  # aperture shares closer than this are one: the range goes with 
 
 
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
-    """Maximum range on this target in each cell, by the scanner's own aperture there; NaN where no pulse goes."""
+    """Maximum range on this target in each cell, with the scanner's own aperture; NaN without a pulse."""
     limit = np.full(len(maps.cell), np.nan)
     seen = np.isfinite(maps.share)
     if not seen.any():
@@ -33,7 +36,7 @@ def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ground:
-    """A square of level ground around the vehicle, seen from above: rows of equal y, columns of equal x.
+    """A square of level ground around the vehicle from above: rows of equal y, columns of equal x.
 
     seen  (sensors, rows, columns) whether each sensor sees the place
     """
@@ -49,11 +52,11 @@ class Ground:
 
     @property
     def square_metres(self) -> Numbers:
-        """What each sensor sees of it."""
+        """Area that each sensor sees."""
         return np.asarray(self.seen.sum(axis=(1, 2)) * (self.x_m[1] - self.x_m[0]) ** 2)
 
     def nearest_blind_m(self) -> float:
-        """Radius around the origin within which no sensor sees anything; inf where nothing is seen at all."""
+        """Radius around the origin within which no sensor sees anything; inf if nothing is seen at all."""
         away = np.hypot(self.x_m[None, :], self.y_m[:, None])
         return float(np.min(np.where(self.count > 0, away, np.inf)))
 
@@ -64,9 +67,9 @@ def ground(
 ) -> Ground:  # fmt: skip
     """Which sensors see which places of the plane z = 0 of the vehicle's frame.
 
-    A place is seen where its direction falls into a cell of the field of view and an echo of ground with the
-    target's reflectivity, under the beam's incidence there, reaches the comparator's level. Nothing stands in
-    the way: the vehicle's own body is not there. A sensor not above the ground sees none of it.
+    A place is seen if its direction is in a cell of the field of view, and an echo of ground with the target's
+    reflectivity, at the beam's incidence there, reaches the comparator's level. Nothing is in the way, not even the
+    vehicle's own body. A sensor that is not above the ground sees none of it.
     """
     axis = np.arange(-half_m + 0.5 * step_m, half_m, step_m)
     x, y = (a.ravel() for a in np.meshgrid(axis, axis))

@@ -1,4 +1,7 @@
-"""What a study of fields of view asks, and one sensor's part of it."""
+"""What a field-of-view study asks, and one sensor's results.
+
+A module of its own, because both the figures and the study need these types.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ CELL_DEG = 0.28
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """What is asked: coverage at these times, cells of this size, what the field of view is, the target."""
+    """What is asked: times of coverage, size of cells, kind of field of view, target."""
 
     times_s: tuple[float, ...] = TIMES_S
     cell_deg: float = CELL_DEG
@@ -29,11 +32,11 @@ class Study:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seen:
-    """A sensor's part of a study.
+    """One sensor's results.
 
     frame    pulses of the first frame
-    maps     of the longest time asked for
-    revisits of that time or two frames, whichever is longer
+    maps     for the longest requested time
+    revisits for that time or two frames, whichever is longer
     """
 
     name: str
@@ -51,7 +54,7 @@ class Seen:
 
 
 def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
-    """One sensor's numbers. Raises InputError where its pulses are too many."""
+    """One sensor's results. Raises InputError if its pulses are too many."""
     cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
     revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
     pulses = fired(sensor.scanner, revisits_s)

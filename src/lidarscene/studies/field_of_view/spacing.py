@@ -1,4 +1,8 @@
-"""How far each direction is from its nearest neighbour: an exact search on a grid of voxels, numpy alone."""
+"""Angle from each direction to its nearest neighbour: an exact search on a grid of voxels, numpy only.
+
+Unit vectors are close exactly if their angles are. A sorted list of voxel numbers replaces a tree: the neighbours of
+a point are in the 27 voxels around it, and voxels along z are consecutive in the list.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,16 @@ from ...maths.arrays import Numbers
 QUERIES = 20_000
 PERCENTILES = (5, 25, 50, 75, 95)
 
-_AT_ONCE = 4_000_000  # candidates looked at together
+_AT_ONCE = 4_000_000  # candidates compared together, which bounds the memory
 
 
 def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
-    """Angle from directions, unit vectors (n, 3), to the nearest other one, degrees.
+    """Angle in degrees from unit vectors (n, 3) to their nearest other one.
 
-    Of all n, or of ``queries`` evenly taken ones; their neighbours are always looked for among all. A voxel's
-    27 neighbours hold every point within its side: where one was found within that the search is over, the
-    others go on with voxels of twice the side.
+    queries  number of evenly chosen vectors whose neighbours are wanted; they are searched among all n
+
+    The 27 voxels around a point hold every other point within one side. If the nearest found is within that, it is
+    the nearest of all; else the search is repeated with voxels of twice the side.
     """
     n = len(direction)
     if n < 2:
@@ -37,7 +42,7 @@ def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
 
 
 def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
-    """Squared distance from these points to the nearest other one in the 27 voxels around; inf without."""
+    """Squared distance from these points to the nearest other one in the 27 voxels around; inf without one."""
     wide = int(2.0 / side) + 4
     voxel = np.floor((points + 1.0) / side).astype(np.int64) + 1
     key = (voxel[:, 0] * wide + voxel[:, 1]) * wide + voxel[:, 2]
@@ -45,7 +50,7 @@ def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
     sorted_key = key[order]
     best = np.full(len(lanes), np.inf)
     for dx, dy in itertools.product((-1, 0, 1), repeat=2):
-        # Three voxels along z have keys one after the other.
+        # Three voxels along z have consecutive keys: one search for all three.
         row = key[lanes] + (dx * wide + dy) * wide
         low = np.searchsorted(sorted_key, row - 1, side="left")
         count = np.searchsorted(sorted_key, row + 1, side="right") - low
@@ -63,7 +68,7 @@ def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
 def _look(
     points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers
 ) -> None:
-    """Lower ``best`` to the nearest of count candidates from ``low`` on."""
+    """Lower ``best`` to the nearest of ``count`` candidates from ``low`` on."""
     some = np.flatnonzero(count)
     if len(some) == 0:
         return

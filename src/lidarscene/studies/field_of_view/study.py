@@ -1,4 +1,7 @@
-"""Field-of-view studies: sensors in; pictures, their CSV and a page that shows all of them out."""
+"""Field-of-view studies from beginning to end: sensors in; pictures, their CSV and a page with all of them out.
+
+The command `fov` and Python users call `write`.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ MAPS = ("pattern", "density", "revisit", "range")
 
 
 def slugs(names: Sequence[str]) -> list[str]:
-    """A file name's beginning for each sensor, all different."""
+    """Start of the file names for each sensor, all different."""
     made: list[str] = []
     for name in names:
         slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "sensor"
@@ -41,7 +44,7 @@ def slugs(names: Sequence[str]) -> list[str]:
 
 
 def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> list[str]:
-    """Everything that `write` writes, by name."""
+    """Names of all files that `write` writes."""
     stems = ["coverage", "spacing", *(["ground"] if with_ground else []), *(["bodies"] if with_scene else [])]
     stems += [f"{slug}-{one}" for slug in slugs(names) for one in MAPS]
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "csv"))]
@@ -51,9 +54,9 @@ def write(
     folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
     vehicle: Pose | None = None, as_json: bool = False,
 ) -> str:  # fmt: skip
-    """Write all figures and both pages; returns what is to be said of it. Raises InputError, OutputError.
+    """Write all figures and both pages; returns the text to print. Raises InputError, OutputError.
 
-    sensors  names and sensors, each where its mounting says
+    sensors  names and sensors, each at its mounting
     scene    on whose bodies points are counted too
     vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
     """
@@ -72,11 +75,11 @@ def write(
     page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
 
     def show(
-        stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], told: str
+        stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], caption: str
     ) -> None:
         draw(folder / f"{stem}.png")
         put_text(folder / f"{stem}.csv", csv_text(*table))
-        page.figure(name=stem, number=stem, caption=told, svg=False)
+        page.figure(name=stem, number=stem, caption=caption, svg=False)
 
     page.heading("All sensors")
     show(*figures.coverage(everything, study.times_s, study.cell_deg))
@@ -97,7 +100,7 @@ def write(
             show(*made(one))
     put_text(folder / PAGES[0], page.as_markdown())
     put_text(folder / PAGES[1], page.as_html())
-    return _told(folder, everything, study, files, as_json=as_json)
+    return _printed(folder, everything, study, files, as_json=as_json)
 
 
 def _ground(everything: Sequence[Seen], study: Study) -> Ground:
@@ -117,7 +120,7 @@ def _bodies(
     return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
-def _told(
+def _printed(
     folder: Path, everything: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool
 ) -> str:
     if as_json:

@@ -1,4 +1,7 @@
-"""The paper's case: Table 1's two sensors and its target, and the few numbers of them that many claims need."""
+"""The paper's case: Table 1's two sensors and its target, and numbers of them that many claims need.
+
+Sensors come from the catalogue, so a claim is checked with the same files that `render` uses.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ AS_PRINTED = ("detector.statistics='published'", "detector.cell_floor=0")
 
 @cache
 def apd_lidar(*changes: str) -> Sensor:
-    """Table 1 with its APD; (19) is right as printed."""
+    """Table 1 with its APD; (19) is correct as printed."""
     return load_sensor("table1-apd", overrides=changes)
 
 
@@ -35,12 +38,12 @@ def sipm_printed(*changes: str) -> Sensor:
 
 @cache
 def sipm_derived(*changes: str) -> Sensor:
-    """Table 1 with its SiPM as lidarscene has it: busy cells in steady state, a floor of one cell."""
+    """Table 1 with its SiPM as derived: busy cells in steady state, and a threshold of at least one cell."""
     return load_sensor("table1-sipm", overrides=changes)
 
 
 def range_m(sensor: Sensor, **target: Any) -> float:
-    """Maximum range on Table 1's target, with changes to it."""
+    """Maximum range on Table 1's target, with changes to sensor or target."""
     return float(plane.maximum_range_m(sensor, Target(**target))[0])
 
 
@@ -56,7 +59,7 @@ def ranges_m(sensors: Sequence[Sensor], **target: Any) -> list[float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ApdNoise:
-    """Variances at gain one under Table 1's sun: of (20), a K P_rs, b and c, and the current at gain one."""
+    """Variances of (20) at gain one under Table 1's sun, a K P_rs, b and c, and the signal current at gain one."""
 
     optical_a2: float
     bulk_dark_a2: float
@@ -65,11 +68,11 @@ class ApdNoise:
 
     @property
     def multiplied_a2(self) -> float:
-        """Everything that the avalanche multiplies."""
+        """Variance of everything that the avalanche multiplies, a K P_rs + b."""
         return self.optical_a2 + self.bulk_dark_a2
 
     def snr(self, gain: Any, *, index: float = 0.3) -> Any:
-        """(20)."""
+        """SNR at this gain, (20)."""
         return apd.snr_of_gain(
             signal_at_unit_gain_a=self.signal_a, optical_variance_a2=self.optical_a2,
             bulk_dark_variance_a2=self.bulk_dark_a2, unmultiplied_variance_a2=self.unmultiplied_a2,
@@ -107,7 +110,7 @@ def apd_noise(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SipmCounts:
-    """Table 1's SiPM in numbers: photons of one dead time, busy cells and their variance as printed, dark counts."""
+    """Table 1's SiPM in counts of one dead time: photons, busy cells and their variance as printed, dark counts."""
 
     cells: float
     pde: float

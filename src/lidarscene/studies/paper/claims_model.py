@@ -1,4 +1,7 @@
-"""What the paper's section 2 says of its own formulas, checked one by one: sentences in, numbers and verdicts out."""
+"""What the paper's section 2 says about its own formulas, checked one by one: sentences in, numbers and verdicts out.
+
+Every verdict is computed when it is asked for, so it cannot become outdated.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """A sentence of the paper (in our words), where it stands, what we find, and whether it holds."""
+    """A sentence of the paper (in our words), its place, what we find, and the verdict."""
 
     place: str
     says: str

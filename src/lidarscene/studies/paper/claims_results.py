@@ -1,4 +1,7 @@
-"""What the paper's section 3 says of range, APD and SiPM: sentences in, numbers and verdicts out."""
+"""What the paper's section 3 says about range, APD and SiPM: sentences in, numbers and verdicts out.
+
+Every verdict is computed when it is asked for, so it cannot become outdated.
+"""
 
 from __future__ import annotations
 
@@ -213,7 +216,7 @@ def _figure_6c() -> list[Claim]:
 
 
 def _klux_of_range(range_m_: float) -> float:
-    """Illuminance at which the APD's range is this."""
+    """Illuminance at which the APD has this maximum range."""
     klux = np.geomspace(0.1, 100.0, 2000)
     found = plane.maximum_range_m(apd_lidar(), Target(illuminance_klux=klux))[0]
     return float(np.interp(-range_m_, -found, klux))

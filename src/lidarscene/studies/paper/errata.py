@@ -1,4 +1,7 @@
-"""What the paper prints, what follows from its own equations, and what the difference is worth at Table 1."""
+"""What the paper prints, what follows from its own equations, and how large the difference is at Table 1.
+
+`lidarscene` uses the derived forms; this table says why, and what it changes.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_counts, sipm_deri
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Erratum:
-    """One line of the table."""
+    """One row of the table."""
 
     place: str
     printed: str

@@ -1,6 +1,6 @@
-"""Figures 4(e), 5 and 6 of the paper, computed: charts and the columns of their CSV files.
+"""Figures 4(e), 5 and 6 of the paper, computed: charts, and the columns of their CSV files.
 
-Solid curves are the formulas as printed. Dashed ones are what they should have been, where that can be seen.
+Solid curves are the formulas as printed. Dashed ones are the derived formulas, where the difference is visible.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _DEAD_TIME_S, _DARK_HZ = 6e-9, 2007.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperFigure:
-    """One figure: ``file`` without suffix, its number, what it shows, and its CSV as header and columns."""
+    """One figure: ``file`` without suffix, number, caption, and its CSV as header and columns."""
 
     file: str
     number: str
@@ -39,7 +39,7 @@ def figures() -> list[PaperFigure]:
 
 
 def _figure(file: str, number: str, caption: str, chart: Chart, first: str) -> PaperFigure:
-    """The chart's own lines make the CSV; they share their abscissa."""
+    """A figure whose CSV is made of the chart's own lines, which share their x values."""
     return PaperFigure(
         file=file, number=number, caption=caption, chart=chart,
         header=(first, *(line.label for line in chart.lines)),
@@ -48,7 +48,7 @@ def _figure(file: str, number: str, caption: str, chart: Chart, first: str) -> P
 
 
 def fig_4e() -> PaperFigure:
-    """SNR of the APD against its gain."""
+    """SNR of the APD over its gain."""
     gain = np.geomspace(1.0, 500.0, 300)
     noise = apd_noise()
     parts = {"multiplied_variance_a2": noise.multiplied_a2, "unmultiplied_variance_a2": noise.unmultiplied_a2}
@@ -149,7 +149,7 @@ def fig_5c() -> PaperFigure:
 
 
 def fig_6a() -> PaperFigure:
-    """SNR against distance at 100 klux."""
+    """SNR over distance at 100 klux."""
     x = np.geomspace(5.0, 1000.0, 300)
     three = (apd_lidar(), sipm_printed(), sipm_derived())
     limits = [range_m(sensor) for sensor in three]
@@ -181,7 +181,7 @@ def fig_6a() -> PaperFigure:
 
 
 def fig_6b() -> PaperFigure:
-    """Maximum range against elevation under three aperture laws."""
+    """Maximum range over elevation under three aperture laws."""
     angle = np.linspace(-30.0, 30.0, 121)
 
     def reach(sensor: Sensor, law: Callable[[Numbers], Numbers]) -> Numbers:
@@ -215,7 +215,7 @@ def fig_6b() -> PaperFigure:
 
 
 def fig_6c() -> PaperFigure:
-    """Maximum range against illuminance."""
+    """Maximum range over illuminance."""
     x = np.geomspace(1e-3, 100.0, 251)
     target = Target(illuminance_klux=x)
     three = (apd_lidar(), sipm_printed(), sipm_derived())

@@ -1,4 +1,7 @@
-"""The paper reproduced and checked: a folder in; figures, their CSV and a page of claims and errata out."""
+"""The paper reproduced and checked: a folder in; figures, their CSV and a page of claims and errata out.
+
+The command `paper` and Python users call `write`.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +43,13 @@ SCANNER = (
 
 
 def file_names() -> list[str]:
-    """Everything that `write` writes, by name."""
+    """Names of all files that `write` writes."""
     stems = ("fig-4e", "fig-5a", "fig-5b", "fig-5c", "fig-6a", "fig-6b", "fig-6c")
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv"))]
 
 
 def write(folder: Path, *, as_json: bool = False) -> str:
-    """Write all figures and both pages; returns what is to be said of it. Raises OutputError."""
+    """Write all figures and both pages; returns the text to print. Raises OutputError."""
     for name in file_names():
         require_writable(folder / name)
     drawn, claims, mistakes = figures(), [*claims_of_the_model(), *claims_of_the_results()], errata()
@@ -59,7 +62,7 @@ def write(folder: Path, *, as_json: bool = False) -> str:
     if as_json:
         return json.dumps({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
                            "files": [str(folder / name) for name in file_names()]})  # fmt: skip
-    return _told(folder, claims, mistakes)
+    return _printed(folder, claims, mistakes)
 
 
 def _csv(one: PaperFigure) -> str:
@@ -90,8 +93,8 @@ def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]
     return page
 
 
-def _told(folder: Path, claims: list[Claim], mistakes: list[Erratum]) -> str:
-    """A line for each claim that does not simply hold, and where to read on."""
+def _printed(folder: Path, claims: list[Claim], mistakes: list[Erratum]) -> str:
+    """A line for each claim that does not simply hold, and where to read more."""
     verdicts = Counter(c.verdict == HOLDS for c in claims)
     hold, rest = verdicts[True], verdicts[False]
     lines = [f"{len(claims)} claims of the text: {hold} hold; {rest} with a limit, in part or not at all:"]

@@ -1,8 +1,8 @@
-"""Effective aperture laws A(theta_r) of (4): how much of the receiver is left off the axis, by kind of scanner.
+"""Effective aperture laws A(theta_r) of (4): the part of the receiver that is left off the axis, by kind of scanner.
 
-The paper says that the law depends on the scanning method and gives none. A law is a share of the aperture on
-the axis; echo and sunlight both go with it, so that where the background's shot noise rules the range goes
-with its fourth root.
+The paper says that the law depends on the scanning method and gives none. A law is a share of the aperture on the
+axis. Echo and sunlight both go with it, so where the background's shot noise dominates, range goes with its fourth
+root.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ def cosine(angle_deg: Numbers) -> Numbers:
 def mirror(angle_deg: Numbers) -> Numbers:
     """A(theta) = A(0) cos(45 deg + theta / 2) / cos(45 deg): a scan mirror is the stop (galvanometer, MEMS).
 
-    On the axis the mirror folds the beam by 90 degrees, hence stands at 45 degrees to it. To deflect the beam by
-    theta it turns by theta / 2, and its area projects on the beam with the cosine of 45 deg + theta / 2. One
-    edge of the field sees less than the centre and the other more (unless a lens behind stops it down).
+    On the axis the mirror folds the beam by 90 degrees, so it is at 45 degrees to it. To deflect the beam by theta it
+    turns by theta / 2, and its projected area goes with the cosine of 45 deg + theta / 2. One edge of the field sees
+    less than the centre, the other more (unless a lens behind it is the stop).
     """
     return np.asarray(np.cos(np.radians(45.0 + 0.5 * angle_deg)) / math.cos(math.radians(45.0)))
 
@@ -50,7 +50,7 @@ _SLICE = 0.02  # share of them that count as lying on the axis
 
 
 def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
-    """Least and greatest angle of a frame along "elevation" or "azimuth"."""
+    """Smallest and largest angle of a frame along "elevation" or "azimuth"."""
     along, _, _ = _frame(scanner, axis)
     return round(float(along.min()), 4), round(float(along.max()), 4)
 
@@ -58,8 +58,8 @@ def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
 def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
     """A(theta) as the sensor's own scanner has it, which is what `render` uses.
 
-    Along one axis, from the pulses of a frame that are nearest to zero on the other; linear in between. Raises
-    InputError beyond the scanner's field of view, unless the share is one throughout (a raster).
+    Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation.
+    Raises InputError outside the scanner's field of view, unless the share is one everywhere (a raster).
     """
     along, across, share = _frame(scanner, axis)
     if np.all(share == share[0]):
@@ -67,8 +67,8 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
     low, high = field_of_view_deg(scanner, axis)
     if np.min(angle_deg) < low - 1e-3 or np.max(angle_deg) > high + 1e-3:
         raise InputError(
-            f"--over {axis}: {np.min(angle_deg):g} to {np.max(angle_deg):g} degrees came, and the scanner's field of "
-            f"view is {low:g} to {high:g} (or another --aperture-law)"
+            f"--over {axis}: the scanner's field of view is {low:g} to {high:g} degrees (or another --aperture-law), "
+            f"got {np.min(angle_deg):g} to {np.max(angle_deg):g}"
         )
     near = np.abs(across) <= np.quantile(np.abs(across), _SLICE)
     order = np.argsort(along[near], kind="stable")
@@ -76,7 +76,7 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
 
 
 def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, Numbers, Numbers]:
-    """Angle along the axis and across it, degrees, and share of the aperture, of a frame's pulses."""
+    """Angle along the axis and across it in degrees, and share of the aperture, of a frame's pulses."""
     count = min(scanner.pulses, _PULSES)
     pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))
     azimuth, elevation = (np.degrees(np.asarray(a, dtype=np.float64)) for a in scanner.angles(pulse))

@@ -1,4 +1,7 @@
-"""Axes of a sweep: a name that people give in, what is varied, its unit, its ends and its steps out."""
+"""Axes of a sweep: a name from the user in; what is varied, its unit, ends and steps out.
+
+Conditions (distance, illuminance, ...) and every numeric key of a sensor file can be swept; both become an `Axis`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from .aperture import LARGEST_DEG
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """What a condition may be, and where an axis of it runs unless told otherwise."""
+    """Allowed values of a condition, and the default ends of an axis over it."""
 
     unit: str
     low: float
@@ -30,12 +33,12 @@ class Bounds:
     above: bool = False  # low itself is excluded
 
     def require(self, option: str, value: float) -> float:
-        """``value``, or an InputError that names the option and what was expected."""
+        """Return ``value``, or raise InputError with the option and the allowed values."""
         outside = not self.low <= value <= self.high or (self.above and value == self.low)
         if not math.isfinite(value) or outside:
             least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
             unit = f" {self.unit}" if self.unit else ""
-            raise InputError(f"{option} {value:g}: {least} and up to {self.high:g}{unit} was expected")
+            raise InputError(f"{option} {value:g}: must be {least} and up to {self.high:g}{unit}")
         return value
 
 
@@ -76,11 +79,11 @@ class Axis:
 
     @property
     def is_parameter(self) -> bool:
-        """Whether the sensor itself is varied, rather than the conditions."""
+        """Whether the sensor is varied, not the conditions."""
         return self.key not in CONDITIONS
 
     def between(self, low: float, high: float, count: int) -> Numbers:
-        """Steps from low to high as this axis has them."""
+        """Steps from low to high, linear or logarithmic."""
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
 
@@ -103,7 +106,7 @@ def parameter_axis(
     key: str, files: Sequence[tuple[str, Mapping[str, Any]]], *,
     start: float | None, stop: float | None, count: int, log: bool | None,
 ) -> Axis:  # fmt: skip
-    """An axis of a key of the sensor files (their names and tables), a fifth to five times its value by default."""
+    """An axis over a key of the sensor files (names and tables); by default a fifth to five times its value."""
     whole, lows, highs = False, [], []
     for where, tables in files:
         info = numeric_keys(tables).get(key)
@@ -113,7 +116,7 @@ def parameter_axis(
         if start is None or stop is None:
             if not info.value:
                 shown = "is 0" if info.value == 0.0 else "is not given"
-                raise InputError(f"--over {key}: {shown} in {where}, so --from and --to were expected")
+                raise InputError(f"--over {key}: {shown} in {where}, so --from and --to must be given")
             ends = sorted((info.value / 5.0, info.value * 5.0))
             lows.append(min(max(ends[0], info.low), info.value))
             highs.append(max(min(ends[1], info.high), info.value))
@@ -132,11 +135,11 @@ def parameter_axis(
 
 def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
     if not (math.isfinite(start) and math.isfinite(stop)):
-        raise InputError(f"--from {start:g} --to {stop:g}: finite numbers were expected")
+        raise InputError(f"--from {start:g} --to {stop:g}: must be finite numbers")
     if start >= stop:
-        raise InputError(f"--from {start:g} --to {stop:g}: --from below --to was expected")
+        raise InputError(f"--from {start:g} --to {stop:g}: --from must be below --to")
     if log and start <= 0.0:
-        raise InputError(f"--from {start:g}: more than 0 was expected on a logarithmic axis (or --linear)")
+        raise InputError(f"--from {start:g}: must be more than 0 on a logarithmic axis (or --linear)")
     steps = np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
     steps[0], steps[-1] = start, stop  # geomspace may miss them by a rounding
     return steps
@@ -144,7 +147,7 @@ def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Key:
-    """A numeric key of a sensor file: its value (None if not given), and what it may be."""
+    """A numeric key of a sensor file: its value (None if not given) and its bounds."""
 
     value: float | None
     low: float
@@ -183,7 +186,7 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
 
 
 def _types(annotation: Any) -> Iterator[Any]:
-    """What a type is made of, but for the insides of lists and tables."""
+    """The types in a union, without those inside lists and tables."""
     origin = getattr(annotation, "__origin__", None)
     if origin in (tuple, list, dict):
         return
@@ -205,15 +208,15 @@ def _unknown(key: str, where: str, tables: Mapping[str, Any]) -> str:
     hint = (
         f"did you mean {near[0]}?"
         if near
-        else f"{', '.join(CONDITIONS)} or such as detector.radius_mm was expected"
+        else f"must be one of {', '.join(CONDITIONS)} or a key such as detector.radius_mm"
     )
     return f"{where} has no numeric key of that name; {hint}"
 
 
 def require_within_law(axis: Axis) -> None:
-    """Refuse angles at which a fixed window or a mirror has no aperture."""
+    """Refuse angles at which a fixed window or a mirror has no aperture left."""
     if np.max(np.abs(axis.values)) > LARGEST_DEG:
         raise InputError(
-            f"--over {axis.key}: this aperture law holds to {LARGEST_DEG:g} degrees; "
-            f"{axis.values[0]:g} to {axis.values[-1]:g} came"
+            f"--over {axis.key}: this aperture law holds to {LARGEST_DEG:g} degrees, "
+            f"got {axis.values[0]:g} to {axis.values[-1]:g}"
         )

@@ -1,6 +1,7 @@
-"""Curves: sensors, a quantity and an axis in; values, what they mean, and where they cross out.
+"""Curves: sensors, a quantity and an axis in; values, their meaning, and where curves cross out.
 
-A crossing is not read off the sampled curve: its bracket is evaluated again, finer and finer, to 1e-10.
+"Which sensor sees farther, and from when on?" is a crossing. It is not read off the sampled curve: its bracket is
+evaluated again, finer and finer, to 1e-10.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from .subjects import Subject
 QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
 
 _FINE = 33  # evaluations in a bracket at a time
-_CLOSE = 1e-10
-_JUMP = 1e-4  # curves farther apart than this where they change places have jumped, not crossed
+_CLOSE = 1e-10  # relative width of a crossing's bracket at the end
+_JUMP = 1e-4  # curves that are farther apart where they change places have jumped, not crossed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """What is asked of each sensor: a quantity along an axis, under these conditions.
 
-    distance_m    of the target, for "snr" and "pd" over anything but distance
-    law           along an elevation or azimuth axis: "scanner", the sensor's own, or one of `aperture.LAWS`
-    visibility_m  extinction by Kim at the sensor's wavelength, on top of the target's; None for clear air
+    distance_m    of the target, for "snr" and "pd" over an axis other than distance
+    law           along an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture.LAWS`
+    visibility_m  adds extinction by Kim at the sensor's wavelength; None for clear air
     """
 
     quantity: str
@@ -62,7 +63,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
-    """Two curves of equal value, or (``second`` empty) one at its comparator's level."""
+    """A place where two curves are equal or, with an empty ``second``, where one is at its comparator's level."""
 
     first: str
     second: str
@@ -82,7 +83,10 @@ class Curves:
 
 
 def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tuple[Sensor, Target]]:
-    """Sensor and target along the axis: one pair of arrays if the sensor's numbers stack, else one pair for each x."""
+    """Sensor and target along the axis.
+
+    One pair with arrays if the sensor's numbers can be stacked, else one pair for each x.
+    """
     axis, target = question.axis, question.target
     if not axis.is_parameter:
         sensor = subject.sensor()
@@ -112,7 +116,7 @@ def _along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Ta
 
 
 def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Target:
-    """The target with extinction from this visibility at the sensor's wavelength added; None for clear air."""
+    """The target with the extinction of this visibility at the sensor's wavelength; unchanged if None."""
     if visibility_m is None:
         return target
     alpha = air.extinction_from_visibility_per_m(
@@ -122,7 +126,7 @@ def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Tar
 
 
 def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
-    """The sensor's values at these places of the axis."""
+    """The sensor's values at these x."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
         found = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
@@ -144,7 +148,7 @@ def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
 
 
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
-    """Every sensor's curve, where any two cross, and where one is at its threshold."""
+    """Every sensor's curve, the crossings of any two, and where one is at its threshold."""
     x = question.axis.values
     found = [curve(subject, question, x) for subject in subjects]
     crossings: list[Crossing] = []
@@ -163,7 +167,7 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
 
 
 def _difference(question: Question, first: Curve, second: Curve, *, same: float = 1e-9) -> Numbers:
-    """Relative difference of two curves; 0 where they are the same to ``same``, or nothing worth telling."""
+    """Relative difference of two curves; 0 where it is below ``same`` or both are negligible."""
     a, b = first.values, second.values
     both = np.isfinite(a) & np.isfinite(b)
     size = np.where(both, np.maximum(np.abs(a), np.abs(b)), 1.0)
@@ -182,7 +186,7 @@ def _beyond(margin: Numbers) -> Numbers:
 
 
 def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[Crossing]:
-    """Where a height, sampled along the axis, changes its sign."""
+    """Places where a height, sampled along the axis, changes its sign."""
 
     def height_at(x: Numbers) -> tuple[Numbers, Numbers]:
         those = [curve(subject, question, x) for subject in pair]
@@ -218,14 +222,15 @@ def _refined(
     *,
     falls: bool,
 ) -> tuple[float, float] | None:
-    """Place and value of a change of sign in this bracket; None where it is a jump.
+    """Place and value of a change of sign in this bracket; None if it is a jump.
 
-    On an axis of whole numbers: the first of them on the other side.
+    On an axis of whole numbers: the first number on the other side.
     """
     while True:
         steps = axis.between(low, high, _FINE)
         steps = np.unique(np.rint(steps)) if axis.whole else steps
         height, values = height_at(steps)
+        # The last step before the change becomes the lower end of the next bracket.
         over = height > 0.0 if falls else height < 0.0
         over[0], over[-1] = True, False
         last = int(np.flatnonzero(over)[-1]) if not axis.whole else int(np.argmin(over)) - 1
@@ -239,12 +244,12 @@ def _refined(
 
 
 def is_flat(own: Curve) -> bool:
-    """Whether the quantity does not depend on the axis at all."""
+    """Whether the values are the same along the whole axis."""
     return bool(np.all(own.values == own.values[0]))
 
 
 def limit_word(status: int) -> str:
-    """What stands in a table where there is no range."""
+    """Text in a table for a status without a range."""
     return {
         RangeStatus.NEVER_DETECTED: "never", RangeStatus.NO_LIMIT: "no limit", RangeStatus.SATURATED: "saturated",
     }[RangeStatus(status)]  # fmt: skip

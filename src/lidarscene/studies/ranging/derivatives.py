@@ -1,4 +1,7 @@
-"""Derivatives of a formula: by Dr.Jit where there is a back end, else by central differences."""
+"""Derivatives of a formula: by Dr.Jit if there is a back end, else by central differences.
+
+So sensitivities need no LLVM, and with it they are exact.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,9 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 
 
 def chosen(method: str) -> tuple[str, Derivation]:
-    """The method that "auto" stands for, or the one named, and its function.
+    """The method that "auto" stands for, or the named one, and its function.
 
-    Raises ValueError for an unknown name, BackendError where "drjit" is asked for and cannot be had.
+    Raises ValueError for an unknown name, BackendError if "drjit" is asked for and not available.
     """
     if method not in ("auto", "drjit", "differences"):
         raise ValueError(f"no method '{method}'; expected auto, drjit or differences")
@@ -37,7 +40,7 @@ def chosen(method: str) -> tuple[str, Derivation]:
 
 
 def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """Sixth-order central differences, one number after the other."""
+    """Sixth-order central differences, one parameter after the other."""
     weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 
     def at(name: str, number: float) -> float:

@@ -1,4 +1,7 @@
-"""The gain of an avalanche photodiode that gives the best signal-to-noise ratio: in closed form and by search."""
+"""The gain of an avalanche photodiode with the best signal-to-noise ratio: in closed form and by search.
+
+The closed form shows what it depends on; the search is exact. Comparing them shows what the closed form leaves out.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,9 @@ _HIGHEST = 1e6
 class BestGain:
     """Gains of the best SNR under one background.
 
-    closed_form  from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; one at least, inf
-                 where nothing but the avalanche's own noise limits (no excess noise)
-    searched     by golden section on the exact SNR, 1 to 1e6
+    closed_form  from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; at least one, inf if
+                 only multiplied noise limits and there is no excess noise
+    searched     by golden section on the exact SNR, from 1 to 1e6
     snr_share    the sensor's SNR at its own gain over that at the searched one
     """
 
@@ -52,7 +55,7 @@ def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> Best
 
 
 def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> float:
-    """From the noise's parts: what is multiplied, at gain one, and what is not, of (18)."""
+    """From the parts of the noise (18): multiplied, at gain one, and not multiplied."""
     background = float(np.ravel(plane.echoes_of_plane(sensor, target, range_m).background_power_w)[0])
     bandwidth = float(sensor.tdc.bandwidth_hz)
     responsivity = apd.responsivity_a_w(

@@ -1,7 +1,8 @@
 """Signal-to-noise ratio and maximum range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
 
-Every number of a `Target`, and every number of a sensor's laser, optics, detector and TDC, may be an array;
-they broadcast with each other and with the ranges. `stacked` makes such a sensor out of many.
+The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
+`Target`, and of a sensor's laser, optics, detector and TDC, may be an array; they broadcast with each other and with
+the ranges. `stacked` makes such a sensor from many.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from ...sensor.detectors import Apd, WorkingPoint
 from ...sensor.model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
-_STEPS_PER_DECADE = 16
-_BLINDING_W = 1e20
-_NOTHING = 1e-100  # below this the products of the closed forms run out of exponents
+_STEPS_PER_DECADE = 16  # of the grid for the last crossing
+_BLINDING_W = 1e20  # more light than any detector resolves
+_NOTHING = 1e-100  # below this the products of the closed forms underflow
 _PARTS = ("laser", "optics", "detector", "tdc")
 
 
@@ -36,8 +37,8 @@ class RangeStatus(enum.IntEnum):
 
     FOUND = 0
     NEVER_DETECTED = 1  # not even at 1 cm: no light, or the detector is blind
-    NO_LIMIT = 2  # still detected at 1000 km: nothing stands against the signal
-    SATURATED = 3  # never, since not even all free cells together reach the threshold
+    NO_LIMIT = 2  # still detected at 1000 km: no noise limits the signal
+    SATURATED = 3  # never: not even all free cells together reach the threshold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,14 +59,14 @@ class Target:
 
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
-    """Common shape of all arrays in a sensor and a target; () where there are none."""
+    """Common shape of all arrays in a sensor and a target; () if there are none."""
     parts = [getattr(sensor, part) for part in _PARTS] + [target]
     values = [getattr(part, field.name) for part in parts for field in dataclasses.fields(part)]
     return np.broadcast_shapes(*(value.shape for value in values if isinstance(value, np.ndarray)))
 
 
 def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
-    """One sensor with arrays where these differ in numbers; None where they differ in anything else."""
+    """One sensor with arrays where these differ in numbers; None if they differ in anything else."""
     first, changes = sensors[0], {}
     for part in _PARTS:
         parts = [getattr(sensor, part) for sensor in sensors]
@@ -129,25 +130,25 @@ def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Num
 
 
 def _ratio(signal: Numbers, level: Numbers) -> Numbers:
-    """signal / level; where both are zero there is no signal, where only the level is, nothing is against it."""
+    """signal / level; 0 without a signal, inf if only the level is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(signal > 0.0, signal / level, 0.0)
 
 
 def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
-    """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf where there is no noise at all."""
+    """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf without any noise."""
     point, signal, _ = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return _ratio(signal, np.asarray(point.noise * np.ones_like(signal)))
 
 
 def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
-    """(n,) peak signal over the comparator's level; 1 where the echo is found half of the time."""
+    """(n,) peak signal over the comparator's level; at 1 the echo is found half of the time."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return _ratio(signal, level)
 
 
 def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
-    """(n,) P_d with the echo's own shot noise (13): what `render` keeps of many pulses, but for the window."""
+    """(n,) P_d with the echo's own shot noise (13): the share that `render` keeps, apart from its window."""
     point, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
@@ -157,23 +158,25 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
 def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     """Range at which the peak signal falls to the comparator's level, and a `RangeStatus`.
 
-    Two scalars, or two arrays of the conditions' shape. 0 where there is no such range, inf where there is no
-    limit; never NaN. Accurate to 1e-12 relative, by bisection in log range on the exact response.
+    Two scalars, or two arrays of the conditions' shape. 0 if there is no such range, inf if there is no limit; never
+    NaN. Accurate to 1e-12 relative, by bisection in log range on the exact response.
 
-    Between 1 cm and 1000 km the signal falls and, in clear air, the level stays, so there is one crossing. With
-    extinction the sun's light fades with range too, and a SiPM that is blinded close by may see again farther
-    off: then the range is that of the last crossing on a grid of 16 points a decade.
+    Between 1 cm and 1000 km the signal falls while, in clear air, the level stays, so there is one crossing. With
+    extinction sunlight fades with range too, and a SiPM that is blinded nearby may see again farther away: then the
+    range is that of the last crossing on a grid of 16 points per decade.
     """
     shape = conditions_shape(sensor, target)
     every = np.ones(shape or (1,))
     decades = math.log10(_FARTHEST_M / _NEAREST_M)
     cuts = round(decades * _STEPS_PER_DECADE) if np.any(np.asarray(target.extinction_per_m) > 0.0) else 1
     grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
+    # Index of the last grid range at which the target is detected; -1: none.
     last = np.full(every.shape, -1)
     for index, range_m in enumerate(grid):
         last = np.where(_is_detected(sensor, target, range_m * every), index, last)
     near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
     last = np.where((last >= 0) & _is_noiseless(sensor, target), cuts, last)
+    # Conditions without a crossing get a closed bracket, so that bisection skips them.
     open_bracket = (last >= 0) & (last < cuts)
     near, far = np.where(open_bracket, near, 1.0), np.where(open_bracket, far, 1.0)
     while np.any(far / near > 1.0 + 1e-12):
@@ -189,29 +192,29 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
 
 
 def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
-    """Whether the peak reaches the level; no signal is never detected, also by a level of zero."""
+    """Whether the peak reaches the level. No signal is never detected, even with a level of zero."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return np.asarray((signal >= level) & (signal > 0.0))
 
 
 def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
-    """Whether the level is zero where it is highest: then any echo is seen, until numbers run out."""
+    """Whether the level is zero where it is highest, at the nearest range: then every echo is detected."""
     _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(level <= 0.0)
 
 
 def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
-    """Whether the level is beyond what any light makes the detector give."""
+    """Whether the level is above the detector's response to any light."""
     point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(point.signal(_BLINDING_W * np.ones_like(level)) < level)
 
 
 def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
-    """The derived closed forms (29) and (30) for this sensor: the background's shot noise alone.
+    """The derived closed forms (29) and (30) for this sensor: background shot noise only.
 
-    An upper bound of `maximum_range_m`, except where a SiPM is far from linear. With extinction the range is
-    on both sides, R = R_0 exp(-3/4 alpha R), which Lambert's W solves: R = W(3/4 alpha R_0) / (3/4 alpha).
-    inf without background, 0 without an echo. Raises ValueError for a fixed threshold.
+    An upper bound of `maximum_range_m`, unless a SiPM is far from linear. With extinction the range is on both sides,
+    R = R_0 exp(-3/4 alpha R), solved by Lambert's W: R = W(3/4 alpha R_0) / (3/4 alpha). inf without background, 0
+    without an echo. Raises ValueError for a fixed threshold.
     """
     if sensor.tdc.threshold_to_noise is None:
         raise ValueError(
@@ -220,7 +223,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     laser, optics, detector = sensor.laser, sensor.optics, sensor.detector
     every = np.ones(conditions_shape(sensor, target) or (1,))
     echo = every * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
-    # (30) holds the sky too, if its share of the radiance joins cos theta_s under the root.
+    # The sky's share of the radiance adds to cos(theta_s) under the root, so the forms hold with a sky too.
     daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
     dark = every * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
     sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
@@ -273,7 +276,7 @@ def _lambert_w(z: Numbers) -> Numbers:
 def equal_range_illuminance_klux(
     first: Sensor, second: Sensor, target: Target, *, low_klux: float = 0.01, high_klux: float = 100.0
 ) -> float:
-    """Illuminance at which two sensors reach equally far; ValueError if they do not change places in between."""
+    """Illuminance at which two sensors have equal range; ValueError if they do not change places in between."""
 
     def ahead(illuminance_klux: float) -> bool:
         lit = replace(target, illuminance_klux=illuminance_klux)

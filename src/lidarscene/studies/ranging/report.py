@@ -1,4 +1,7 @@
-"""What a sweep says of itself: curves in, a table, CSV, JSON and a chart out."""
+"""A sweep in words and files: curves in; a table, CSV, JSON and a chart out.
+
+Nothing is computed here; formats and sentences only.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _SYMBOL = {"snr": "SNR", "pd": "P_d"}
 
 
 def csv_text(swept: Curves) -> str:
-    """The swept quantity with its unit, then one column for each sensor; 0 never detected, inf no limit."""
+    """The axis with its unit, then one column for each sensor; 0: never detected, inf: no limit."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([swept.question.axis.column, *(one.name for one in swept.curves)])
@@ -29,7 +32,7 @@ def csv_text(swept: Curves) -> str:
 
 
 def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
-    """The conditions that were held."""
+    """The fixed conditions, in words."""
     question, target = swept.question, swept.question.target
     key = question.axis.key
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
@@ -64,7 +67,7 @@ def _cell(own: Curve, index: int) -> str:
 
 
 def table_text(swept: Curves) -> str:
-    """A dozen rows of the curves; the CSV holds all."""
+    """About a dozen rows of the curves; the CSV has all."""
     axis = swept.question.axis
     rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
     table = [[axis.column, *(one.name for one in swept.curves)]]
@@ -75,25 +78,27 @@ def table_text(swept: Curves) -> str:
 
 
 def notes(swept: Curves, windows_m: dict[str, float]) -> list[str]:
-    """Crossings, maximum ranges and what else should not be missed, one line each.
+    """Crossings, maximum ranges and warnings, one line each.
 
     windows_m  range at which each sensor stops listening
     """
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
-    told = []
+    notes_so_far = []
     for one in swept.detection_limits:
         if question.axis.key == "distance" and one.falls:
-            told.append(f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}")
+            notes_so_far.append(
+                f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}"
+            )
         else:
             verb = "falls to" if one.falls else "rises to"
-            told.append(
+            notes_so_far.append(
                 f"{one.first}: {verb} the threshold at {one.at:.6g}{unit}, {_value(question.quantity, one)}"
             )
     for one in swept.crossings:
         verb = "falls below" if one.falls else "rises above"
         value = _value(question.quantity, one)
-        told.append(f"crossing at {one.at:.6g}{unit}: {one.first} {verb} {one.second}, {value}")
+        notes_so_far.append(f"crossing at {one.at:.6g}{unit}: {one.first} {verb} {one.second}, {value}")
     for own in swept.curves:
         farthest = own.values if own.status is not None else np.zeros(1)
         farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
@@ -102,18 +107,18 @@ def notes(swept: Curves, windows_m: dict[str, float]) -> list[str]:
         ]
         reach = max([*limits, *farthest.tolist()], default=0.0)
         if reach > windows_m[own.name]:
-            told.append(
+            notes_so_far.append(
                 f"{own.name}: its window ends at {windows_m[own.name]:.1f} m, before the farthest of these"
             )
         if is_flat(own) and len(own.values) > 1:
-            told.append(f"{own.name}: the same everywhere, {question.axis.key} does not matter")
+            notes_so_far.append(f"{own.name}: the same everywhere, {question.axis.key} does not matter")
     if question.axis.key in ("elevation", "azimuth"):
-        told.append(f"aperture law: {law_text(question.law)}")
-    return told
+        notes_so_far.append(f"aperture law: {law_text(question.law)}")
+    return notes_so_far
 
 
 def law_text(law: str) -> str:
-    """The first paragraph of an aperture law's own account, in one line."""
+    """First paragraph of an aperture law's docstring, in one line."""
     return " ".join(((of_scanner if law == "scanner" else LAWS[law]).__doc__ or "").split("\n\n")[0].split())
 
 
@@ -122,7 +127,7 @@ def _value(quantity: str, one: Crossing) -> str:
 
 
 def as_dict(swept: Curves) -> dict[str, Any]:
-    """For machines: values that JSON has no word for are null, and the status says why."""
+    """For JSON: values that JSON cannot express are null, and the status says why."""
 
     def numbers(values: Any) -> list[float | None]:
         return [float(v) if math.isfinite(v) else None for v in values]
@@ -159,9 +164,9 @@ def as_dict(swept: Curves) -> dict[str, Any]:
 
 
 def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) -> Chart:
-    """The curves as a chart, crossings and limits marked.
+    """The curves as a chart, with crossings and limits marked.
 
-    thresholds  ratio to noise at which each comparator trips; None where it is fixed otherwise
+    thresholds  ratio to noise at which each comparator trips; None if it is fixed in another way
     """
     question = swept.question
     axis, quantity = question.axis, question.quantity
@@ -199,6 +204,6 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
 
 
 def _offset(number: int, falls: bool) -> tuple[float, float]:
-    """Texts of neighbouring limits go to different sides of the curve."""
+    """Offset of a limit's text: neighbours go to different sides of the curve."""
     x, y = ((8.0, 8.0), (-8.0, -8.0), (8.0, 22.0), (-8.0, -22.0))[number % 4]
     return (x, y) if falls else (-x, y)

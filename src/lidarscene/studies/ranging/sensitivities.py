@@ -1,9 +1,11 @@
 """Sensitivities: how maximum range and detection depend on every number of a sensor and its target.
 
-Elasticities are percent of range for each percent of a parameter, d ln R / d ln p; a parameter that is zero
-has no percent and gets its plain derivative. Ranges are implicit, margin(R, p) = ln(peak / level) = 0, so
-dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode through
-the very stages that render; without a back end they are sixth-order central differences, 1e-6 off.
+A designer asks what to improve first. Elasticities answer that: percent of range per percent of a parameter, d ln R /
+d ln p; a parameter that is zero has a plain derivative instead. The range is implicit, margin(R, p) = ln(peak /
+level) = 0, so dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode
+through the very stages that render; without a back end they are sixth-order central differences, off by 1e-6.
+
+Symbols: R maximum range, p parameter, P_d detection probability.
 """
 
 from __future__ import annotations
@@ -36,14 +38,14 @@ _UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """What one parameter does to the maximum range and, at one distance, to the detection probability.
+    """Effect of one parameter on the maximum range and, at one distance, on the detection probability.
 
     parameter          dotted name, such as detector.gain or target.reflectivity
-    value, unit        as the sensor holds it: SI
-    range_slope        dR_max / dp, metres for each unit
-    range_elasticity   d ln R_max / d ln p; None where the value is zero
-    detection_slope    dP_d / dp at the distance of the table
-    detection_points   percentage points of P_d for each percent of p; None where the value is zero
+    value, unit        as the sensor holds it, SI
+    range_slope        dR_max / dp, metres per unit
+    range_elasticity   d ln R_max / d ln p; None if the value is zero
+    detection_slope    dP_d / dp at the table's distance
+    detection_points   percentage points of P_d per percent of p; None if the value is zero
     """
 
     parameter: str
@@ -59,7 +61,7 @@ class Sensitivity:
 class Table:
     """Sensitivities of a sensor on a target, strongest first.
 
-    distance_m   where the detection probability is taken
+    distance_m   at which the detection probability is taken
     method       "drjit" (exact) or "differences" (sixth-order central differences)
     """
 
@@ -86,7 +88,7 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
 
 
 def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes]) -> tuple[Sensor, Target]:
-    """The sensor and target with these numbers in place of their own."""
+    """The sensor and target with these values."""
     changes: dict[str, dict[str, Lanes]] = {}
     for name, value in values.items():
         part, _, field = name.partition(".")
@@ -109,10 +111,10 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
 def sensitivities(
     sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
 ) -> Table:
-    """All sensitivities. Raises InputError where the sensor has no maximum range.
+    """All sensitivities. Raises InputError if the sensor has no maximum range.
 
-    distance_m   where P_d is taken; the maximum range if None, where it is near one half
-    method       "drjit", "differences", or "auto": Dr.Jit where there is a back end
+    distance_m   at which P_d is taken; the maximum range if None, where it is near one half
+    method       "drjit", "differences", or "auto": Dr.Jit if there is a back end
     """
     limit, status = plane.maximum_range_m(sensor, target)
     if status != RangeStatus.FOUND:
@@ -209,7 +211,7 @@ def tornado(
     distance_m: float | None = None,
     method: str = "auto",
 ) -> None:
-    """The elasticities of the maximum range, strongest on top; PNG or SVG by the path's ending."""
+    """Chart of the elasticities of the maximum range, strongest on top; PNG or SVG by the path's suffix."""
     from ...figures import lines as charts
 
     table = sensitivities(sensor, target, distance_m=distance_m, method=method)
@@ -222,7 +224,7 @@ def tornado(
 
 
 def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
-    """`ranging.echoes_of_plane` for numbers of any kind, one range."""
+    """`ranging.echoes_of_plane` for numbers of any kind, at one range."""
     ops = xp(range_m)
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
@@ -249,12 +251,12 @@ def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
 
 
 def _signed(value: float) -> str:
-    """Four decimals, or two digits of what would show as zero; ten characters."""
+    """Four decimals, or two digits if that would show as zero; ten characters."""
     return f"{value:+10.4f}" if abs(value) >= 1e-3 or value == 0.0 else f"{value:+10.1e}"
 
 
 def _unit(name: str) -> str:
-    """Unit from the name's suffix; the empty string for plain numbers."""
+    """Unit from the suffix of the name; empty for plain numbers."""
     last = name.rpartition(".")[2]
     if last.endswith("_w_m2"):
         return "W/m2"

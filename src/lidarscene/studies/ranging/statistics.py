@@ -1,7 +1,9 @@
-"""Detection statistics of a sensor on a target: detection curves, trade of detection against false alarms, shots.
+"""Detection statistics of a sensor on a target: detection curves, detection against false alarms, simulated shots.
 
-The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too; where
-shots are simulated it is by `detection.returns.detect`, on numpy with made-up echoes. No tracing, no LLVM.
+The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too.
+Shots are simulated by `detection.returns.detect`, on numpy with made-up echoes. No tracing, no LLVM.
+
+Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
 """
 
 from __future__ import annotations
@@ -29,13 +31,14 @@ TAILS: tuple[Tail, ...] = get_args(Tail)
 
 @dataclass(frozen=True, slots=True)
 class OperatingCurve:
-    """Receiver operating characteristic: what a threshold buys and costs. All (n,), one for each threshold.
+    """Receiver operating characteristic: detection and false alarms over the threshold. All (n,), one for each
+    threshold.
 
     threshold_to_noise     TNR
     false_alarms_per_shot  mean number of noise crossings in the whole window
     quiet_probability      that a whole window has none
     detection_probability  P_d of the echo
-    correct_probability    (10): right returns among all, for a target at the end of the window
+    correct_probability    (10): correct returns among all, for a target at the end of the window
     """
 
     threshold_to_noise: Numbers
@@ -47,10 +50,10 @@ class OperatingCurve:
 
 @dataclass(frozen=True, slots=True)
 class FalsePoints:
-    """False alarms among the points of one frame, expected.
+    """Expected false alarms among the points of one frame.
 
     per_pulse  mean number that one pulse's converter reports
-    per_frame  that times the pulses of the scanner's frame, all of them on the same target or sky
+    per_frame  that times the pulses of a frame, all of them on the same target or sky
     """
 
     per_pulse: float
@@ -59,7 +62,7 @@ class FalsePoints:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """Simulated shots, counted: of the echoes, how many were reported; of the alarms, how many are points."""
+    """Counts of simulated shots: how many echoes were reported, and how many alarms are points."""
 
     shots: int
     echoes: int
@@ -67,7 +70,7 @@ class Shots:
 
     @property
     def correct_share(self) -> float:
-        """Right returns among all; 1 where nothing was returned."""
+        """Correct returns among all; 1 if nothing was returned."""
         returned = self.echoes + self.false_alarms
         return self.echoes / returned if returned else 1.0
 
@@ -75,7 +78,7 @@ class Shots:
 def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: bool = True) -> Numbers:
     """(n,) P_d of echoes with these signal-to-noise ratios, under the target's background.
 
-    own_noise   False leaves the echo's own shot noise out, which makes P_d = Q(TNR - SNR) for a Gaussian
+    own_noise   False leaves out the echo's own shot noise, so that P_d = Q(TNR - SNR) for a Gaussian
     """
     point = sensor.working_point(_background_w(sensor, target))
     signal = np.asarray(snr, dtype=np.float64) * point.noise
@@ -86,7 +89,7 @@ def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: 
 def operating_curve(
     sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Numbers
 ) -> OperatingCurve:
-    """Detection against false alarms for a target at this range, as the threshold varies."""
+    """Detection and false alarms for a target at this range, over the threshold."""
     ratios = np.asarray(threshold_to_noise, dtype=np.float64)
     varied = dataclasses.replace(sensor.tdc, threshold_to_noise=ratios, threshold_level=None)
     tuned = dataclasses.replace(sensor, tdc=varied)
@@ -124,10 +127,10 @@ def false_alarm_probability(
 ) -> float:
     """P_f of one comparison, with the target's background.
 
-    sky    the sky beside the target instead: dark unless the target's light has a diffuse share
-    tail   None: the sensor's own statistics. For an APD also "gaussian" (9), "mcintyre" (saddle point, what
-           `detector.tail` computes), "webb" (Webb's approximation of the electrons, averaged over the
-           amplifier's noise) or "exact" (McIntyre's probabilities summed)
+    sky    True: the sky beside the target instead; dark unless the target's light has a diffuse share
+    tail   None: the sensor's own statistics. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
+           `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
+           "exact" (McIntyre's probabilities summed)
     """
     background = _background_w(sensor, target, sky)
     point = sensor.working_point(background)
@@ -136,7 +139,7 @@ def false_alarm_probability(
         return float(np.ravel(point.false_alarm_probability(threshold))[0])
     diode = sensor.detector
     if not isinstance(diode, Apd) or tail not in TAILS:
-        raise ValueError(f"tail '{tail}' came; an APD and one of {', '.join(TAILS)} were expected")
+        raise ValueError(f"tail must be one of {', '.join(TAILS)}, for an APD, got '{tail}'")
     if tail == "gaussian" or tail == "mcintyre":
         changed = dataclasses.replace(sensor, detector=dataclasses.replace(diode, tail=tail))
         return false_alarm_probability(changed, target, sky=sky)
@@ -151,8 +154,8 @@ def false_alarm_probability(
 def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -> FalsePoints:
     """Expected false points of a frame whose pulses all meet this target, or for None all go into the sky.
 
-    Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo can
-    hide it, those after it need a stop that is left.
+    Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo may hide it,
+    and alarms after it need a stop that is left.
     """
     p_false = false_alarm_probability(sensor, target, sky=range_m is None)
     rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
@@ -189,15 +192,15 @@ def simulated_shots(
 
 
 def end_of_window(sensor: Sensor, range_m: float) -> Sensor:
-    """The sensor with its window closed just after an echo of this range has come, as (10) has it."""
+    """The sensor with its window closed just after an echo of this range, as in (10)."""
     end_s = 2.0 * range_m / SPEED_OF_LIGHT_M_S + 0.5 * float(sensor.laser.pulse_fwhm_s)
     return dataclasses.replace(sensor, tdc=dataclasses.replace(sensor.tdc, window_s=end_s))
 
 
 def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
-    """An APD's background in electrons of one resolution time, as `mcintyre.tail_probability` wants it.
+    """An APD's background in electrons of one resolution time, for `mcintyre.tail_probability`.
 
-    With ``per_ampere``, electrons of one ampere, and ``excess_noise``, F. Raises ValueError without an APD.
+    Also ``per_ampere``, electrons per ampere, and ``excess_noise``, F. Raises ValueError without an APD.
     """
     diode = sensor.detector
     if not isinstance(diode, Apd):
@@ -238,7 +241,7 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
 
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
-    """Noise at the peak, with the echo's own."""
+    """Noise at the peak, with the echo's own shot noise."""
     return np.asarray(
         tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     )
@@ -262,7 +265,7 @@ def _poisson(mean: float, count: int) -> float:
 
 
 def _mean_of_first(mean: float, stops: int) -> float:
-    """Mean of min(N, stops) for Poisson N: the sum of P(N >= n), n from 1 to stops."""
+    """Mean of min(N, stops) for Poisson N: the sum of P(N >= n) for n from 1 to stops."""
     at_least, total = -math.expm1(-mean), 0.0
     for n in range(1, stops + 1):
         total += at_least

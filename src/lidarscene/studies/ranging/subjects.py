@@ -1,4 +1,7 @@
-"""Sensors under study: names, files and assignments in, sensors at any value of any key out."""
+"""Sensors under study: names, files and assignments in; the sensor at any value of any key out.
+
+A sweep varies keys of the file, not fields of `Sensor`, so that derived numbers follow and bounds are checked.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,12 @@ from ...sensor.model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """A sensor as its file has it.
+    """A sensor with the tables of its file.
 
-    name       that in the file, made different from the others'
-    argument   what the user called it
+    name       from the file, made unique
+    argument   as the user named it
     where      its file, for messages
-    tables     of the file, assignments not made yet
+    tables     of the file, without assignments
     overrides  the assignments, KEY=VALUE
     """
 
@@ -34,7 +37,7 @@ class Subject:
 
     @property
     def changed(self) -> dict[str, Any]:
-        """The tables with the assignments made."""
+        """The tables with the assignments."""
         return with_overrides(self.tables, self.overrides)
 
     def sensor(self) -> Sensor:
@@ -42,7 +45,7 @@ class Subject:
         return sensor_from_tables(self.tables, where=self.where, overrides=self.overrides, folder=self.folder)
 
     def sensor_with(self, key: str, value: float, *, whole: bool) -> Sensor:
-        """The sensor at another value of a key. Raises InputError."""
+        """The sensor with another value of a key. Raises InputError."""
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
             with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
@@ -51,9 +54,9 @@ class Subject:
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
-    """The sensors of these catalogue names and files; equal names get a number. Raises InputError.
+    """Sensors from these catalogue names and files; equal names get a number. Raises InputError.
 
-    assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for that one alone
+    assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for one
     """
     found: list[Subject] = []
     for argument in arguments:

@@ -1,4 +1,7 @@
-"""How far each sensor sees under one set of conditions: a subject and a target in, a row of numbers out."""
+"""How far each sensor sees under given conditions: a subject and a target in, a row of numbers out.
+
+The short answer of the command `range`, without a sweep.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from .subjects import Subject
 def summary_of(
     subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None
 ) -> dict[str, Any]:
-    """Maximum range and its status, the closed form's bound, the window's end; SNR and P_d at ``distance_m``."""
+    """Maximum range and status, closed form, end of the window; SNR and P_d at ``distance_m``."""
     sensor = subject.sensor()
     target = with_haze(sensor, target, visibility_m)
     limit, status = plane.maximum_range_m(sensor, target)

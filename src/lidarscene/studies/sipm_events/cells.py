@@ -1,4 +1,8 @@
-"""A SiPM's cells, the light on them, and when a cell would fire: what the event simulation starts from."""
+"""A SiPM's cells, the light on them, and when a cell would fire: the input of the event simulation.
+
+Options beyond the equations (recovery, crosstalk, afterpulses, pulse shape) are off by default, so that the default
+is what the equations describe.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +25,14 @@ class CellArray:
     """A SiPM, cell by cell.
 
     dark_count_rate_hz    of each cell
-    recovery_s            after the dead time the charge of an avalanche comes back as 1 - exp(-t / recovery);
-                          0: at once
-    trigger_recovery_s    the same for the probability to fire at all
-    crosstalk             probability that an avalanche fires another cell at the same moment, which may do so
-                          in turn; any cell of the array alike, if it can fire
+    recovery_s            after the dead time an avalanche's charge recovers as 1 - exp(-t / recovery); 0: at once
+    trigger_recovery_s    the same for the probability to fire
+    crosstalk             probability that an avalanche fires another cell at the same moment, which may do so in turn;
+                          any cell of the array is equally likely, if it can fire
     afterpulse            probability that an avalanche fires its own cell again, if it can fire by then
-    afterpulse_s          mean delay of that, exponential
-    shape                 of one avalanche at the output, unit height: "box" of the dead time, which makes the
-                          sum the number of busy cells as in the paper, or "exponential"
+    afterpulse_s          mean delay of afterpulses, exponential
+    shape                 of one avalanche at the output, unit height: "box" of the dead time, so that the sum is the
+                          number of busy cells as in the paper, or "exponential"
     rise_s, fall_s        of the exponential shape; a rise of 0 is a step
     """
 
@@ -48,13 +51,13 @@ class CellArray:
 
     def __post_init__(self) -> None:
         if self.shape not in ("box", "exponential"):
-            raise ValueError(f"shape '{self.shape}' came, 'box' or 'exponential' was expected")
+            raise ValueError(f"shape must be 'box' or 'exponential', got '{self.shape}'")
         if self.shape == "exponential" and not self.fall_s > self.rise_s >= 0.0:
             raise ValueError(
                 f"an exponential shape needs fall_s > rise_s >= 0, not {self.fall_s}, {self.rise_s}"
             )
         if not (0.0 <= self.crosstalk < 1.0 and 0.0 <= self.afterpulse < 1.0 and self.dead_time_s > 0.0):
-            raise ValueError("crosstalk and afterpulse below 1 and a dead time above 0 were expected")
+            raise ValueError("crosstalk and afterpulse must be < 1 and the dead time > 0")
 
     @classmethod
     def of(cls, detector: Sipm, **options: Any) -> CellArray:
@@ -69,7 +72,7 @@ class CellArray:
 
     @property
     def warm_up_s(self) -> float:
-        """How long after a start without memory the array is stationary; 0 where the start is exact."""
+        """Time after which an array that started without memory is stationary; 0 if the start is exact."""
         memory = 8.0 * (self.recovery_s + self.trigger_recovery_s)
         memory += 8.0 * self.fall_s if self.shape == "exponential" else 0.0
         memory += 8.0 * self.afterpulse_s if self.afterpulse > 0.0 else 0.0
@@ -78,10 +81,10 @@ class CellArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """What falls on the whole array: an even background and a Gaussian pulse that peaks at time 0.
+    """Light on the whole array: a constant background and a Gaussian pulse that peaks at time 0.
 
     background_photons  in one dead time, N_b-photon of (23)
-    signal_photons      as (24) counts them, half of P_r FWHM / (h nu); the whole pulse has 2.13 times as many
+    signal_photons      as in (24), half of P_r FWHM / (h nu); the whole pulse has 2.13 times as many
     """
 
     background_photons: float
@@ -90,10 +93,10 @@ class Light:
 
 
 class Rates:
-    """Firings that a cell that never dies would have by time t, and the time by which it would have as many."""
+    """Cumulative firings of a cell that never dies, over time, and the inverse."""
 
     def __init__(self, array: CellArray, light: Light, *, start_s: float, end_s: float) -> None:
-        """Exact at the points of a grid, straight between them: a 40th of the pulse's width apart."""
+        """Exact on a grid of a 40th of the pulse's width, linear between its points."""
         step = min(light.pulse_fwhm_s / 40.0, (end_s - start_s) / 100.0)
         count = math.ceil((end_s - start_s) / step) + 1
         self.time_s = np.linspace(start_s, end_s, count)
@@ -109,11 +112,11 @@ class Rates:
 
     @property
     def total(self) -> float:
-        """Over the whole window."""
+        """Firings over the whole window."""
         return float(self.firings[-1])
 
     def by(self, time_s: Numbers) -> Numbers:
-        """Firings by this time."""
+        """Firings until this time."""
         return np.asarray(np.interp(time_s, self.time_s, self.firings))
 
     def when(self, firings: Numbers) -> Numbers:
@@ -122,5 +125,5 @@ class Rates:
 
 
 def recovered(age_s: Numbers, recovery_s: float) -> Numbers:
-    """1 - exp(-age / recovery); all of it at once where the recovery takes no time."""
+    """1 - exp(-age / recovery); 1 if the recovery takes no time."""
     return -np.expm1(-age_s / recovery_s) if recovery_s > 0.0 else np.ones_like(age_s)

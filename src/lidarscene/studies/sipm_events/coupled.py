@@ -1,7 +1,7 @@
-"""Avalanches of cells that fire each other: photons, dark counts, crosstalk and afterpulses in the order of time.
+"""Avalanches of cells that influence each other: photons, dark counts, crosstalk and afterpulses in order of time.
 
-Shots run abreast, so that a pass is one event of each. The slow road, and the obvious one: it keeps the time of
-every cell's last avalanche and asks nothing else.
+All shots advance together: one pass handles one event of each shot. It is the slow and simple engine, which keeps the
+time of every cell's last avalanche and assumes nothing else; the fast one is checked against it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from ...maths.arrays import Numbers
 from .cells import CellArray, Rates, recovered
 
 _SLOTS = 32
-"""Afterpulses of a shot that can be due at a time; a further one takes the place of the one due last."""
+"""Most pending afterpulses of a shot; a further one replaces the one that is due last."""
 
 
 class _State:
-    """Of each shot: the last avalanche of every cell, what is still to come, what has been found."""
+    """For each shot: last avalanche of every cell, pending afterpulses, avalanches so far."""
 
     def __init__(self, array: CellArray, rates: Rates, shots: int, random: np.random.Generator) -> None:
-        """Stationary for cells without memory; `CellArray.warm_up_s` sees to the rest."""
+        """Stationary for cells without memory; `CellArray.warm_up_s` covers the rest."""
         self.array, self.random = array, random
         shape = (shots, array.cells)
         ago = array.dead_time_s * random.random(shape)
@@ -31,7 +31,10 @@ class _State:
         self.due_cell = np.zeros((shots, _SLOTS), dtype=np.int64)
 
     def strike(self, shot: Numbers, cell: Numbers, time_s: Numbers) -> None:
-        """A photon, a dark count or an afterpulse in one cell of each of these shots, and what it sets off."""
+        """A photon, dark count or afterpulse in one cell of each of these shots, and its consequences.
+
+        Each turn of the loop is one generation of crosstalk.
+        """
         array, random = self.array, self.random
         while len(shot):
             age = time_s - self.last[shot, cell] - array.dead_time_s
@@ -46,7 +49,7 @@ class _State:
                 self._store_afterpulses(shot, cell, time_s)
             spreads = np.flatnonzero(random.random(len(shot)) < array.crosstalk)
             shot, time_s = shot[spreads], time_s[spreads]
-            # Any of the other cells: counted on from this one.
+            # Any other cell with equal probability: a step of 1 .. cells - 1 from this one.
             step = random.integers(1, max(array.cells, 2), len(spreads))
             cell = (cell[spreads] + step) % array.cells
 

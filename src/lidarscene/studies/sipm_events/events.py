@@ -1,13 +1,13 @@
 """Avalanches of a SiPM's cells, one by one: cells and light in, times of firing out.
 
-Every cell takes photons and dark counts as a Poisson process, fires, and is dead for tau (non-paralysable: what
-comes meanwhile is lost and prolongs nothing). Two engines, which agree where both apply:
+Every cell receives photons and dark counts as a Poisson process, fires, and is dead for tau (non-paralysable: what
+arrives meanwhile is lost and prolongs nothing). There are two engines, which agree where both apply:
 
-independent   no crosstalk, no afterpulses. Cells are then alike and unconnected, so that only those that fire
-              are touched, all cells of many shots at once: the k-th pass finds the k-th firing of each.
-coupled       anything. Shots run abreast, each avalanche in its turn; costs a pass for every photon.
+independent   no crosstalk, no afterpulses. Cells are then alike and independent, so only those that fire are
+              simulated, all cells of many shots at once: pass k finds the k-th firing of each.
+coupled       everything. All shots advance together, one avalanche after the other; one pass for every photon.
 
-`sipm_waveform` adds the avalanches up, `sipm_working_point` makes numbers of them. docs/sipm.md.
+`studies.sipm_events.output` adds the avalanches up, `studies.sipm_events.working_point` evaluates them. docs/sipm.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EVENTS_AT_A_TIME = 2e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Avalanches:
-    """Firings of some shots, in no order.
+    """Firings of some shots, unordered.
 
     shot    (n,) int, from 0
     time_s  (n,) from the pulse's peak
@@ -42,10 +42,10 @@ class Avalanches:
 def simulate(
     array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int
 ) -> Iterator[tuple[int, Avalanches]]:
-    """Avalanches in a window, some shots at a time: (number of shots, what they hold).
+    """Avalanches in a window, some shots at a time: yields (number of shots, their avalanches).
 
-    Those of cells that were busy at the window's start come along, with their times before it. The same seed gives
-    the same avalanches.
+    Includes avalanches of cells that are busy at the window's start, with earlier times. Equal seeds give equal
+    avalanches.
     """
     rates = Rates(array, light, start_s=start_s - array.warm_up_s, end_s=end_s)
     each = array.cells * (rates.busy_share + min(rates.total, (end_s - start_s) / array.dead_time_s + 2.0))
@@ -61,11 +61,12 @@ def simulate(
 def fire_independent(
     array: CellArray, rates: Rates, shots: int, random: np.random.Generator
 ) -> tuple[Numbers, Numbers, Numbers]:
-    """Shot, time and gain of every avalanche of cells that know nothing of each other.
+    """Shot, time and gain of every avalanche of independent cells.
 
-    The state at the start is stationary: busy with probability x / (1 + x), for how long still even in (0, tau).
-    Firings come where the integral of the rate has grown by an exponential deviate since the cell was ready.
+    The start is stationary: busy with probability x / (1 + x), and for a rest of the dead time that is uniform in (0,
+    tau). A ready cell fires when the integral of its rate has grown by an exponential deviate.
     """
+    # First firings: cells are alike, so their numbers are binomial and only the cells that fire are drawn.
     busy = random.binomial(array.cells, rates.busy_share, shots)
     once = random.binomial(array.cells - busy, -math.expm1(-rates.total))
     busy_shot = np.repeat(np.arange(shots), busy)
@@ -75,6 +76,7 @@ def fire_independent(
     time_s = rates.when(np.minimum(waited, rates.total))
     shot, time_s = np.concatenate([busy_shot, shot]), np.concatenate([busy_time, time_s])
     found = [(shot, time_s, np.ones(len(shot)))]
+    # Further firings, pass by pass, until no cell fires again in the window.
     ready = time_s + array.dead_time_s
     since = ready
     while len(shot):

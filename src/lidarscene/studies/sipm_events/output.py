@@ -1,4 +1,7 @@
-"""Avalanches added up: the array's output at even times, every shot a row."""
+"""Avalanches added up: the array's output at even times, one row for each shot.
+
+Sums are recursive (running sum, or decay from sample to sample), so the cost does not depend on the pulse's length.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ def waveforms(
 ) -> Numbers:
     """(shots, samples) output in units of one recovered cell, exact at each sample.
 
-    For a box shape the step has to be the dead time over a whole number.
+    For a box shape the step must be the dead time over a whole number. Raises ValueError.
     """
     if array.shape == "box":
         return _box(array, avalanches, shots, start_s, step_s, samples)
@@ -30,7 +33,7 @@ def waveforms(
 
 
 def _binned(avalanches: Avalanches, weight: Numbers, first: Numbers, shots: int, columns: int) -> Numbers:
-    """(shots, columns) sum of the weights by the sample at which each avalanche is first seen."""
+    """(shots, columns) sum of the weights by the first sample that shows each avalanche."""
     inside = (first >= 0) & (first < columns)
     place = avalanches.shot[inside] * columns + first[inside]
     return np.bincount(place, weights=weight[inside], minlength=shots * columns).reshape(shots, columns)
@@ -39,7 +42,7 @@ def _binned(avalanches: Avalanches, weight: Numbers, first: Numbers, shots: int,
 def _box(
     array: CellArray, avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int
 ) -> Numbers:
-    """Gains of the last dead time: a running sum less what it was one dead time before."""
+    """Sum of the gains of the last dead time: a running sum minus its value one dead time earlier."""
     length = round(array.dead_time_s / step_s)
     if not math.isclose(length * step_s, array.dead_time_s, rel_tol=1e-9):
         raise ValueError(f"the dead time {array.dead_time_s} s is no multiple of the step {step_s} s")
@@ -51,7 +54,7 @@ def _box(
 def _exponential(
     avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int, fall_s: float
 ) -> Numbers:
-    """Sum of gain exp(-age / fall): carried from sample to sample."""
+    """Sum of gain exp(-age / fall), carried from sample to sample."""
     since = (avalanches.time_s - start_s) / step_s
     first = np.maximum(np.ceil(since), 0.0)
     weight = avalanches.gain * np.exp(-(first - since) * step_s / fall_s)

@@ -1,4 +1,7 @@
-"""Response tables of a SiPM, by events and by equation, and where (27) goes wrong by them."""
+"""Response tables of a SiPM, by events and by equation, and where (27) is wrong.
+
+docs/sipm.md is made of these tables.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,14 @@ from .working_point import moments, pulse_outputs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResponseTable:
-    """The output when its mean is highest, against light; units of one recovered cell.
+    """The output when its mean is highest, over light; in units of one recovered cell.
 
     background_photons  (b,) in one dead time
-    signal_photons      (s,) as (24) counts them
-    mean                (b, s), variance, skewness likewise; ``before`` (b,) is the mean without echo and
-                        ``noise`` (b,) the standard deviation
+    signal_photons      (s,) as in (24)
+    mean                (b, s), also variance and skewness; ``before`` (b,) is the mean without echo and ``noise``
+                        (b,) the standard deviation
     peak_time_s         (b, s) after the light's peak
-    shots               per point; 0 where the numbers are exact
+    shots               per point; 0 if the numbers are exact
     """
 
     background_photons: Numbers
@@ -37,7 +40,7 @@ class ResponseTable:
 
     @property
     def snr(self) -> Numbers:
-        """(b, s): what (27) stands for."""
+        """(b, s) SNR, to compare with (27)."""
         return np.asarray((self.mean - self.before[:, None]) / self.noise[:, None])
 
 
@@ -51,7 +54,7 @@ def response_by_events(
     seed: int = 0,
     steps: int = 16,
 ) -> ResponseTable:
-    """The table by the event simulation: any cells. Every point has shots of its own, from the one seed."""
+    """The table by event simulation, for any cells. Each point has its own shots, all from one seed."""
     shape = (len(background_photons), len(signal_photons))
     columns = np.zeros((6, *shape))
     for i, background in enumerate(background_photons):
@@ -133,10 +136,10 @@ def published_snr(
 def error_of_published_snr(
     array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None
 ) -> Numbers:
-    """(b, s) SNR by (27) over that of the table, less one.
+    """(b, s) SNR by (27) over that of the table, minus one.
 
-    pulse_fwhm_s  give (24) the photons of this pulse in the dead time around its peak, instead of half of
-                  P_r FWHM, so that what is left is the doing of dead cells; None: (27) as printed
+    pulse_fwhm_s  gives (24) the photons of this pulse in the dead time around its peak, instead of half of P_r FWHM,
+                  so that only the effect of dead cells is left; None: (27) as printed
     """
     photons = table.signal_photons
     if pulse_fwhm_s is not None:
@@ -159,13 +162,13 @@ GRID_PULSE_TO_DEAD_TIME = (0.1, 0.5, 1.0, 1.9)
 def where_published_is_off(
     array: CellArray | None = None, *, own_photons: bool = True
 ) -> tuple[str, list[list[str]]]:
-    """Table of the error of (27) in percent: a heading, and rows as text, errors above 10 % in bold.
+    """Table of the error of (27) in percent: a heading and rows as text, errors above 10 % in bold.
 
     array        the cells of Table 1 if None
-    own_photons  (27) with its own count of signal photons; else with those in the dead time around the peak
+    own_photons  True: (27) with its own count of signal photons; False: with those in the dead time around the peak
 
-    A row for every pulse width and background, a column for every signal. Other numbers of cells or PDE: scale the
-    photons, only photons PDE / N matters.
+    A row for every pulse width and background, a column for every signal. For other numbers of cells or PDE scale the
+    photons: only photons PDE / N matters.
     """
     array = array or CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
     rows = []

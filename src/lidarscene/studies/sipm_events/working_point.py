@@ -1,4 +1,7 @@
-"""A SiPM under a background and a pulse, measured shot by shot: noise, signal, detection, false alarms, timing."""
+"""A SiPM under a background and a pulse, measured shot by shot: noise, signal, detection, false alarms, timing.
+
+What a laboratory would measure, and what `sensor.detectors.WorkingPoint` predicts.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ _DARK_SEED = 1  # added to the seed of the shots with a pulse
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moments:
-    """Of the output over shots: (samples,) each. The skewness is the third standardised moment."""
+    """Mean, variance and skewness of the output over shots, (samples,) each."""
 
     time_s: Numbers
     mean: Numbers
@@ -34,15 +37,15 @@ class Measured:
     """A working point; levels in units of one recovered cell above the mean before the pulse.
 
     noise, before, skewness_before       of the output without echo; ``before`` is its mean
-    signal, peak_noise, peak_skewness    of the output at ``peak_time_s``, when its mean is highest
-    snr                                  signal / noise, which (27) stands for
+    signal, peak_noise, peak_skewness    of the output at ``peak_time_s``, where its mean is highest
+    snr                                  signal / noise, to compare with (27)
     threshold                            of the comparator, U
-    false_alarm_probability              that one sample without echo is at or above U, which (9) stands for
-    false_alarm_rate_hz                  of a single-stop converter: -log(quiet shots) over the window watched
-    detection_probability                that the sample at ``peak_time_s`` is at or above U
-    tripped                              share of shots whose output passes U anywhere from 2 FWHM before the
-                                         pulse's peak until the output's own highest mean
-    crossing_s, crossing_deviation_s     mean and standard deviation of when it does; nan if it never does
+    false_alarm_probability              that one sample without echo is >= U, to compare with (9)
+    false_alarm_rate_hz                  of a single-stop converter: -log(share of quiet shots) over the watched window
+    detection_probability                that the sample at ``peak_time_s`` is >= U
+    tripped                              share of shots whose output passes U between 2 FWHM before the pulse's peak and
+                                         the output's highest mean
+    crossing_s, crossing_deviation_s     mean and standard deviation of the time of passing; nan if it never does
     """
 
     shots: int
@@ -82,7 +85,7 @@ def outputs(
 def all_outputs(
     array: CellArray, light: Light, *, start_s: float, end_s: float, shots: int, seed: int, steps: int = 16
 ) -> tuple[Numbers, Numbers]:
-    """`outputs` in one piece."""
+    """`outputs` of all shots in one array."""
     runs = list(outputs(array, light, start_s=start_s, end_s=end_s, shots=shots, seed=seed, steps=steps))
     return runs[0][0], np.concatenate([wave for _, wave in runs])
 
@@ -128,7 +131,7 @@ def measure(
 ) -> Measured:
     """The working point of these cells under this light.
 
-    threshold  in cells above the mean before the pulse; threshold_to_noise times the noise if None, at least 1
+    threshold  in cells above the mean before the pulse; if None, threshold_to_noise times the noise, at least 1
     steps      samples per dead time, which is also how often the comparator looks
     """
     window_s = _DARK_WINDOW * array.dead_time_s
@@ -167,7 +170,7 @@ def measure(
 
 
 def _first_passages(time_s: Numbers, wave: Numbers, absolute: float) -> Numbers:
-    """When each shot that does so first passes the level upwards, straight between samples."""
+    """Time of each shot's first upward passage, if it has one, linear between samples."""
     high = wave >= absolute
     up = high[:, 1:] & ~high[:, :-1]
     row = np.flatnonzero(up.any(axis=1))
@@ -178,7 +181,7 @@ def _first_passages(time_s: Numbers, wave: Numbers, absolute: float) -> Numbers:
 
 
 def _alarms(wave: Numbers, absolute: float, window_s: float) -> tuple[float, float]:
-    """Share of samples at or above the level, and the rate of first passages [1/s]; inf if no shot is quiet."""
+    """Share of samples at or above the level, and rate of first passages [1/s]; inf if no shot is quiet."""
     high = wave >= absolute
     quiet = int(np.count_nonzero(~high.any(axis=1)))
     low_at_first = int(np.count_nonzero(~high[:, 0]))
