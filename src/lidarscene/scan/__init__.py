@@ -1,12 +1,7 @@
 """Scanners: where each pulse of a frame goes, and when.
 
-<<<<<<< HEAD
-A real pattern is not an even grid: mirrors bend it, facets cut the aperture, encoders round the reported angles. So
-each mechanism is modelled by its own geometry, in a small module. A scanner is a function of the pulse's number, so that any
-=======
 A real pattern is not an even grid: mirrors bend it, facets cut the aperture, encoders round reported angles. So each
 mechanism is modelled by its own geometry, in a small module. A scanner is a function of the pulse's number, so that any
->>>>>>> h14-4
 part of a frame can be traced without the rest, and pulses need no memory.
 
 base           what all scanners have in common
