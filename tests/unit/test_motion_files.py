@@ -144,7 +144,7 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (EGO + "poses_file = 'quat.csv'\n" + BOX, r"quat\.csv: quaternions must have length 1, got 2 for pose 1"),
         (EGO + "poses_file = 'both.csv'\n" + BOX, r"both\.csv: columns must be qx, qy, qz, qw or yaw_deg"),
         (EGO + "poses_file = 'empty.txt'\n" + BOX, r"empty\.txt: .*two poses or more"),
-        (EGO + "poses_file = 'empty.csv'\n" + BOX, r"empty\.csv: .*names of the columns"),
+        (EGO + "poses_file = 'empty.csv'\n" + BOX, r"empty\.csv: .*must name the columns"),
         (MOVES + "with_ego = true\n", r"body 'box' moves with_ego, but there is no \[ego\]"),
         (EGO + MOVES + "with_ego = true\nspeed_m_s = 1\n", r"with_ego and speed_m_s came"),
         (MOVES + "poses_file = 'none.csv'\n", r'bodies\[0 "box"\]\.motion\.poses_file: .*none\.csv: no such file'),
