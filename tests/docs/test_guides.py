@@ -28,7 +28,7 @@ from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
 from lidarscene.physics.weather import particles, precipitation
-from lidarscene.rendering.simulator import DEFAULT_CHUNK
+from lidarscene.rendering.options import DEFAULT_CHUNK
 from lidarscene.scene import meshes, motion
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
