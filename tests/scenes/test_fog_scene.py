@@ -108,9 +108,11 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(clouds):
     most = pytest.approx(fog.sum(), rel=1e-3)
     says(
         "weather.md",
-        "It has {} points of fog at {} m, nothing up to {} m",
+        "It has {} points of fog at {} to {} m, one on every beam, nothing up to {} m",
         most,
-        np.median(foggy.range_m[fog]),
+        # The extremes of so many points: noise moves them by a tenth of a metre from machine to machine.
+        pytest.approx(foggy.range_m[fog].min(), abs=0.15),
+        pytest.approx(foggy.range_m[fog].max(), abs=0.15),
         held_m(background_w=BRIGHTEST_W)[1],
     )
 
