@@ -31,7 +31,7 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
 
     Tracing is what pattern and rays take together less the pattern alone, in the same round.
     """
-    import scanners
+    from helpers import scanners
 
     scene, sensor = load_scene(scene_file), load_sensor("table1-apd")
     world = Simulator(scene, sensor)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from waiting import PATIENCE_S
+from helpers.waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[1]
 SENSORS = ("table1-apd", "table1-sipm")

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from helpers.waiting import PATIENCE_S
 from hypothesis import HealthCheck, settings
-from waiting import PATIENCE_S
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import open3d as open3d_door
@@ -91,6 +91,9 @@ def open3d() -> ModuleType:
                 raise
             pytest.skip(str(error))
 
+
+pytest_plugins = ("helpers.in_this_process", "helpers.libraries", "helpers.small_job", "helpers.browser")
+"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser."""
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -32,8 +32,9 @@ COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=
 ON_LLVM = {"LIDARSCENE_VARIANT": "llvm_ad_mono"}
 # What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
 PART = (
-    "tests/unit", "tests/io", "tests/catalog", "tests/batch/test_work.py", "tests/cli/test_cli.py",
-    "tests/cli/test_outputs.py", "tests/kernel/test_plain_meshes.py", "tests/scan/test_render.py",
+    "tests/maths", "tests/files", "tests/formats", "tests/cloud", "tests/sensor", "tests/scene", "tests/materials",
+    "tests/catalog", "tests/labels", "tests/figures", "tests/batch/test_work.py", "tests/cli/test_main.py",
+    "tests/cli/test_outputs.py", "tests/kernel/rays/test_meeting.py", "tests/chain/test_scanners.py",
 )  # fmt: skip
 # Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
 OLD = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")

@@ -14,7 +14,7 @@ BOARD = "#ffc14d"
 PULSE, SEED = 44_739, 3
 """Of the fog scene: meets the car at 30 m, and with this seed a drop or flake before it."""
 BLIND_M, WHOLE_M = 3.0, 13.3
-"""Of biaxial-905; `tests/scenes/test_parallax.py` has them by hand."""
+"""Of biaxial-905; `tests/chain/test_parallax_scene.py` has them by hand."""
 
 
 def edges() -> None:

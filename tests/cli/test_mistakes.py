@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import COARSE, WALL, Ran, Run
+from helpers.command_line import COARSE, WALL, Ran, Run
 
 from lidarscene.rendering.simulator import Simulator
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import COARSE, Run
+from helpers.command_line import COARSE, Run
 
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import LidarSceneError

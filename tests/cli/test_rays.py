@@ -1,7 +1,7 @@
 """`render --rays` of a beam without a width: one line that says so, and only then."""
 
 import pytest
-from command_line import COARSE, Run
+from helpers.command_line import COARSE, Run
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
+from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
 
 from lidarscene import catalog
 from lidarscene.cli import main
 
 # What needs more than this machine.
 PARSED_ONLY = {
-    "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_scheduler.py::test_the_bits_of_render",
+    "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
 }
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.

@@ -10,22 +10,28 @@ import io
 import pkgutil
 import re
 from pathlib import Path
-from types import UnionType
 from typing import Any
 
 import pytest
-from documentation import PAGES, README, ROOT, Block, blocks, code_spans, make_workplace, prose, says, text_of
+from helpers.documentation import (
+    PAGES,
+    README,
+    ROOT,
+    Block,
+    blocks,
+    code_spans,
+    make_workplace,
+    prose,
+    says,
+    text_of,
+)
+from helpers.models import MODELS
 from pydantic_core import PydanticUndefined
 
 import lidarscene
-from lidarscene.batch.file import JobFile
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.columns import COLUMNS
-from lidarscene.materials.file import MaterialFile
-from lidarscene.scene.file import SceneFile
-from lidarscene.sensor.file import SensorFile
-from lidarscene.sensor.rig_file import RigFile
 
 CONVENTIONS, THEORY, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "theory", "architecture", "validation")
@@ -91,7 +97,7 @@ def test_readme_summary(
     mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The lines of the excerpt, beams exactly. The others to 2e-4 and one more: processors differ in last bits, and
-    numpy and the device too are allowed that (`tests/kernel/test_repeatability.py`).
+    numpy and the device too are allowed that (`tests/chain/test_repeatability.py`).
     """
 
     def lines(text: str) -> list[tuple[str, list[int]]]:
@@ -214,24 +220,6 @@ def test_columns_are_up_to_date() -> None:
     table = re.search(r"<!-- columns -->\n(.*?)\n\n", text_of(CONVENTIONS), re.DOTALL)
     assert table
     assert table[1] == columns_table(), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
-
-
-def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
-    """These file models and all models inside them, by name."""
-    found = {}
-    todo: list[Any] = list(roots)
-    while todo:
-        one = todo.pop()
-        if isinstance(one, type) and not isinstance(one, UnionType) and issubclass(one, FileModel):
-            if one.__name__ not in found:
-                found[one.__name__] = one
-                todo += [info.annotation for info in one.model_fields.values()]
-        else:
-            todo += getattr(one, "__args__", ())
-    return found
-
-
-MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)
 
 
 def default_of(info: Any) -> str:

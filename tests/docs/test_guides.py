@@ -8,8 +8,8 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from documentation import PLAIN, README, ROOT, prose, row_says, says, table, text_of
-from test_docs import ARCHITECTURE, MODELS
+from helpers.documentation import PLAIN, README, ROOT, prose, row_says, says, table, text_of
+from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
@@ -238,7 +238,7 @@ def test_motion_and_limits() -> None:
     says("architecture.md", "Rays start {} mm off a surface", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "A frame is traced 2^20 pulses at a time" in text_of(ARCHITECTURE)
+    assert "A frame is traced 2^20 pulses at a time" in text_of(ROOT / "docs" / "architecture.md")
     assert pytest.approx(1 / 20) == clouds.LEAST_SHARED  # "a twentieth of its pulses"
 
 

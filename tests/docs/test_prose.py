@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from documentation import says
+from helpers.documentation import says
 
 from lidarscene import load_sensor
 from lidarscene.materials.catalogue import material as catalogue_material

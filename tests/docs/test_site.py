@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from documentation import PAGES, ROOT, prose, text_of
-from waiting import PATIENCE_S
+from helpers.documentation import PAGES, ROOT, prose, text_of
+from helpers.waiting import PATIENCE_S
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 

@@ -7,7 +7,7 @@ import tomllib
 from functools import cache
 
 import pytest
-from documentation import ROOT, row_says, says, table, text_of, told, value_of
+from helpers.documentation import ROOT, row_says, says, table, text_of, told, value_of
 from scipy.stats import norm
 
 from lidarscene import catalog, load_sensor
@@ -292,14 +292,14 @@ def test_eye_safety_of_table_1() -> None:
 @pytest.mark.parametrize(
     ("page", "words", "file"),
     [
-        ("validation.md", "the slope formula is held at TNR {} and {}", "tests/physics/test_timing.py"),
-        ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/physics/test_timing.py"),
-        ("sipm.md", "1 to {} photons | 4 standard errors at {} shots", "tests/analysis/test_sipm_events.py"),
-        ("sipm.md", "the table against the equation | {} % |", "tests/analysis/test_sipm_events_in_render.py"),
-        ("sipm.md", "numpy against the device | {} of the SNR", "tests/kernel/test_sipm_time_domain.py"),
-        ("motion.md", "{} pulses against {} scenes, ranges and angles to {}", "tests/kernel/test_motion.py"),
-        ("fov.md", "those of a k-d tree, to {} degrees", "tests/analysis/test_fov.py"),
-        ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/test_mie.py"),
+        ("validation.md", "the slope formula is held at TNR {} and {}", "tests/detection/test_comparator.py"),
+        ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/detection/test_comparator.py"),
+        ("sipm.md", "1 to {} photons | 4 standard errors at {} shots", "tests/studies/sipm_events/test_events.py"),
+        ("sipm.md", "the table against the equation | {} % |", "tests/studies/sipm_events/test_working_point.py"),
+        ("sipm.md", "numpy against the device | {} of the SNR", "tests/chain/test_sipm_time_domain.py"),
+        ("motion.md", "{} pulses against {} scenes, ranges and angles to {}", "tests/chain/test_motion.py"),
+        ("fov.md", "those of a k-d tree, to {} degrees", "tests/studies/field_of_view/test_pattern.py"),
+        ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/weather/test_mie.py"),
     ],
 )  # fmt: skip
 def test_numbers_of_tests(page: str, words: str, file: str) -> None:

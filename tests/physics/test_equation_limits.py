@@ -3,8 +3,7 @@
 from math import cos, exp, sqrt
 
 import pytest
-from scipy.constants import e, k
-from table_1 import (
+from helpers.table_1 import (
     BW,
     CELLS,
     CS,
@@ -42,6 +41,7 @@ from table_1 import (
     plane_and_receiver,
     sigma_18,
 )
+from scipy.constants import e, k
 
 from lidarscene.physics.electronics import apd, range_limit, sipm
 from lidarscene.physics.optics import radiometry

@@ -7,9 +7,7 @@ from math import cos, exp, factorial, log, pi, sqrt
 
 import numpy as np
 import pytest
-from scipy.constants import c, e, k
-from scipy.stats import norm
-from table_1 import (
+from helpers.table_1 import (
     AVALANCHE,
     BW,
     CELLS,
@@ -53,6 +51,8 @@ from table_1 import (
     plane_and_receiver,
     sigma_18,
 )
+from scipy.constants import c, e, k
+from scipy.stats import norm
 
 from lidarscene.physics.electronics import apd, range_limit, sipm, tdc
 from lidarscene.physics.optics import pulse, radiometry

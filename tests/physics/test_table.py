@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from table_1 import field_of_view_sr
+from helpers.table_1 import field_of_view_sr
 
 from lidarscene import load_sensor
 from lidarscene.physics.electronics import range_limit, sipm, tdc

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-import scanners
+from helpers import scanners
 
 from lidarscene.scan.aperture import mirror_share, round_mirror_share, slit_share
 

@@ -4,11 +4,10 @@ import dataclasses
 import gc
 import math
 
-import launches
 import numpy as np
 import pytest
-import scanners
-from scanners import ALL, DEG
+from helpers import launches, scanners
+from helpers.scanners import ALL, DEG
 
 from lidarscene import scan
 from lidarscene.kernel.device import transfer

@@ -2,11 +2,10 @@
 
 import math
 
-import brute
 import numpy as np
 import pytest
-import scanners
-from scanners import DEG
+from helpers import brute, scanners
+from helpers.scanners import DEG
 
 from lidarscene import scan
 from lidarscene.maths.vectors import across, angles_of

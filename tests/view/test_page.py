@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chromium import Chromium
+from helpers.chromium import Chromium
+from helpers.served import served
+from helpers.small_scene import COARSE
 from matplotlib import colormaps, image
-from served import served
-from small_scene import COARSE
 
 import lidarscene
 from lidarscene import PointCloud, Pose, load_scene, load_sensor

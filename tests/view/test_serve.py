@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from served import served
-from small_scene import COARSE
+from helpers.served import served
+from helpers.small_scene import COARSE
 
 import lidarscene
 from lidarscene.errors import InputError

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from small_scene import COARSE, SCENE
+from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
 from lidarscene import load_scene, load_sensor

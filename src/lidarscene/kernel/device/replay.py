@@ -34,9 +34,9 @@ _PASSES = 10
 class Replay:
     """A function of device arrays, recorded at its first call and replayed at later ones.
 
-    The results are those of the function itself, bit by bit (tests/kernel/test_replay.py), if it keeps two rules: no
-    number of lanes enters its kernels as a literal, and Python takes no decision in it by what differs between calls.
-    If Dr.Jit cannot record it (a plug-in that hides its arrays), each call runs the function itself.
+    The results are those of the function itself, bit by bit (tests/kernel/device/test_replay.py), if it keeps two
+    rules: no number of lanes enters its kernels as a literal, and Python takes no decision in it by what differs
+    between calls. If Dr.Jit cannot record it (a plug-in that hides its arrays), each call runs the function itself.
 
     function  takes arrays and tuples of them, the first with an element for each lane; returns a description (frozen
               dataclasses and tuples) whose arrays have that length, or one element

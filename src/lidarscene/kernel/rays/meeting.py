@@ -3,7 +3,7 @@
 What moves is not moved: each body has a Mitsuba scene in its own frame, and the rays are transformed into that frame
 as the body stands when their pulse leaves. The nearest hit of all scenes is kept. So nothing is ever rebuilt, which
 costs Embree up to a second in a large scene, and every pulse sees the bodies at its own time. The hits are those of a
-scene rebuilt for every pulse (tests/kernel/test_motion.py).
+scene rebuilt for every pulse (tests/chain/test_motion.py).
 
 Panes and porous surfaces are in scenes of their own. They are few, so that asking for them costs little, and one query
 in the other scene finds what stands behind them.

@@ -1,0 +1,184 @@
+"""`batch --scheduler ADDRESS`: a scheduler and workers of their own processes, as a user starts them by hand."""
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.waiting import PATIENCE_S, wait_until
+
+from lidarscene.batch import cluster
+from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch.tasks import Job
+from lidarscene.cli import main
+from lidarscene.errors import LidarSceneError
+
+ROOT = Path(__file__).parents[2]
+WITHOUT = "raise ModuleNotFoundError(\"No module named 'lidarscene'\")"
+OLDER = "import lidarscene\nlidarscene.__version__ = '0.0.9'"
+
+Printed = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _dask(mi: Any) -> None:
+    pytest.importorskip("distributed")
+    pytest.importorskip("pyarrow")
+
+
+class Standing:
+    """A scheduler of its own, on a free port, and what is started beside it."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self.folder, self.processes = folder, list[subprocess.Popen[bytes]]()
+        about = folder / "scheduler.json"
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(about))
+        wait_until(lambda: _is_whole(about) or self.processes[0].poll() is not None)
+        self.address = json.loads(about.read_text())["address"]
+
+    def start(self, *command: str, first: Path | None = None) -> None:
+        """Start a part of Dask; ``first`` is where its Python looks for modules first."""
+        path = os.pathsep.join(str(one) for one in (first, ROOT / "src") if one)
+        with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
+            started = subprocess.Popen(
+                [sys.executable, "-m", "dask", *command, "--no-dashboard"], cwd=self.folder, stdout=log, stderr=log,
+                env=os.environ | {"PYTHONPATH": path},
+            )  # fmt: skip
+        self.processes.append(started)
+
+    def start_worker(self, first: Path | None = None) -> None:
+        self.start(
+            "worker",
+            self.address,
+            "--nthreads",
+            "1",
+            "--memory-limit",
+            "0",
+            "--host",
+            "127.0.0.1",
+            first=first,
+        )
+
+
+def _is_whole(file: Path) -> bool:
+    """Whether it is there and written to its end."""
+    with contextlib.suppress(FileNotFoundError, json.JSONDecodeError):
+        return bool(json.loads(file.read_text()))
+    return False
+
+
+@contextmanager
+def standing(folder: Path) -> Iterator[Standing]:
+    """A scheduler until the end of the block, and no process of it after."""
+    one = Standing(folder)
+    try:
+        yield one
+    finally:
+        for process in reversed(one.processes):  # workers end their own processes
+            process.terminate()
+        for process in reversed(one.processes):
+            process.wait(PATIENCE_S)
+
+
+def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> None:
+    """Two workers, started by hand, by address; then once more, when nothing is left to do."""
+    out = tmp_path / "out"
+    argv = ["batch", str(job_file), "-o", str(out), "--json"]
+    with standing(tmp_path / "dask") as dask:
+        for _ in range(2):
+            dask.start_worker()
+        assert main.main([*argv, "--scheduler", dask.address]) == 0
+        first = capsys.readouterr()
+        assert "dashboard     http://127.0.0.1:" in first.err
+        assert main.main([*argv, "--scheduler", dask.address]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
+    assert [again[name] for name in ("rendered", "reused")] == [0, 4]
+    for task in Job.read(job_file).tasks():
+        alone = tmp_path / "alone.ply"
+        changes = [f"--scene-set={one}" for one in task.scene.overrides]
+        changes += [f"--set={one}" for one in task.sensor.overrides]
+        assert (
+            main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes])
+            == 0
+        )
+        (written,) = out.rglob(f"{task.key}.ply")
+        assert written.read_bytes() == alone.read_bytes()
+
+
+def test_a_scheduler_that_dies(write_job: Callable[..., Path], tmp_path: Path, capfd: Printed) -> None:
+    """SIGKILL after the third frame of forty: one line; with a new scheduler the rest is rendered, and no more."""
+    path = write_job(tmp_path, step=0.2)
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 20"))
+    job, out = Job.read(path), tmp_path / "out"
+
+    def kill(progress: Progress, *_: object) -> None:
+        if progress.rendered == 3:
+            first.processes[0].kill()
+
+    with standing(tmp_path / "first") as first:
+        first.start_worker()
+        with pytest.raises(
+            LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done"
+        ) as told:
+            run_job(job, out, connect=lambda: cluster.remote_client(first.address), told=kill)
+    assert "\n" not in str(told.value)
+    assert capfd.readouterr().err == ""
+    done = len(list(out.rglob("*.json")))
+    assert 3 <= done < 40
+    with standing(tmp_path / "second") as second:
+        second.start_worker()
+        progress = run_job(job, out, connect=lambda: cluster.remote_client(second.address))
+    assert (progress.reused, progress.rendered, progress.failed) == (done, 40 - done, {})
+
+
+@pytest.mark.parametrize(
+    ("module", "text", "told"),
+    [
+        ("lidarscene.py", WITHOUT, "the worker said ModuleNotFoundError: No module named 'lidarscene'"),
+        ("sitecustomize.py", OLDER, "gave this frame out, the worker has 0.0.9"),
+    ],
+    ids=["without", "older"],
+)
+def test_workers_that_do_not_fit(
+    job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, told: str
+) -> None:
+    """Every frame fails with that cause; nothing is written, and nothing waits for ever."""
+    (tmp_path / "path").mkdir()
+    (tmp_path / "path" / module).write_text(text)
+    with standing(tmp_path / "dask") as dask:
+        dask.start_worker(first=tmp_path / "path")
+        argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", dask.address]
+        assert main.main(argv) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed")]
+    assert len(lines) == 4
+    assert all(line.endswith(told) for line in lines)
+    assert list((tmp_path / "out").rglob("*.ply")) == []
+
+
+@pytest.mark.parametrize("listens", [True, False], ids=["another program", "nobody"])
+def test_a_wrong_address(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, listens: bool
+) -> None:
+    """One line, also where something listens that never answers, for which Dask alone would wait for ever."""
+    monkeypatch.setattr(cluster, "PATIENCE_S", 1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        if listens:
+            taken.listen()
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
+    told = capsys.readouterr().err
+    # A machine that is busy may spend the second before the first refusal comes.
+    reasons = ("no answer\n",) if listens else ("Connection refused\n", "no answer\n")
+    assert told.startswith(f"lidarscene: error: --scheduler {address}: no Dask scheduler answers there: ")
+    assert told.endswith(reasons)
+    assert told.count("\n") == 1

@@ -1,0 +1,249 @@
+"""Killed workers and clients, corrupt files, frames that fail: nothing is lost, and nothing is done twice."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.waiting import PATIENCE_S, wait_until
+
+from lidarscene import __version__
+from lidarscene.batch import run, work
+from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch.store import Store
+from lidarscene.batch.tasks import FrameTask, Job
+
+ROOT = Path(__file__).parents[2]
+
+WriteJob = Callable[..., Path]
+
+
+@pytest.fixture
+def long_job(write_job: WriteJob, tmp_path: Path) -> Path:
+    """Forty frames of 80 601 beams: long enough to be killed among them."""
+    path = write_job(tmp_path, step=0.1)
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 20"))
+    return path
+
+
+def clouds(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted((folder / "frames").rglob("*.ply"))}
+
+
+def times(folder: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in (folder / "frames").rglob("*.ply")}
+
+
+def all_done(job: Job, folder: Path) -> bool:
+    store = Store(folder)
+    return all(store.row(task.key) is not None for task in job.tasks())
+
+
+def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Path) -> None:
+    """SIGKILL to one of two workers after the third frame: all frames come, with the bytes of a run without it."""
+    job, killed = Job.read(long_job), []
+
+    def kill(progress: Progress, *_: object) -> None:
+        if progress.rendered == 3:
+            killed.append(next(iter(client.run(os.getpid).values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, told=kill)
+    assert len(killed) == 1
+    assert (progress.rendered, progress.failed) == (40, {})
+    assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 40
+    assert clouds(tmp_path / "killed") == clouds(tmp_path / "calm")
+
+
+def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Path) -> None:
+    """SIGKILL to the command after some frames: its workers end with it, and the next run does the rest only.
+
+    The first has 2,000 seeds, so that it cannot be done before the kill; of the twenty of the second it begins with one
+    half, those of the first sun.
+    """
+    out, text = tmp_path / "out", long_job.read_text()
+    long_job.write_text(text.replace("seed_count = 20", "seed_count = 2000"))
+    command = [
+        sys.executable,
+        "-m",
+        "lidarscene",
+        "batch",
+        str(long_job),
+        "-o",
+        str(out),
+        "--workers",
+        "2",
+    ]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    first = subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        wait_until(lambda: len(list(out.glob("rows/*/*.json"))) >= 3 or first.poll() is not None)
+    finally:
+        first.kill()
+        first.wait()
+    wait_until(lambda: not _lives(first.pid))  # the group: its workers too
+    long_job.write_text(text)
+    before, done = (
+        times(out),
+        sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()),
+    )
+    assert 3 <= done <= 20
+    second = run_job(Job.read(long_job), out, connect=lambda: nullcontext(client), threads=1)
+    assert (second.frames, second.reused, second.rendered, second.failed) == (40, done, 40 - done, {})
+    after = times(out)
+    assert sum(after[name] == when for name, when in before.items()) >= done
+    assert all_done(Job.read(long_job), out)
+
+
+def _lives(group: int) -> bool:
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(group, 0)
+        return True
+    return False
+
+
+def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_path: Path) -> None:
+    out, asked = tmp_path / "out", []
+
+    def connect() -> Any:
+        asked.append(1)
+        return nullcontext(client)
+
+    assert run_job(job, out, connect=connect, threads=1).rendered == 4
+    whole, before = clouds(out), times(out)
+    spoilt = next((out / "frames").rglob("*.ply"))
+    spoilt.write_bytes(spoilt.read_bytes()[:-100])
+    (spoilt.parent / f".{spoilt.name}.999999999.part").write_bytes(b"half")
+    again = run_job(job, out, connect=connect, threads=1)
+    assert (again.rendered, again.reused) == (1, 3)
+    assert clouds(out) == whole
+    assert {name for name, when in times(out).items() if when != before[name]} == {spoilt.name}
+    assert list(out.rglob("*.part")) == []
+    third = run_job(job, out, connect=connect, threads=1)
+    assert (third.rendered, third.reused) == (0, 4)
+    assert len(asked) == 2  # nothing to do needs no cluster
+
+
+FULL_DISK = """
+mount -t tmpfs -o size=$1 none out || exit 77
+shift
+"$@" > first.txt 2> first.err; echo $? > first.code
+ls out/rows/* > first.rows; ls -A out/frames/* > first.frames
+mount -o remount,size=10m out
+exec "$@" --json
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a small disk is made by Linux's tmpfs")
+def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: Path) -> None:
+    """Rationale: a real one, on which two of four clouds fit at most."""
+    (tmp_path / "out").mkdir()
+    store, one = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
+    assert work._told(one, store, 1) == ""
+    size = int(2.5 * store.cloud(one.key, "ply").stat().st_size)
+    command = [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"]
+    apart = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", FULL_DISK, "sh", str(size)]
+    done = subprocess.run(
+        [*apart, *command], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True,
+        text=True, timeout=PATIENCE_S,
+    )  # fmt: skip
+    if done.returncode in (1, 77) and not (tmp_path / "first.code").exists():
+        pytest.skip(f"no disk of its own can be mounted here: {done.stderr}")
+    told = (tmp_path / "first.err").read_text().splitlines()
+    failed = [line for line in told if line.startswith("failed")]
+    assert failed
+    assert all(line.endswith("cannot be written: No space left on device") for line in failed)
+    kept = (tmp_path / "first.rows").read_text().count(".json")
+    assert kept == 4 - len(failed) > 0
+    assert ".part" not in (tmp_path / "first.frames").read_text()
+    again = json.loads(done.stdout)
+    assert (again["reused"], again["rendered"], again["failed"]) == (kept, 4 - kept, {})
+
+
+def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: WriteJob, tmp_path: Path) -> None:
+    """A scene whose material nobody knows, between two good ones, and then mended; the manifest has all of them."""
+    from pyarrow import parquet
+
+    path = write_job(tmp_path)
+    wall = (tmp_path / "wall.toml").read_text()
+    (tmp_path / "bad.toml").write_text(wall.replace("concrete", "concrate"))
+    (tmp_path / "far.toml").write_text(wall.replace("[10, 0, 0]", "[12, 0, 0]"))
+    path.write_text(path.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml", "far.toml"]'))
+    job, out, told = Job.read(path), tmp_path / "out", []
+
+    def tell(progress: Progress, task: FrameTask | None, cause: str) -> None:
+        told.append((task, cause))
+
+    def again() -> Progress:
+        return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, told=tell)
+
+    progress = again()
+    assert (progress.rendered, len(progress.failed)) == (8, 4)
+    assert [cause for task, cause in told if task] == list(progress.failed.values())
+    assert all("no material 'concrate' in the catalogue" in cause for cause in progress.failed.values())
+    rows = parquet.read_table(out / "manifest.parquet").to_pylist()
+    assert [row["key"] for row in rows] == [task.key for task in job.tasks()]
+    for row, task in zip(rows, job.tasks(), strict=True):
+        assert (row["seed"], row["number"], row["scene"]) == (task.frame.seed, 0, task.scene.path)
+        assert {name: row[name] for name in task.parameters} == task.parameters
+        assert (row["format"], row["coordinates"], row["truth"]) == ("ply", "world", True)
+        assert (row["rays"], row["interactions"], row["begin_s"], row["version"]) == (1, 3, 0.0, __version__)
+        if "bad.toml" in row["scene"]:
+            assert row["error"] == progress.failed[task.key]
+            assert row["points"] is row["file"] is None
+        else:
+            assert row["error"] is None
+            assert row["beams"] == 21 * 11
+            assert row["bytes"] == (out / row["file"]).stat().st_size
+            assert row["missed_no_surface"] == row["beams"] - row["hits"] > 0
+            assert row["seconds"] == pytest.approx(sum(json.loads(row["seconds_by_stage"]).values()))
+    (tmp_path / "bad.toml").write_text(wall)
+    progress = again()
+    assert (progress.rendered, progress.reused, progress.failed) == (4, 8, {})
+    rows = parquet.read_table(out / "manifest.parquet").to_pylist()
+    assert {row["error"] for row in rows} == {None}
+
+
+def test_frames_that_kill_every_worker_have_a_cause() -> None:
+    """What Dask says of them, in one line."""
+    from distributed import KilledWorker
+
+    told = run._cause(KilledWorker("render-x", None, 3))
+    assert "died" in told
+    assert run._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
+
+
+def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+    """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone."""
+    if len(tasks) > 1 or tasks[0].frame.seed == 7:
+        raise RuntimeError("broken")
+    return [""], 1e-3
+
+
+def test_a_bundle_that_fails_is_taken_apart(
+    client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: frames are given out several at a time, and one that kills its worker must not take others along."""
+    given, submit = [], run._Given.submit
+
+    def counted(self: Any, bundle: list[FrameTask]) -> None:
+        given.append(len(bundle))
+        submit(self, bundle)
+
+    monkeypatch.setattr(run, "render_frames", fails_in_company)
+    monkeypatch.setattr(run._Given, "submit", counted)
+    progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
+    assert max(given) > 1
+    assert (progress.rendered, list(progress.failed.values())) == (
+        38,
+        ["the worker said RuntimeError: broken"] * 2,
+    )

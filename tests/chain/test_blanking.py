@@ -1,0 +1,102 @@
+"""Blanking: what crosses before the converter listens is not there, echo or alarm, on numpy."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import trains
+
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
+from lidarscene.errors import InputError
+from lidarscene.light.echoes import Echoes
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+
+BLANKING_NS = 40.0
+SHORTEST_M = 0.5 * SPEED_OF_LIGHT_M_S * BLANKING_NS * 1e-9  # 5.996 m
+
+
+def one_echo(range_m, power_w, equipped):
+    """The same through the closed form of a lone pulse."""
+    of_each = np.full(200, range_m)
+    light = Echoes(
+        found=of_each > 0.0, range_m=of_each, peak_power_w=0.0 * of_each + power_w,
+        background_power_w=0.0 * of_each + trains.BACKGROUND_W,
+    )  # fmt: skip
+    return returns.detect(light, equipped, seed=0, pulse=np.arange(200, dtype=np.uint32))
+
+
+def one_of_many(range_m, power_w, equipped):
+    return trains.detect(trains.train(np.full((200, 1), range_m), power_w), equipped)
+
+
+@pytest.mark.parametrize("road", [one_echo, one_of_many])
+def test_the_shortest_range_is_half_the_way_that_light_goes(road):
+    """An echo whose edge crosses 0.1 ns (15 mm) before the end of the blanking is lost, 0.1 ns later it is there.
+
+    No noise that matters: 300 times the noise over a threshold of 50.
+    """
+    plain = trains.sensor("table1-apd", *trains.QUIET, "tdc.walk='raw'", "tdc.jitter_ps=0", "tdc.lsb_ps=0")
+    blind = trains.sensor("table1-apd", *trains.QUIET, f"tdc.blanking_ns={BLANKING_NS}", "tdc.walk='raw'")
+    # Of the strong edge: how far before its peak it crosses, from the sensor without blanking.
+    power = trains.power_at_snr(plain, 300.0)
+    free = road(20.0, power, plain)
+    early_m = 20.0 - np.asarray(free.stops[0].range_m)
+    ranges = SHORTEST_M + early_m.max() + 0.015, SHORTEST_M + early_m.min() - 0.015
+    after, before = (road(r, power, blind) for r in ranges)
+    assert np.all(after.outcome == Outcome.KEPT)
+    assert np.all(before.outcome == Outcome.OUT_OF_WINDOW)
+    assert not np.any(before.stops[0].reported)
+
+
+def test_a_blanked_echo_takes_no_stop_and_starts_no_dead_time():
+    options = [*trains.QUIET, f"tdc.blanking_ns={BLANKING_NS}", "tdc.dead_time_ns=100"]
+    equipped = trains.sensor("table1-apd", *options)
+    power = trains.power_at_snr(equipped, 300.0)
+    found = trains.detect(trains.train(np.tile([[3.0, 10.0]], (50, 1)), power), equipped)
+    assert np.all(found.stops[0].reported)
+    # Within 5 cm: jitter of an edge 250 noises above the threshold is a tenth of that.
+    np.testing.assert_allclose(found.stops[0].range_m, 10.0, atol=0.05)
+    sighted = trains.sensor("table1-apd", *trains.QUIET, "tdc.dead_time_ns=100", "tdc.stops=2")
+    first = trains.detect(trains.train(np.tile([[3.0, 10.0]], (50, 1)), power), sighted)
+    np.testing.assert_allclose(first.stops[0].range_m, 3.0, atol=0.05)
+    assert not np.any(first.stops[1].reported)
+
+
+@pytest.mark.parametrize("keep", ["first", "last", "strongest"])
+def test_alarms_come_only_while_the_converter_listens(keep):
+    """Quiet with exp(-lambda (window - blanking)) and never before. Threshold 3 of the noise, half of the window blind.
+
+    20 000 pulses; 4.5 sigma of a share: 7e-6 false alarms a test.
+    """
+    options = ["tdc.threshold_to_noise=3", "tdc.window_us=4", "tdc.blanking_ns=2000", f"tdc.keep='{keep}'"]
+    equipped = trains.sensor("table1-apd", *options)
+    pulses = 20_000
+    found = trains.detect(trains.train(np.full((pulses, 1), 20.0), 0.0), equipped, seed=5)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    p_false = point.false_alarm_probability(equipped.threshold(point))
+    rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=equipped.tdc.bandwidth_hz)[0])
+    quiet = math.exp(-rate * 2e-6)
+    assert 0.05 < quiet < 0.95
+    reported = np.asarray(found.stops[0].reported)
+    assert abs(np.mean(~reported) - quiet) < 4.5 * math.sqrt(quiet * (1.0 - quiet) / pulses)
+    times = 2.0 / SPEED_OF_LIGHT_M_S * np.asarray(found.stops[0].range_m)[reported]
+    assert times.min() >= 2e-6
+    assert times.max() < 4e-6
+    assert np.all(np.asarray(found.stops[0].status)[reported] == Status.FALSE_ALARM)
+
+
+def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
+    """An echo from 0.3 m: its edge crosses before the middle of its pulse has left."""
+    equipped = trains.sensor("table1-apd", *trains.QUIET)
+    assert equipped.tdc.blanking_s == 0.0
+    found = trains.detect(
+        trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped
+    )
+    assert np.all(found.stops[0].reported)
+
+
+def test_blanking_beyond_the_window_is_a_mistake():
+    with pytest.raises(InputError, match="blanking_ns: less than the window of 4000 was expected, 4000 came"):
+        trains.sensor("table1-apd", "tdc.window_us=4", "tdc.blanking_ns=4000")

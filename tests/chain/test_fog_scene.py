@@ -1,0 +1,171 @@
+"""The fog scene: where fog trips the comparator, what it hides while it holds it, and how dim things are behind."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.documentation import says
+from scipy.constants import c
+
+from lidarscene import load_scene, load_sensor, render
+from lidarscene.detection.returns import Status
+from lidarscene.physics.optics import receiver
+from lidarscene.physics.weather import fog
+from lidarscene.scene.weather import Weather
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+SCENE = Path(__file__).parents[2] / "scenes" / "fog.toml"
+POWER_W, LENS_M2, EFFICIENCY, FWHM_M = 75.0, math.pi * 0.012**2, 0.72, 0.5 * c * 5e-9
+
+SKY_W = 29.4 * 0.1 * 0.5 * LENS_M2 * (0.1 / 24.0) ** 2 * 0.8
+BRIGHTEST_W = 3.0 * SKY_W
+"""10 klux of sun and half of it from the sky: radiance over lens and field of view; of a white surface in both."""
+
+
+@pytest.fixture(scope="module")
+def clouds():
+    scene = load_scene(SCENE)
+    return render(scene), render(replace(scene, air=replace(scene.air, weather=Weather())))
+
+
+def coefficients():
+    """Extinction and backscatter at 905 nm: those of the droplets, as many as 120 m of visibility ask for."""
+    droplets = fog.TYPES["moderate_advection"]
+    alpha, beta = fog.scattering(droplets, 905e-9)
+    more = 3.912 / 120.0 / fog.scattering(droplets, 550e-9)[0]
+    return more * alpha, more * beta
+
+
+def fog_light():
+    """(range, power) of what the pulse meets of the fog, at the time of each range; the sum over its width."""
+    alpha, beta = coefficients()
+    r = np.linspace(2.5, 60.0, 6000)
+    share = receiver.spot_share(
+        profile="top_hat", spot_rad=np.hypot(2.5e-3 / r, 1e-3), off_axis_rad=0.03 / r, field_rad=0.1 / 24.0,
+        blur_rad=0.012 / r,
+    )  # fmt: skip
+    light = POWER_W * EFFICIENCY * LENS_M2 * beta * share * np.exp(-2.0 * alpha * r) / r**2
+    at = np.linspace(3.0, 50.0, 1000)
+    pulse = np.exp(-4.0 * math.log(2.0) * ((at[:, None] - r) / FWHM_M) ** 2)
+    return at, pulse @ light * (r[1] - r[0])
+
+
+def held_m(*, background_w, above=1.0):
+    """From where to where the fog's light is over the threshold, or over so many of it."""
+    sensor = load_sensor("biaxial-905")
+    point = sensor.working_point(np.array([background_w]))
+    at, power_w = fog_light()
+    over = at[power_w > above * float(point.power_w(sensor.threshold(point))[0])]
+    return over.min(), over.max()
+
+
+def test_fog_trips_the_comparator_where_its_light_reaches_the_threshold():
+    """Median of the raw crossings of the beams into the sky, whose background is known: as many come early as late.
+
+    Tolerance: the grid here, 5 cm, and the tables of overlap and fog.
+    """
+    cloud = render(SCENE, overrides=["tdc.walk='raw'"])
+    fogged = np.asarray(cloud.status) == Status.WEATHER
+    assert {cloud.class_names[i] for i in np.unique(cloud.class_id[fogged])} == {"fog"}
+    sky = fogged & (cloud.elevation_rad > math.radians(8.0))
+    assert sky.sum() > 10_000
+    rises, _ = held_m(background_w=SKY_W)
+    assert np.median(cloud.range_m[sky]) == pytest.approx(rises, abs=0.07)
+
+
+def test_nothing_is_seen_while_fog_holds_the_comparator(clouds):
+    """An echo then makes no crossing: what is near is merged into the fog's own edge, which is a point of the fog,
+    the next is seen where the light has fallen to the threshold.
+
+    Noise of four sigma, four fifths of the threshold, may let go earlier (3e-5 of the beams, few of which have
+    something just there). In clear air the car at 15 m is the one with the most points.
+    """
+    foggy, clear = clouds
+    ranges = foggy.range_m[np.asarray(foggy.status) == Status.ECHO]
+    earliest = held_m(background_w=BRIGHTEST_W, above=1.8)[1]
+    latest = held_m(background_w=0.0)[1]
+    assert 15.0 < earliest < latest < 30.0
+    assert ranges.min() > earliest
+    assert np.any(ranges < latest)
+    assert points_of(clear, "cars.0") > 500
+    assert points_of(foggy, "cars.0") == 0
+    assert points_of(foggy, "cars.1") > 50
+    told = [points_of(foggy, f"cars.{i}") for i in range(1, 5)]
+    says(
+        "gallery.md", "that at 30 m has {}, then {}, {} and {} of them",
+        *(pytest.approx(n, abs=0.05 * n + 1.0) for n in told),
+    )  # fmt: skip
+    says(
+        "gallery.md",
+        "threshold up to {} to {} m, by the background",
+        held_m(background_w=BRIGHTEST_W)[1],
+        latest,
+    )
+    fog = np.asarray(foggy.status) == Status.WEATHER
+    most = pytest.approx(fog.sum(), rel=1e-3)
+    says(
+        "weather.md",
+        "It has {} points of fog at {} to {} m, one on every beam, nothing up to {} m",
+        most,
+        # The extremes of so many points: noise moves them by a tenth of a metre from machine to machine.
+        pytest.approx(foggy.range_m[fog].min(), abs=0.15),
+        pytest.approx(foggy.range_m[fog].max(), abs=0.15),
+        held_m(background_w=BRIGHTEST_W)[1],
+    )
+
+
+def points_of(cloud, name):
+    echoes = np.asarray(cloud.status) == Status.ECHO
+    return int(np.sum(echoes & (cloud.body == cloud.body_names.index(name))))
+
+
+def test_a_point_is_of_what_tripped_the_comparator(clouds):
+    """Fog trips it on every beam, also where the waveform rises on to the peak of the road at 9 m: 2642 such points
+    were once the road's. The true range of a point of fog is where its light reached the threshold.
+
+    Tolerances. Fog, lowest and highest of the crossings: noise of five sigma moves the level by a whole threshold, and
+    the background from none to the brightest (8 % of the threshold here). Surfaces: 1.5 pulse widths, 3.5 sigma_p. On
+    top of fog that is just below the threshold an edge trips it from its foot on, where it has 0.2 % of its peak.
+    """
+    foggy, _ = clouds
+    status = np.asarray(foggy.status)
+    fogged, echoes = status == Status.WEATHER, status == Status.ECHO
+    assert len(np.unique(foggy.time_s[fogged])) == fogged.sum() == load_sensor("biaxial-905").scanner.pulses
+    at, power_w = fog_light()
+    level_w = np.interp(held_m(background_w=SKY_W)[0], at, power_w)
+    assert foggy.true_range_m[fogged].min() > at[np.argmax(power_w > 1e-2 * level_w)]
+    assert foggy.true_range_m[fogged].max() < at[np.argmax(power_w > 2.2 * level_w)]
+    assert np.abs(foggy.range_m - foggy.true_range_m)[echoes].max() < 1.5 * FWHM_M
+
+
+def test_things_behind_are_dimmer_by_the_extinction(clouds):
+    """Every echo that fog leaves at an SNR of 30 or more: exp(-2 alpha R) of what clear air gives.
+
+    Tolerance: four standard errors (6e-5) and 2 %: the fog's own light there is up to a sigma of the noise.
+    """
+    foggy, clear = clouds
+    alpha, _ = coefficients()
+    bright = {
+        beam: (amplitude, math.exp(-2.0 * alpha * range_m))
+        for beam, amplitude, range_m, snr in zip(
+            beams(clear), clear.intensity, clear.true_range_m, clear.snr, strict=True
+        )
+        if snr * math.exp(-2.0 * alpha * range_m) > 30.0
+    }
+    ratios = []
+    for beam, amplitude, range_m, status in zip(
+        beams(foggy), foggy.intensity, foggy.range_m, foggy.status, strict=True
+    ):
+        if status == Status.ECHO and range_m > 20.0 and beam in bright:
+            before, left = bright[beam]
+            ratios.append(amplitude / before / left)
+    assert len(ratios) > 1000
+    assert abs(np.mean(ratios) - 1.0) < 4.0 * np.std(ratios) / math.sqrt(len(ratios)) + 0.02
+
+
+def beams(cloud):
+    """What tells a beam of one cloud from the others."""
+    return list(zip(cloud.azimuth_rad.tolist(), cloud.elevation_rad.tolist(), strict=True))

@@ -1,0 +1,208 @@
+"""Motion in the chain: against scenes rebuilt for single pulses, and against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+from helpers.traffic import EGO, SENSOR, direction, frozen, moving, traffic
+
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Riding, States, pose_at
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scan import Pattern
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+
+def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
+    """Reference: for each of 80 pulses all that moves is put where it is then, in a scene of its own.
+
+    Tolerances: single precision of positions 50 m from the origin is 4 um, some ten of them in a row; beams that
+    graze an edge may fall to either side, of which 80 have none.
+    """
+    scene, sensor = traffic(), chain.sensor("table1-apd", *SENSOR)
+    simulator = Simulator(scene, sensor)
+    cloud = simulator.render(seed=1)
+    echoes = np.flatnonzero(cloud.status == 0)
+    rng = np.random.default_rng(2)
+    chosen = np.concatenate(
+        [
+            rng.choice(own, min(len(own), 20), replace=False)
+            for own in (echoes[cloud.body[echoes] == b] for b in range(4))
+        ]
+    )
+    assert len(chosen) == 80
+    for point in chosen:
+        time_s = float(cloud.time_s[point])
+        beam = Pattern.of(
+            azimuth_rad=cloud.azimuth_rad[[point]].astype(np.float64),
+            elevation_rad=cloud.elevation_rad[[point]].astype(np.float64),
+            time_s=np.zeros(1), channel=None, frame_s=1e-3, jitter_rad=None, encoder_rad=None,
+        )  # fmt: skip
+        low = dataclasses.replace(sensor.tdc, threshold_to_noise=0.01)
+        alone = dataclasses.replace(sensor, scanner=beam, tdc=low, mounting=Pose())
+        one = Simulator(frozen(scene, time_s), alone, pose=pose_at(simulator.motion, time_s)).render()
+        assert one.body[0] == cloud.body[point]
+        assert one.true_range_m[0] == pytest.approx(cloud.true_range_m[point], abs=1e-4)
+        assert one.incidence_angle_rad[0] == pytest.approx(cloud.incidence_angle_rad[point], abs=1e-4)
+        assert one.sun_angle_rad[0] == pytest.approx(cloud.sun_angle_rad[point], abs=1e-4)
+        assert one.in_shadow[0] == cloud.in_shadow[point]
+
+
+def test_a_moving_body_that_stands_still_is_a_still_body() -> None:
+    """Traced in its own frame instead of the world's: the same points. Tolerance: single precision at 50 m."""
+    scene, sensor = frozen(traffic(), 0.2), chain.sensor("table1-apd", *SENSOR)
+    standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in scene.bodies]
+    expected = Simulator(scene, sensor).render(seed=3)
+    cloud = Simulator(dataclasses.replace(scene, bodies=tuple(standing)), sensor).render(seed=3)
+    expected, cloud = (one.select(one.status == 0) for one in (expected, cloud))
+    # A beam that grazes an edge may fall to the other side of it: fewer than one in a thousand.
+    same = np.isin(cloud.time_s, expected.time_s)
+    assert same.mean() > 0.999
+    other = expected.select(np.searchsorted(expected.time_s, cloud.time_s[same]))
+    here = cloud.select(same)
+    agree = (here.body == other.body) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
+    assert agree.mean() > 0.999
+    assert (here.in_shadow == other.in_shadow).mean() > 0.999
+    assert np.all(here.radial_velocity_m_s == 0.0)
+
+
+def test_a_plane_that_comes_nearer() -> None:
+    """x(t) = 40 m - 30 m/s t: each beam at its own time meets it at x(t) / (d . x)."""
+    plane = moving(
+        chain.facing(range_m=40.0, size_m=200.0), "plane",
+        Course(start=chain.facing(range_m=40.0).pose, velocity_m_s=(-30.0, 0.0, 0.0)),
+    )  # fmt: skip
+    cloud = Simulator(chain.scene(plane), chain.sensor("table1-apd", *SENSOR)).render(seed=4)
+    ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
+    distance = 40.0 - 30.0 * cloud.time_s
+    assert len(cloud) > 10_000
+    assert distance.min() < 35.0  # it moves while it is scanned
+    # Tables are exact for a straight line; single precision at 60 m over ten operations.
+    np.testing.assert_allclose(cloud.true_range_m, distance / ahead, atol=1e-4)
+    np.testing.assert_allclose(cloud.radial_velocity_m_s, -30.0 * ahead, atol=1e-4)
+
+
+def test_a_sensor_that_drives_towards_a_wall() -> None:
+    """Raw points lie on x = 40 m + (vehicle's way), deskewed ones on x = 40 m; the wall seems to come at 30 m/s."""
+    scene = dataclasses.replace(
+        chain.scene(chain.facing(range_m=40.0, size_m=200.0)), ego=Course(speed_m_s=30.0)
+    )
+    simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
+    cloud = simulator.render(seed=4)
+    cloud = cloud.select(cloud.status == 0)
+    noise = cloud.range_m - cloud.true_range_m
+    ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
+    np.testing.assert_allclose(cloud.xyz_m[:, 0], 40.0 - 30.0 * cloud.time_s + noise * ahead, atol=2e-4)
+    np.testing.assert_allclose(deskewed(cloud, simulator.motion).xyz_m[:, 0], 40.0 + noise * ahead, atol=2e-4)
+    np.testing.assert_allclose(cloud.radial_velocity_m_s, -30.0 * ahead, atol=1e-4)
+
+
+def test_a_car_that_crosses_is_sheared() -> None:
+    """A board across the x axis moves along y at 12 m/s while rows follow each other from the top down: each row
+    sees its edges where they are then, so y of the left edge is 12 m/s times the row's time.
+    """
+    board = moving(
+        chain.facing(range_m=30.0, size_m=6.0), "board",
+        Course(start=chain.facing(range_m=30.0).pose, velocity_m_s=(0.0, 12.0, 0.0)),
+    )  # fmt: skip
+    cloud = Simulator(chain.scene(board), chain.sensor("table1-apd", *SENSOR)).render(seed=5)
+    cloud = cloud.select(cloud.status == 0)
+    rows = np.unique(cloud.channel)
+    assert len(rows) > 20
+    step = 30.0 * np.radians(0.4) * 1.05  # from beam to beam on the board, at 10 degrees at most
+    for row in rows:
+        own = cloud.channel == row
+        centre = 12.0 * cloud.time_s[own].mean()
+        # Each edge is known to one beam, and moves by less than a beam while its row is scanned.
+        assert cloud.xyz_m[own, 1].max() == pytest.approx(centre + 3.0, abs=step + 0.15)
+        assert cloud.xyz_m[own, 1].min() == pytest.approx(centre - 3.0, abs=step + 0.15)
+    # The board crosses: seen along the beam it moves with v sin(azimuth) cos(elevation).
+    across = np.cos(cloud.elevation_rad) * np.sin(cloud.azimuth_rad)
+    np.testing.assert_allclose(cloud.radial_velocity_m_s, 12.0 * across, atol=1e-4)
+
+
+def test_radial_velocity_is_that_of_the_point_that_was_hit() -> None:
+    """Reference: where the point of the surface is 0.1 ms before and after, against where the sensor is, along the
+    beam. Tolerances: 1e-3 m/s for the difference (accelerations of 30 m/s2 are even in time and fall out, the rest is
+    the single precision of the range over 30 m of arm at 1 rad/s) and for that of the velocities.
+    """
+    scene, step_s = traffic(), 1e-4
+    simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
+    cloud = simulator.render(seed=8)
+    cloud = cloud.select(cloud.status == 0)
+    times = cloud.time_s
+    own = cloud.true_range_m[:, None] * direction(cloud)
+    sensor = [simulator.motion.at(times + shift) for shift in (-step_s, 0.0, step_s)]
+    points = placed(sensor[1], own)
+    beam = points - sensor[1].position_m
+    beam /= np.linalg.norm(beam, axis=1, keepdims=True)
+    for number, body in enumerate(scene.bodies):
+        here = cloud.body == number
+        assert here.sum() > 20
+        moved = [points[here], points[here]]
+        if body.motion is not None:
+            states = [body.motion.at(times[here] + shift) for shift in (-step_s, 0.0, step_s)]
+            within = np.einsum("nji,nj->ni", states[1].rotation, points[here] - states[1].position_m)
+            moved = [placed(states[0], within), placed(states[2], within)]
+        surface = (moved[1] - moved[0]) / (2.0 * step_s)
+        origin = (sensor[2].position_m - sensor[0].position_m)[here] / (2.0 * step_s)
+        expected = ((surface - origin) * beam[here]).sum(axis=1)
+        np.testing.assert_allclose(cloud.radial_velocity_m_s[here], expected, atol=2e-3)
+
+
+def placed(states: States, points_m: np.ndarray) -> np.ndarray:
+    """(n, 3) points of a frame at n moments, in its parent."""
+    return states.position_m + np.einsum("nij,nj->ni", states.rotation, points_m)
+
+
+def test_frames_follow_each_other() -> None:
+    """Frame 3 begins where frame 2 ends, has noise of its own, and is the same whatever was rendered before."""
+    scene, sensor = traffic(), chain.sensor("table1-apd", *SENSOR)
+    simulator = Simulator(scene, sensor)
+    frame_s = sensor.scanner.frame_s
+    moved = dataclasses.replace(
+        scene, bodies=scene.bodies[:3], ego=Riding(carrier=scene.ego, pose=Pose()),
+    )  # fmt: skip
+    simulator = Simulator(moved, sensor)
+    clouds = [simulator.render(seed=6, number=number) for number in (0, 1, 2, 1)]
+    assert [float(cloud.metadata["frame_start_s"]) for cloud in clouds] == pytest.approx(
+        [0.0, frame_s, 2 * frame_s, frame_s], rel=1e-12
+    )
+    assert all(cloud.time_s.min() >= 0.0 and cloud.time_s.max() < frame_s for cloud in clouds)
+    np.testing.assert_array_equal(clouds[1].xyz_m, clouds[3].xyz_m)
+    early = simulator.render(seed=6, begin_s=frame_s)  # the same places, other pulse numbers: other noise
+    np.testing.assert_array_equal(np.unique(early.body), np.unique(clouds[1].body))
+    assert len(np.intersect1d(early.range_m, clouds[1].range_m)) < 0.1 * len(early)
+
+
+def test_chunks_do_not_show() -> None:
+    simulator = Simulator(traffic(), chain.sensor("table1-apd", *SENSOR))
+    whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
+    for attribute in ("xyz_m", "true_range_m", "radial_velocity_m_s", "body", "time_s"):
+        np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
+
+
+def test_a_second_frame_compiles_nothing() -> None:
+    """New places, another frame, another trajectory of everything: all of it is data."""
+    sensor = chain.sensor("table1-apd", *SENSOR)
+    scene = traffic()
+    simulator = Simulator(scene, sensor)
+    with launches.launched() as before:
+        simulator.render(seed=0, chunk=5000)
+    faster = dataclasses.replace(scene, ego=dataclasses.replace(EGO, speed_m_s=11.0))
+    with launches.launched() as later:
+        simulator.render(seed=1, begin_s=0.1, chunk=4000)
+        Simulator(faster, sensor, world=simulator.world).render(seed=2)
+    launches.assert_none_is_new(later, before)
+
+
+def test_a_motion_that_ends_too_early_is_told() -> None:
+    simulator = Simulator(traffic(), chain.sensor("table1-apd", *SENSOR))
+    with pytest.raises(
+        InputError, match=r"motion of body 'flying': poses from 0 to 1 s came, the frame needs 0\.9"
+    ):
+        simulator.render(begin_s=0.9)

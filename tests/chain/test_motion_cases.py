@@ -1,0 +1,292 @@
+"""Motion at its edges: deskewing, rigs, far coordinates, nothing that stands still, many bodies of one shape."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain
+from helpers.traffic import EGO, SENSOR, direction, frozen, traffic
+
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.merging import merged
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.rendering.rig import require_common_frames, simulators
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.file import load_scene
+from lidarscene.scene.model import Ball, Body, Scene
+from lidarscene.sensor.rig import Mounted
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+MOUNT = Pose.from_degrees(position_m=(1.0, -0.5, 1.5), yaw_deg=20.0, pitch_deg=3.0)
+
+
+def table1():
+    return chain.sensor("table1-apd", *SENSOR)
+
+
+def echoes(cloud: PointCloud) -> PointCloud:
+    return cloud.select(cloud.status == 0)
+
+
+def standing() -> Scene:
+    """The wall and the boxes where they are at time 0; the vehicle drives its curve."""
+    return dataclasses.replace(frozen(traffic(), 0.0), ego=EGO)
+
+
+@pytest.mark.parametrize("frame", ["world", "vehicle", "sensor"])
+def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
+    """Reference: from where the sensor is at each pulse along its beam, by Motion.at, not by tables.
+
+    Frame 1 at 0.2 s: the vehicle has come far and turned. Tolerance: single precision of 60 m, ten operations.
+    """
+    simulator = Simulator(standing(), table1(), pose=MOUNT)
+    raw = echoes(simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame))
+    cloud = deskewed(raw, simulator.motion)
+    start_s = float(raw.metadata["frame_start_s"])
+    now = simulator.motion.at(start_s + raw.time_s)
+    beams = direction(raw) * raw.range_m[:, None].astype(float)
+    world = now.position_m + np.einsum("nij,nj->ni", now.rotation, beams)
+    vehicle, sensor = pose_at(EGO, start_s), pose_at(simulator.motion, start_s)
+    expected = {"world": Pose(), "vehicle": vehicle, "sensor": sensor}[frame].inverse_apply(world)
+    np.testing.assert_allclose(cloud.xyz_m, expected, atol=1e-4)
+    # Raw points are placed from where it all began, which is somewhere else by now.
+    origin = {"world": sensor, "vehicle": vehicle.inverse() @ sensor, "sensor": Pose()}[frame]
+    np.testing.assert_allclose(raw.xyz_m, origin.apply(beams), atol=1e-4)
+    assert np.linalg.norm(cloud.xyz_m - raw.xyz_m, axis=1).max() > 5.0
+    assert (raw.metadata["ego_motion"], cloud.metadata["ego_motion"]) == ("in the points", "removed")
+    np.testing.assert_array_equal(cloud.range_m, raw.range_m)
+
+
+@pytest.mark.parametrize("frame", ["world", "vehicle", "sensor"])
+def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> None:
+    simulator = Simulator(standing(), table1(), pose=MOUNT)
+    cloud = simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame)
+    cloud.save(tmp_path / "raw.ply")
+    again = deskewed(PointCloud.load(tmp_path / "raw.ply"), simulator.motion)
+    np.testing.assert_array_equal(again.xyz_m, deskewed(cloud, simulator.motion).xyz_m)
+    again.save(tmp_path / "deskewed.ply")
+    back = PointCloud.load(tmp_path / "deskewed.ply")
+    np.testing.assert_array_equal(back.xyz_m, again.xyz_m)
+    assert back.metadata == again.metadata
+
+
+def test_what_cannot_be_deskewed_is_refused() -> None:
+    simulator = Simulator(standing(), table1())
+    cloud = simulator.render(coordinates="vehicle")
+    with pytest.raises(InputError, match="must be a raw cloud, got one that is deskewed"):
+        deskewed(deskewed(cloud, simulator.motion), simulator.motion)
+    with pytest.raises(InputError, match="must be a cloud of one sensor, deskew before merging"):
+        deskewed(merged([cloud, cloud], ["a", "b"]), simulator.motion)
+    with pytest.raises(InputError, match="metadata do not say when and where"):
+        deskewed(dataclasses.replace(cloud, metadata={"frame": "sensor"}), simulator.motion)
+    none = cloud.select(slice(0, 0))
+    assert len(deskewed(none, simulator.motion)) == 0
+
+
+def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
+    """Each cloud of the rig is the one of that sensor alone; merged they are one after the other, also in a file."""
+    sipm = chain.sensor("table1-sipm", *SENSOR)
+    rig = [
+        Mounted(label="roof", sensor=table1(), pose=MOUNT),
+        Mounted(label="rear", sensor=sipm, pose=Pose.from_degrees(position_m=(-2, 0, 1), yaw_deg=-20.0)),
+    ]
+    made = dict(simulators(traffic(), rig))
+    assert made["roof"].world is made["rear"].world
+    clouds = [simulator.render(seed=3, coordinates="vehicle") for simulator in made.values()]
+    for one, cloud in zip(rig, clouds, strict=True):
+        alone = Simulator(traffic(), one.sensor, pose=one.pose).render(seed=3, coordinates="vehicle")
+        # The shared world has another origin: single precision, and beams that graze an edge.
+        assert len(alone) == pytest.approx(len(cloud), rel=1e-3)
+        assert len(alone) > 10_000
+        assert np.mean(np.isin(alone.time_s, cloud.time_s)) > 0.999
+    together = merged(clouds, list(made))
+    assert together.sensor_names == ("roof", "rear")
+    assert len(together) == sum(map(len, clouds))
+    for number, cloud in enumerate(clouds):
+        own = together.select(together.sensor_index == number)
+        np.testing.assert_array_equal(own.xyz_m, cloud.xyz_m)
+        np.testing.assert_array_equal(own.body, cloud.body)
+    positions = np.array(together.metadata["sensor_position_m"].split(), float).reshape(2, 3)
+    np.testing.assert_allclose(positions, [MOUNT.position_m, [-2, 0, 1]], atol=1e-12)
+    assert len(together.metadata["sensor_rotation"].split()) == 18
+    assert together.metadata["frame_start_s"].split() == ["0.0", "0.0"]
+    assert (together.metadata["sensor"], together.metadata["intensity_unit"]) == (
+        "table1-apd, table1-sipm",
+        "A or cells",
+    )
+    together.save(tmp_path / "rig.ply")
+    back = PointCloud.load(tmp_path / "rig.ply")
+    np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
+    assert (back.sensor_names, back.metadata) == (together.sensor_names, dict(together.metadata))
+    with pytest.raises(ValueError, match="clouds must be in one frame, world or vehicle, got"):
+        merged([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
+
+
+def test_frames_that_drift_apart_are_not_merged() -> None:
+    longer = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
+    pair = [Mounted(label="short", sensor=table1()), Mounted(label="long", sensor=longer)]
+    require_common_frames(pair, 1)
+    with pytest.raises(
+        InputError, match=r"9 merged frames: .* 'short' has them of 0.37926 s and 'long' of 0.60732 s"
+    ):
+        require_common_frames(pair, 9)
+    require_common_frames([pair[0], pair[0]], 10_000)
+
+
+FAR = np.array([500_000.0, 5_400_000.0, 300.0])
+
+
+def moved(scene: Scene, by: np.ndarray) -> Scene:
+    """The same scene elsewhere in the world."""
+    shift = Pose(position_m=by)
+    bodies = []
+    for body in scene.bodies:
+        motion = body.motion
+        if isinstance(motion, Course):
+            motion = dataclasses.replace(motion, start=shift @ motion.start)
+        if isinstance(motion, Spline):
+            motion = Spline(time_s=motion.time_s, poses=tuple(shift @ one for one in motion.poses))
+        bodies.append(dataclasses.replace(body, motion=motion, pose=shift @ body.pose))
+    return dataclasses.replace(
+        scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start)
+    )
+
+
+def test_utm_coordinates_cost_nothing() -> None:
+    """500 km and 5400 km from the origin, sensor and bodies moving: the same ranges, as at the origin.
+
+    Tolerances: 1 mm is what doubles of 5e6 m leave in twenty operations a million times over; 0.1 mm single precision.
+    """
+    near = echoes(Simulator(traffic(), table1()).render(seed=2))
+    far = echoes(Simulator(moved(traffic(), FAR), table1()).render(seed=2))
+    assert far.xyz_m.dtype == np.float64
+    same = np.isin(far.time_s, near.time_s)
+    assert same.mean() > 0.999
+    other = near.select(np.searchsorted(near.time_s, far.time_s[same]))
+    here = far.select(same)
+    agree = here.body == other.body
+    assert agree.mean() > 0.999
+    np.testing.assert_allclose(here.true_range_m[agree], other.true_range_m[agree], atol=1e-3)
+    # Edges between triangles of one body: fewer than one beam in a hundred differs by more than 0.1 mm.
+    assert np.mean(np.abs(here.true_range_m - other.true_range_m)[agree] < 1e-4) > 0.99
+    np.testing.assert_allclose(here.xyz_m[agree] - FAR, other.xyz_m[agree], atol=2e-3)
+    np.testing.assert_allclose(here.radial_velocity_m_s[agree], other.radial_velocity_m_s[agree], atol=1e-3)
+
+
+def test_a_scene_in_which_everything_moves() -> None:
+    """No static shape at all: box and wall ride with the sensor, so that nothing seems to move."""
+    still = chain.scene(chain.facing(range_m=30.0), chain.box(at=(15.0, 2.0, 0.0)))
+    riding = tuple(
+        dataclasses.replace(body, motion=Riding(carrier=EGO, pose=body.pose)) for body in still.bodies
+    )
+    scene = dataclasses.replace(still, bodies=riding, ego=EGO)
+    simulator = Simulator(scene, table1())
+    assert len(simulator.world.movers) == 2
+    cloud = echoes(simulator.render(seed=4, coordinates="vehicle"))
+    expected = echoes(Simulator(still, table1()).render(seed=4, coordinates="sensor"))
+    same = np.isin(cloud.time_s, expected.time_s)
+    assert same.mean() > 0.999
+    other = expected.select(np.searchsorted(expected.time_s, cloud.time_s[same]))
+    here = cloud.select(same)
+    agree = (here.body == other.body) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
+    assert agree.mean() > 0.999
+    # v and w of 25 m/s and 0.3 rad/s in single precision.
+    np.testing.assert_allclose(here.radial_velocity_m_s, 0.0, atol=1e-4)
+
+
+def test_many_bodies_of_one_shape() -> None:
+    """Twelve that share two parts of two materials and a ball, each moving in its own way: identities and ranges.
+
+    Each stands alone in its direction, so that it is known which of them, and which part, a beam must meet.
+    """
+    low, high = (
+        chain.box(at=(0, 0, 0), size_m=(1.0, 1.0, 0.8)).parts[0],
+        chain.box(at=(0, 0, 0), material="dark").parts[0],
+    )
+    high = dataclasses.replace(high, vertices_m=high.vertices_m * 0.3 + [0.0, 0.0, 0.7])
+    parts = (low, high, Ball(radius_m=0.2, material="grey"))
+    bodies = []
+    for number in range(12):
+        azimuth = math.radians(-55.0 + 10.0 * number)
+        distance = 10.0 + number
+        start = Pose.from_degrees(
+            position_m=(distance * math.cos(azimuth), distance * math.sin(azimuth), 0.0),
+            yaw_deg=37.0 * number,
+        )
+        bodies.append(
+            Body(name=f"b{number}", class_name=f"c{number % 3}", parts=parts,
+                 motion=Course(start=start, yaw_rate_rad_s=0.1 * number)),
+        )  # fmt: skip
+    scene = chain.scene(*bodies, materials=[chain.diffuse("dark", 0.05)])
+    simulator = Simulator(scene, table1())
+    movers = simulator.world.movers
+    assert len({id(mover.scene) for mover in movers}) == 1
+    cloud = echoes(simulator.render(seed=5))
+    nearest = np.rint((np.degrees(cloud.azimuth_rad) + 55.0) / 10.0).astype(int)
+    np.testing.assert_array_equal(cloud.body, nearest)
+    assert len(np.unique(cloud.body)) == 12
+    assert [cloud.class_names[c] for c in cloud.class_id] == [f"c{b % 3}" for b in cloud.body]
+    dark = cloud.material == cloud.material_names.index("dark")
+    assert dark.sum() > 20
+    # Its two parts touch at 0.4 m; reports are noisy, so 0.15 m around it is left out.
+    clear = np.abs(cloud.xyz_m[:, 2] - 0.4) > 0.15
+    np.testing.assert_array_equal(dark[clear], cloud.xyz_m[clear, 2] > 0.4)
+
+
+XML = """<scene version='3.0.0'><shape type='rectangle' id='wall'>
+<transform name='to_world'><scale value='30'/><rotate y='1' angle='-90'/><translate x='40'/></transform>
+<bsdf type='diffuse'><rgb name='reflectance' value='0.5'/></bsdf></shape></scene>"""
+
+
+def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
+    """base = XML with [ego] and a body that moves: the wall at 40 m comes at 20 m/s."""
+    (tmp_path / "base.xml").write_text(XML)
+    (tmp_path / "scene.toml").write_text(
+        'base = "base.xml"\n[ego]\nspeed_m_s = 20\n[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 0.5\n'
+        'material = "own"\nposition_m = [12, 0, 0]\n[bodies.motion]\nvelocity_m_s = [0, 3, 0]\n'
+        "[materials.own]\nreflectivity = 0.3\n"
+    )
+    scene = load_scene(tmp_path / "scene.toml")
+    cloud = echoes(Simulator(scene, table1()).render(seed=6))
+    ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
+    wall = cloud.body == cloud.body_names.index("wall")
+    assert wall.sum() > 5000
+    np.testing.assert_allclose(cloud.true_range_m[wall], ((40 - 20 * cloud.time_s) / ahead)[wall], atol=1e-4)
+    # The exact sphere: the distance of each point from its centre then, in the world, is its radius.
+    ball = cloud.body == cloud.body_names.index("ball")
+    assert ball.sum() > 20
+    own = cloud.select(ball)
+    points = direction(own) * own.true_range_m[:, None].astype(float)
+    points[:, 0] += 20 * own.time_s
+    centre = np.stack([np.full(len(own), 12.0), 3 * own.time_s, np.zeros(len(own))], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.5, atol=1e-4)
+
+
+def test_shadows_move() -> None:
+    """A roof that flies over a board darkens it only while it is between board and sun."""
+    board = chain.facing(range_m=30.0, size_m=20.0)
+    still = chain.scene(board)
+    towards = still.sun.direction
+    above = board.pose.position_m + 10.0 * towards
+    cover = chain.box(at=(0, 0, 0), size_m=(40.0, 40.0, 0.1))
+    cover = dataclasses.replace(
+        cover, name="cover",
+        motion=Course(start=Pose(position_m=above), velocity_m_s=(0.0, 200.0, 0.0)),
+    )  # fmt: skip
+    cloud = echoes(Simulator(dataclasses.replace(still, bodies=(board, cover)), table1()).render(seed=7))
+    cloud = cloud.select(cloud.body == 0)
+    # Along y the cover's shadow is as wide as it is, and at the same place: the sun has no y here.
+    shadow = 200.0 * cloud.time_s
+    y = cloud.range_m * np.cos(cloud.elevation_rad) * np.sin(cloud.azimuth_rad)
+    inside = np.abs(y - shadow) < 19.5
+    outside = np.abs(y - shadow) > 20.5
+    assert inside.sum() > 500
+    assert outside.sum() > 500
+    assert cloud.in_shadow[inside].all()
+    assert not cloud.in_shadow[outside].any()

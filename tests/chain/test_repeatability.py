@@ -1,0 +1,137 @@
+"""docs/validation.md, check 7, and "a second frame compiles nothing"."""
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+
+from lidarscene import Pose, Simulator
+from lidarscene.detection import returns
+from lidarscene.light import beams, echoes
+from lidarscene.light.hits import Hits
+from lidarscene.rendering.stages import ambient_of
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+RASTER = [
+    "scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20",
+    "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
+]  # fmt: skip
+
+
+def mixed_scene():
+    return chain.scene(
+        chain.facing(range_m=60.0, theta_deg=60.0, size_m=30.0, material="paper"),
+        chain.ball(at=(30.0, 3.0, 0.0), radius_m=2.0),
+        chain.box(at=(20.0, -3.0, 0.0), material="shiny"),
+        materials=(
+            chain.diffuse("paper", 0.8),
+            chain.Material(
+                name="shiny", bsdf="coated", reflectivity=chain.Spectrum.constant(0.3),
+                parameters={"coat_ior": 1.5, "coat_roughness": 0.1},
+            ),
+        ),
+        sky=0.1,
+    )  # fmt: skip
+
+
+def same(first, second):
+    """Bit for bit, every column."""
+    for column in first.columns:
+        np.testing.assert_array_equal(first.column(column.name), second.column(column.name), column.name)
+
+
+@pytest.mark.parametrize("stops", [1, 3])
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_chunks_do_not_matter(name, stops):
+    sensor = chain.sensor(
+        name, *RASTER, "tdc.threshold_to_noise=3.5", f"tdc.stops={stops}", "tdc.jitter_ps=50"
+    )
+    simulator = Simulator(mixed_scene(), sensor)
+    whole = simulator.render(seed=3)
+    assert np.count_nonzero(whole.status) > 50
+    for chunk in (7919, 60_501, 60_500, 1_000_000):
+        same(whole, simulator.render(seed=3, chunk=chunk))
+
+
+def test_threads_do_not_matter(mi):
+    import drjit as dr
+
+    simulator = Simulator(mixed_scene(), chain.sensor("table1-apd", *RASTER))
+    many = simulator.render(seed=5)
+    threads = dr.thread_count()
+    try:
+        dr.set_thread_count(1)
+        same(many, simulator.render(seed=5))
+    finally:
+        dr.set_thread_count(threads)
+
+
+def test_a_new_world_gives_the_same_cloud():
+    sensor = chain.sensor("table1-apd", *RASTER)
+    same(Simulator(mixed_scene(), sensor).render(seed=5), Simulator(mixed_scene(), sensor).render(seed=5))
+
+
+def test_seeds_matter():
+    simulator = Simulator(mixed_scene(), chain.sensor("table1-apd", *RASTER))
+    first, second = simulator.render(seed=0), simulator.render(seed=1)
+    shared = min(len(first), len(second)) // 2
+    assert np.mean(first.range_m[:shared] == second.range_m[:shared]) < 0.05
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+@pytest.mark.parametrize("counting", ["gaussian", "binomial"])
+def test_numpy_and_device_agree(name, counting):
+    """The same stages on numpy, from the same hits: the same points but for the last bits.
+
+    A lane may flip only where its edge lies within float32 rounding of the comparator's level. The walk is
+    left in: correcting it from the amplitude of a saturated SiPM magnifies the last bits without bound.
+    """
+    extra = [f"detector.counting='{counting}'"] if name == "table1-sipm" else []
+    sensor = chain.sensor(
+        name, *RASTER, *extra, "tdc.threshold_to_noise=3.5", "tdc.stops=2", "tdc.walk='raw'"
+    )
+    scene = mixed_scene()
+    lanes = chain.run(scene, sensor, seed=9)
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    rays = beams.fire(
+        sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())
+    )
+    direction = np.stack(rays.direction, axis=1)
+    np.testing.assert_allclose(direction, lanes.direction, rtol=0.0, atol=3e-7)
+    hits: Hits = lanes.hits
+    light = echoes.receive(rays, hits, sensor, ambient_of(scene, sensor))
+    np.testing.assert_allclose(light.peak_power_w, lanes.light.peak_power_w, rtol=2e-6)
+    np.testing.assert_allclose(light.background_power_w, lanes.light.background_power_w, rtol=2e-6)
+    detection = returns.detect(light, sensor, seed=9, pulse=pulse)
+    np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=1e-4, atol=1e-6)
+    assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
+    for here, there in zip(detection.stops, lanes.detection.stops, strict=True):
+        assert np.mean(here.reported != there.reported) < 2e-4
+        both = here.reported & there.reported & (here.status == there.status)
+        assert both.sum() > 0
+        # An alarm's time is an exponential over its rate, and the rate a float32 tail: 1e-3 relative.
+        allowed = 2e-3 + np.where(here.status == 1, 1e-3 * here.range_m, 0.0)
+        difference = (np.abs(here.range_m - there.range_m) / allowed)[both]
+        assert np.quantile(difference, 0.999) < 1.0
+
+
+def test_a_second_frame_compiles_nothing(mi):
+    """New seed, new pose, new sun, new numbers in the sensor file: all of it is data."""
+    import dataclasses
+
+    scene = mixed_scene()
+    sensor = chain.sensor("table1-apd", *RASTER)
+    first = Simulator(scene, sensor)
+    with launches.launched() as before:
+        first.render(seed=0, chunk=50_000)
+    changed = chain.sensor(
+        "table1-apd", *RASTER, "detector.gain=60", "laser.peak_power_w=20", "tdc.threshold_to_noise=6",
+        "optics.aperture_radius_mm=10", "scanner.azimuth_step_deg=0.15",
+    )  # fmt: skip
+    darker = dataclasses.replace(
+        scene, sun=dataclasses.replace(scene.sun, illuminance_klux=1.0, azimuth_rad=1.0)
+    )
+    with launches.launched() as later:
+        first.render(seed=1, pose=Pose.from_degrees(position_m=(0.3, 0.2, 0.1), yaw_deg=2.0), chunk=40_000)
+        Simulator(darker, changed, world=first.world).render(seed=2)
+    launches.assert_none_is_new(later, before)

@@ -1,0 +1,67 @@
+"""The time-domain SiPM on the device: the same numbers as on numpy, and no kernel for a new number."""
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+
+from lidarscene import Simulator
+from lidarscene.detection import returns
+from lidarscene.light import beams, echoes
+from lidarscene.rendering.stages import ambient_of
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+RASTER = [
+    "scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20",
+    "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
+    "detector.statistics='time_domain'",
+]  # fmt: skip
+
+
+def scene():
+    return chain.scene(
+        chain.facing(range_m=60.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(30.0, 3.0, 0.0))
+    )
+
+
+@pytest.mark.parametrize("counting", ["gaussian", "binomial"])
+def test_numpy_and_device_agree(counting):
+    """A table in float32, as everything else on the device: SNR to 2e-4, the same points kept."""
+    sensor = chain.sensor(
+        "table1-sipm",
+        *RASTER,
+        f"detector.counting='{counting}'",
+        "tdc.threshold_to_noise=3.5",
+        "tdc.walk='raw'",
+    )
+    lanes = chain.run(scene(), sensor, seed=9)
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    light = echoes.receive(
+        beams.fire(
+            sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())
+        ),
+        lanes.hits, sensor, ambient_of(scene(), sensor),
+    )  # fmt: skip
+    detection = returns.detect(light, sensor, seed=9, pulse=pulse)
+    assert (detection.snr > 5.0).sum() > 1000
+    np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=2e-4, atol=1e-6)
+    assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
+    here, there = detection.stops[0], lanes.detection.stops[0]
+    both = here.reported & there.reported & (here.status == 0) & (there.status == 0)
+    assert both.sum() > 1000
+    difference = np.abs(here.range_m - there.range_m)[both]
+    assert np.quantile(difference, 0.999) < 2e-3
+
+
+def test_new_numbers_compile_nothing(mi):
+    """Dead time, pulse width and cells are data too: one table serves them all."""
+    first = Simulator(scene(), chain.sensor("table1-sipm", *RASTER))
+    with launches.launched() as before:
+        first.render(seed=0)
+    changed = chain.sensor(
+        "table1-sipm", *RASTER, "detector.dead_time_ns=9", "laser.pulse_fwhm_ns=4", "detector.cells=900"
+    )
+    with launches.launched() as later:
+        first.render(seed=1)
+        Simulator(scene(), changed, world=first.world).render(seed=2)
+    launches.assert_none_is_new(later, before)

@@ -1,0 +1,126 @@
+"""The command `batch`: what it prints, its exit code, and the mistakes that it tells before anything is rendered."""
+
+import contextlib
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.waiting import PATIENCE_S
+
+from lidarscene.batch import cluster
+from lidarscene.cli import main
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
+    """Good frames are written, the bad ones have a line each, and the exit code is 1."""
+    wall = (tmp_path / "wall.toml").read_text()
+    (tmp_path / "bad.toml").write_text(wall.replace("concrete", "concrate"))
+    job_file.write_text(job_file.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml"]'))
+    done = subprocess.run(
+        [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True,
+        timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert [line.split()[:3] for line in done.stdout.splitlines()][1:4] == [
+        ["rendered", "4"], ["there", "already", "0"], ["failed", "4", "their"],
+    ]  # fmt: skip
+    failed = [line for line in done.stderr.splitlines() if line.startswith("failed")]
+    assert len(failed) == 4
+    assert all("bad.toml table1-apd" in line and "no material 'concrate'" in line for line in failed)
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "out" / "manifest.parquet").is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
+def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
+    """The dashboard's address, which answers, and a bar that counts to the last frame.
+
+    The dashboard ends with the last frame: its workers are held until it has answered.
+    """
+    pytest.importorskip("bokeh")
+    psutil = pytest.importorskip("psutil")
+    import pty
+
+    ours, theirs = pty.openpty()
+    running = subprocess.Popen(
+        [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"},
+        stdout=subprocess.DEVNULL, stderr=theirs,
+    )  # fmt: skip
+    os.close(theirs)
+    shown, answers = b"", None
+    while part := _read(ours):
+        shown += part
+        link = re.search(rb"dashboard +(http://127\.0\.0\.1:\d+/status)", shown)
+        if link and answers is None:
+            workers = psutil.Process(running.pid).children(recursive=True)
+            for worker in workers:
+                worker.suspend()
+            try:
+                with urllib.request.urlopen(link[1].decode(), timeout=PATIENCE_S) as page:
+                    answers = page.status
+            finally:
+                for worker in workers:
+                    worker.resume()
+    os.close(ours)
+    assert running.wait(PATIENCE_S) == 0, shown
+    assert answers == 200
+    assert b"0/4" in shown
+    assert b"4/4" in shown
+
+
+def _read(terminal: int) -> bytes:
+    """What it shows next; nothing when its other end is closed, which Linux calls an error."""
+    with contextlib.suppress(OSError):
+        return os.read(terminal, 1 << 16)
+    return b""
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["none.toml", "-o", "out"], "none.toml: no such file"),
+        (["job.toml"], "the following arguments are required: -o/--output"),
+        (["job.toml", "-o", "wall.toml"], "--output wall.toml: a folder was expected"),
+        (["job.toml", "-o", "out", "--workers", "0"], "must be a whole number from 1 to 1024, got 0"),
+        (["job.toml", "-o", "out", "--workers", "1", "--scheduler", "a:1"], "one of them was expected"),
+        (
+            ["job.toml", "-o", "out", "--scheduler", "nonsense"],
+            "no Dask scheduler answers there: missing port",
+        ),
+    ],
+)
+def test_mistakes(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    argv: list[str], told: str,
+) -> None:  # fmt: skip
+    pytest.importorskip("distributed")
+    monkeypatch.chdir(tmp_path)
+    assert main.main(["batch", *argv]) != 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("lidarscene: error: ")
+    assert told in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out" / "frames").exists()
+
+
+def test_without_dask(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        cluster.importlib.util, "find_spec", lambda name: None if name == "distributed" else find(name)
+    )
+    assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out")]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("lidarscene: error: batch needs distributed; try: pip install 'lidarscene[batch]'")

@@ -1,0 +1,191 @@
+"""`lidarscene compare`: everything it promises is there, and what it refuses."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from helpers.command_line import BEAMS, COARSE, WALL, Run
+
+from lidarscene import PointCloud
+from lidarscene.cli import main
+from lidarscene.studies.compare import page as compare_page
+
+PAIR = ("--sensors", "table1-apd,table1-sipm")
+WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
+SWEPT = ("--illuminance", "0.1,100")
+NAMES = compare_page.file_names(
+    ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True
+)
+
+
+@pytest.fixture(scope="module")
+def folder(mi, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command run once."""
+    base = tmp_path_factory.mktemp("compare")
+    (base / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
+    where = base / "new" / "out"
+    argv = ["compare", str(base / "wall.toml"), *PAIR, "-o", str(where), *WEAK, *SWEPT]
+    assert main.main(argv) == 0
+    return where
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
+    assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
+
+
+def test_page_needs_no_other_file(folder: Path) -> None:
+    page = (folder / "index.html").read_text("utf-8")
+    sources = re.findall(r'(?:src|href)="([^"]{1,40})', page)
+    pictures = [name for name in NAMES if name.endswith(".png")]
+    tables = [name for name in NAMES if name.endswith(".csv") and name.replace(".csv", ".png") in pictures]
+    assert len(sources) == len(pictures) + len(tables)
+    assert all(source.startswith(("data:image/png;base64,", "data:text/csv;base64,")) for source in sources)
+    assert "http" not in re.sub(r'"data:[^"]*"', "", page)
+    assert "fire the same pulses" in page
+
+
+def test_numbers_agree(folder: Path) -> None:
+    """JSON, CSV and clouds are of the same run."""
+    told = json.loads((folder / "compare.json").read_text("utf-8"))
+    (pair,) = told["pairs"]
+    for sensor in told["sensors"]:
+        name = sensor["name"]
+        cloud = PointCloud.load(folder / f"{name}.ply")
+        assert (sensor["pulses"], sensor["points"]) == (BEAMS, len(cloud))
+        assert sensor["rate"]["found"] == np.count_nonzero(cloud.status == 0)
+        for key in ("range", "incidence", "reflectivity", "class", "body"):
+            own = [row for row in rows(folder / f"rate-{key}.csv") if row["sensor"] == name]
+            assert sum(int(row["found"]) for row in own) == sensor["rate"]["found"], key
+            assert all(float(row["rate_low"]) <= float(row["rate"]) <= float(row["rate_high"]) for row in own)
+        assert sum(sensor["lost"].values()) == sensor["rate"]["surfaces"] - sensor["rate"]["found"]
+    found = [sensor["rate"]["found"] for sensor in told["sensors"]]
+    assert [pair["both"] + pair["only_a"], pair["both"] + pair["only_b"]] == found
+    (whole,) = [row for row in rows(folder / "pairs-table1-sipm.csv") if row["by"] == "all"]
+    assert [int(whole[key]) for key in ("both", "only_a", "only_b", "neither")] == [
+        pair[key] for key in ("both", "only_a", "only_b", "neither")
+    ]
+    assert {row["illuminance_klux"] for row in rows(folder / "illuminance.csv")} == {"0.1", "100"}
+
+
+def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
+    """By trimesh, with the column that says who found a point, and colours."""
+    (pair,) = json.loads((folder / "compare.json").read_text("utf-8"))["pairs"]
+    cloud = trimesh.load(folder / "difference-table1-sipm.ply")
+    kinds = cloud.metadata["_ply_raw"]["vertex"]["data"]["difference"]
+    assert np.bincount(kinds.ravel(), minlength=3).tolist() == [pair["both"], pair["only_a"], pair["only_b"]]
+    expected = np.array([compare_page.COLOURS[kind] for kind in ("both", "only_a", "only_b")])
+    assert np.array_equal(cloud.colors[:, :3], expected[kinds.ravel()])
+    header = (folder / "difference-table1-sipm.ply").read_bytes().split(b"end_header")[0].decode("ascii")
+    assert "comment difference 1 only_a" in header
+    assert "A is table1-apd, B is table1-sipm" in header
+
+
+def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> None:
+    scene = folder.parents[1] / "wall.toml"
+    ran = run("compare", str(scene), *PAIR, "-o", "again", *WEAK, *SWEPT, "--json", "--chunk", "50")
+    assert (ran.code, ran.err) == (0, "")
+    assert json.loads(ran.out) == json.loads((folder / "compare.json").read_text("utf-8"))
+    for name in NAMES:
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_clouds_from_files(folder: Path, run: Run, tmp_path: Path) -> None:
+    files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
+    ran = run("compare", *files, "-o", "out", "--json")
+    assert (ran.code, ran.err) == (0, "")
+    told, before = json.loads(ran.out), json.loads((folder / "compare.json").read_text("utf-8"))
+    for key in ("both", "only_a", "only_b"):
+        assert told["pairs"][0][key] == before["pairs"][0][key]
+    assert told["sensors"][0]["rate"]["expected"] is None
+    assert told["rates_are_shares_of"] == "the pulses with which any of the clouds has an echo"
+    made = compare_page.file_names(
+        ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=False, simulated=False
+    )
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(made)
+
+
+def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> None:
+    names = ("a.ply", "difference-b.ply", "b.ply")
+    for name in names:
+        (tmp_path / name).write_bytes((folder / "table1-apd.ply").read_bytes())
+    ran = run("compare", *names, "-o", ".")
+    assert ran.code == 2
+    assert "must not overwrite an input, got difference-b.ply" in ran.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+
+
+def test_other_scanners_are_not_matched(folder: Path, run: Run, tmp_path: Path) -> None:
+    scene = str(folder.parents[1] / "wall.toml")
+    sensors = ("--sensors", "table1-apd,vlp-16", "--set=table1-apd:scanner.azimuth_step_deg=1")
+    ran = run("compare", scene, *sensors, "-o", "own")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
+    assert (told["matched"], told["pairs"]) == (False, [])
+    assert told["sensors"][0]["pulses"] != told["sensors"][1]["pulses"]
+    assert "With --same-beams all" in (tmp_path / "own" / "index.html").read_text("utf-8")
+    ran = run(
+        "compare",
+        str(tmp_path / "own" / "table1-apd.ply"),
+        str(tmp_path / "own" / "vlp-16.ply"),
+        "-o",
+        "files",
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")
+    ran = run("compare", scene, *sensors, "-o", "same", "--same-beams")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
+    assert told["matched"]
+    assert told["sensors"][0]["pulses"] == told["sensors"][1]["pulses"]
+
+
+def test_nothing_found_at_all(mi, run: Run, wall: str, tmp_path: Path) -> None:
+    """Sensors that see nothing are compared without a word of NaN."""
+    ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-9")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
+    assert told["sensors"][0]["rate"]["found"] == 0
+    ran = run("compare", wall, *PAIR, "-o", "away", *COARSE, "--pose", "0,0,0,180")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))
+    assert told["sensors"][0]["rate"]["surfaces"] == 0
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("wall.toml", *PAIR), "the following arguments are required: -o/--output"),
+        (("-o", "out", *PAIR), "the following arguments are required: SCENE|CLOUD"),
+        (("wall.toml", "-o", "out"), "wall.toml: a scene with --sensors A,B was expected, or two clouds or more"),
+        (("wall.toml", "wall.toml", "-o", "out", *PAIR), "--sensors: goes with one scene, 2 files came"),
+        (("wall.toml", "-o", "out", "--sensors", "table1-apd"), "--sensors: 2 to 7 names or files"),
+        (("wall.toml", "-o", "out", "--sensors", "table1-apd,"), "--sensors: 2 to 7 names or files"),
+        (("wall.toml", "-o", "out", "--sensors", "table1-apd,nonsense"), "nonsense"),
+        (("none.toml", "-o", "out", *PAIR), "none.toml"),
+        (("wall.toml", "-o", "wall.toml", *PAIR), "is a file, not a folder"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "10,1"), "illuminances in klux that rise"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "0,1"), "illuminances in klux that rise"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "1e9"), "--illuminance 1e+09"),
+        (("a.ply", "b.ply", "-o", "out", "--illuminance", "1"), "--illuminance: goes with a scene and --sensors"),
+        (("a.ply", "b.ply", "-o", "out", "--same-beams"), "--same-beams: goes with a scene and --sensors"),
+        (("a.ply", "b.ply", "-o", "out", "--seed", "0"), "--seed: goes with a scene and --sensors"),
+        (("a.ply", "b.ply", "-o", "out", "--set", "a=1"), "--set: goes with a scene and --sensors"),
+        (("a.ply", "b.ply", "-o", "out"), "a.ply"),
+        (("wall.toml", "b.ply", "-o", "out"), "wall.toml: suffix '.toml' names no point cloud format"),
+    ],
+)  # fmt: skip
+def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+    ran = run("compare", *argv)
+    assert (ran.code, ran.out) == (2, "")
+    assert said in ran.err
+    assert ran.err.count("\n") == 1
+    assert [path.name for path in tmp_path.rglob("*")] == [wall]

@@ -1,0 +1,181 @@
+"""`lidarscene fov`: everything it promises is there, and what it refuses."""
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+from helpers.command_line import COARSE, WALL, Run
+
+from lidarscene.cli import main
+from lidarscene.studies.field_of_view import study
+
+FAST = (*COARSE, "--time", "0.001,0.01", "--cell", "2")
+RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command run once."""
+    where = tmp_path_factory.mktemp("fov") / "new" / "out"
+    assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
+    return where
+
+
+NAMES = study.file_names(["table1-apd", "table1-sipm"], with_ground=True, with_scene=False)
+
+
+def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
+    assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.endswith((".png", ".csv"))])
+def test_pictures_and_tables(folder: Path, name: str) -> None:
+    if name.endswith(".png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+        return
+    with (folder / name).open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert len(rows) > 10
+    assert {len(row) for row in rows} == {len(rows[0])}
+    for row in rows[1:]:
+        assert all(cell == "nan" or float(cell) >= -180.0 for cell in row)
+
+
+def test_pages_show_everything(folder: Path) -> None:
+    pictures = {name for name in NAMES if name.endswith(".png")}
+    page = (folder / "index.html").read_text("utf-8")
+    assert set(re.findall(r'src="([^"]+)"', page)) == pictures
+    targets = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    assert targets == {name for name in NAMES if not name.startswith("index")}
+    assert "http" not in page
+    links = re.findall(r"\]\(([^)]+)\)", (folder / "index.md").read_text("utf-8"))
+    assert set(links) == targets
+    assert "Cells are 2 degrees high" in page
+
+
+def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> None:
+    ran = run("fov", "table1-apd", "table1-sipm", "-o", "again", *FAST, RISEN, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads(ran.out)
+    assert told["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
+    assert told["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
+    for name in NAMES:
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
+    code = f"""
+import sys
+from lidarscene.cli.main import main
+code = main(["fov", "table1-apd", "-o", r"{tmp_path / "out"}", *{FAST!r}])
+print([name for name in ("mitsuba", "drjit", "scipy", "lidarscene.kernel") if name in sys.modules])
+sys.exit(code)
+"""
+    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.endswith("\n[]\n")
+    assert "No view from above" in (tmp_path / "out" / "index.md").read_text("utf-8")
+
+
+LABELLED = WALL.replace('"wall"', '"wall"\nclass = "building"', 1)
+
+
+def bodies_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "bodies.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
+    """The wall of 4 m at 10 m: 11.3 degrees to each side, so 11 by 11 beams of 2 degrees."""
+    (tmp_path / "wall.toml").write_text(LABELLED)
+    ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
+    assert (ran.code, ran.err) == (0, "")
+    (row,) = bodies_of(tmp_path / "out")
+    assert (row["sensor"], row["body"], row["class"]) == ("table1-apd", "wall", "building")
+    assert int(row["points"]) == pytest.approx(11 * 11, abs=4)
+    assert 10.0 <= float(row["distance_m"]) < 10.4
+
+
+def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, tmp_path: Path) -> None:
+    """5 m nearer: half the distance, 21.8 degrees to each side, so all 21 by 11 beams of the coarse raster."""
+    (tmp_path / "wall.toml").write_text(LABELLED)
+    near = "--set=table1-sipm:mounting.position_m=[5.0,0.0,0.0]"
+    ran = run("fov", "table1-apd", "table1-sipm", "-o", "out", *FAST, near, "--scene", "wall.toml")
+    assert (ran.code, ran.err) == (0, "")
+    rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
+    assert float(rows["table1-apd"]["distance_m"]) == pytest.approx(10.2, abs=0.2)
+    assert float(rows["table1-sipm"]["distance_m"]) == pytest.approx(5.2, abs=0.2)
+    assert int(rows["table1-sipm"]["points"]) == pytest.approx(21 * 11, abs=4)
+
+
+RIG = """
+[[sensors]]
+label = "front"
+sensor = "table1-apd"
+position_m = [2, 0, 1.9]
+
+[[sensors]]
+label = "back"
+sensor = "table1-apd"
+position_m = [-2, 0, 1.9]
+yaw_deg = 180
+"""
+
+
+def test_a_rig(mi, run: Run, tmp_path: Path) -> None:
+    """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
+    (tmp_path / "walls.toml").write_text(
+        LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 0]", "[-10, 0, 0]")
+    )
+    (tmp_path / "rig.toml").write_text(RIG)
+    ran = run(
+        "fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json"
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert set(json.loads(ran.out)["sensors"]) == {"front", "back"}
+    rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
+    assert {name: row["body"] for name, row in rows.items()} == {"front": "wall", "back": "behind"}
+    assert all(8.0 <= float(row["distance_m"]) < 8.6 for row in rows.values())
+    with (tmp_path / "out" / "ground.csv").open(newline="", encoding="utf-8") as file:
+        ground = list(csv.DictReader(file))
+    reach = {name: [float(at["x_m"]) for at in ground if at[name] == "1"] for name in ("front", "back")}
+    # Blind to 1.9 m / tan 10 degrees before each, with the cells of 2 degrees; none sees the other's side.
+    nearest, farthest = (2.0 + 1.9 / math.tan(math.radians(degrees)) for degrees in (12.0, 10.0))
+    assert nearest < min(reach["front"]) < farthest
+    assert max(reach["back"]) == pytest.approx(-min(reach["front"]), abs=0.6)
+
+
+def test_equal_names_get_files_of_their_own() -> None:
+    assert study.slugs(["a b", "a-b", "A B", "ü"]) == ["a-b", "a-b-2", "a-b-3", "sensor"]
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("table1-apd",), "the following arguments are required: -o/--output"),
+        (("-o", "out"), "SENSOR and --rig: one of them was expected"),
+        (("table1-apd", "--rig", "r.toml", "-o", "out"), "SENSOR and --rig: one of them was expected"),
+        (("--rig", "none.toml", "-o", "out"), "none.toml: no such file"),
+        (("table1-apd", "-o", "out", "--pose", "0,0,1"), "--pose goes with --scene"),
+        (("nonsense", "-o", "out"), "nonsense"),
+        (("table1-apd", "-o", "file"), "is a file, not a folder"),
+        (("table1-apd", "-o", "out", "--time", "1,0.5"), "seconds that rise"),
+        (("table1-apd", "-o", "out", "--time", "0"), "seconds that rise"),
+        (("table1-apd", "-o", "out", "--time", "x"), "seconds that rise"),
+        (("table1-apd", "-o", "out", "--time", "1000"), "--time: 1000 s of this scanner are"),
+        (("table1-apd", "-o", "out", "--cell", "0.001"), "--cell: 0.02 to 10 degrees were expected"),
+        (("table1-apd", "-o", "out", "--reflectivity", "-1"), "--reflectivity"),
+        (("table1-apd", "-o", "out", "--scene", "none.toml"), "none.toml"),
+        (("table1-apd", "-o", "out", "--mask", "round"), "--mask"),
+    ],
+)
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+    (tmp_path / "file").write_text("")
+    ran = run("fov", *argv)
+    assert (ran.code, ran.out) == (2, "")
+    assert said in ran.err
+    assert ran.err.count("\n") == 1
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]

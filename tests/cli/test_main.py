@@ -1,0 +1,339 @@
+"""The command line: what it writes and says, and what its options mean."""
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from helpers.command_line import BEAMS, COARSE, WALL, Run
+
+from lidarscene import __version__, catalog
+from lidarscene.cloud.points import PointCloud
+
+ROOT = Path(__file__).parents[2]
+RIGS = [ROOT / "scenes" / "rig.toml"]
+JOBS = [ROOT / "scenes" / "job.toml"]
+SCENES = sorted(set((ROOT / "scenes").glob("*.toml")) - set(RIGS) - set(JOBS))
+
+# A wall of which some echoes are kept, some are lost in noise, and beside which false alarms come.
+HARD = (
+    "--set=laser.peak_power_w=0.0009", "--set=tdc.threshold_to_noise=2.5", "--set=tdc.window_us=1",
+    "--set=scanner.azimuth_step_deg=0.5", "--set=scanner.elevation_step_deg=0.5",
+)  # fmt: skip
+
+
+def render(run: Run, scene: str, *argv: str, output: str = "o.ply") -> PointCloud:
+    ran = run("render", scene, "-o", output, *COARSE, *argv)
+    assert (ran.code, ran.err) == (0, "")
+    return PointCloud.load(output)
+
+
+def summary(run: Run, scene: str, *argv: str) -> dict[str, Any]:
+    ran = run("render", scene, "-o", "o.ply", *COARSE, "--json", *argv)
+    assert (ran.code, ran.err) == (0, "")
+    told: dict[str, Any] = json.loads(ran.out)
+    return told
+
+
+def test_no_command_prints_help(run: Run) -> None:
+    ran = run()
+    assert (ran.code, ran.out) == (2, "")
+    assert "render" in ran.err
+    assert "doctor" in ran.err
+
+
+@pytest.mark.parametrize("command", ["", "render", "catalog", "doctor", "schema"])
+def test_help(run: Run, command: str) -> None:
+    ran = run(*([command] if command else []), "-h")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith(f"usage: lidarscene {command}".rstrip())
+
+
+def test_help_of_render_tells_every_option(run: Run) -> None:
+    told = run("render", "-h").out
+    options = "-o --sensor --set --seed --pose --chunk --coordinates --no-truth --keep-missed --json --picture --ascii"
+    assert [option for option in options.split() if option not in told] == []
+    assert "lidarscene render scenes/car.toml -o out/car.ply" in told
+
+
+def test_version(run: Run) -> None:
+    assert run("--version").out == f"lidarscene {__version__}\n"
+
+
+def test_catalog(run: Run) -> None:
+    both = run("catalog")
+    assert (both.code, both.err) == (0, "")
+    assert both.out == run("catalog", "sensors").out + run("catalog", "materials").out
+    for kind in catalog.KINDS:
+        listed = {line.split()[0] for line in run("catalog", kind).out.splitlines()[1:]}
+        assert listed == set(catalog.names(kind))
+    entry = run("catalog", "materials", "concrete").out
+    assert tomllib.loads(entry) == tomllib.loads(catalog.path_of("materials", "concrete").read_text("utf-8"))
+
+
+def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
+    code = (
+        "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
+    )
+    done = run_python(code, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("kind", "files", "wrong"),
+    [
+        ("scene", SCENES, {"sun": {"azimut_deg": 1}}),
+        ("scene", SCENES, {"sky": {"diffuse_share": -1}}),
+        ("sensor", sorted(catalog.folder("sensors").glob("*.toml")), {"laser": {}}),
+        ("sensor", sorted(catalog.folder("sensors").glob("*.toml")), {"detector": {"type": "ccd"}}),
+        ("material", sorted(catalog.folder("materials").glob("*.toml")), {"reflectivity": 2}),
+        ("rig", RIGS, {"sensors": []}),
+        ("rig", RIGS, {"sensors": [{"label": "a"}]}),
+        ("job", JOBS, {"format": "docx"}),
+        ("job", JOBS, {"sweep": {"scene": {"sun.azimuth_deg": 5}}}),
+    ],
+)
+def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[Path], wrong: Any) -> None:
+    schema = json.loads(run("schema", kind).out)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    assert files
+    for file in files:
+        tables = tomllib.loads(file.read_text(encoding="utf-8"))
+        assert validator.is_valid(tables), file
+        assert not validator.is_valid(tables | wrong), file
+
+
+def test_summary_adds_up(run: Run, wall: str, mi: ModuleType) -> None:
+    """With one stop a pulse gives an echo, or is missed for one reason."""
+    told = summary(run, wall, *HARD)
+    cloud = PointCloud.load("o.ply")
+    assert told["beams"] == 81 * 41
+    assert told["hits"] + told["missed"]["no_surface"] == told["beams"]
+    assert told["echoes"] + sum(told["missed"].values()) == told["beams"]
+    assert told["echoes"] + told["false_alarms"] == told["points"] == len(cloud)
+    assert told["false_alarms"] == np.count_nonzero(cloud.status)
+    for count in (
+        told["echoes"],
+        told["false_alarms"],
+        *(told["missed"][k] for k in ("no_surface", "below_threshold")),
+    ):
+        assert count > 20
+    assert set(told["seconds"]) == {"load", "build", "record", "trace", "collect", "write"}
+    assert all(seconds >= 0 for seconds in told["seconds"].values())
+    assert told["beams_per_second"] > 0
+    assert told["output"] == "o.ply"
+
+
+def test_text_says_what_json_says(run: Run, wall: str, mi: ModuleType) -> None:
+    told = summary(run, wall, *HARD)
+    lines = run("render", wall, "-o", "o.ply", *COARSE, *HARD).out.splitlines()
+    numbers = {line[26:].strip() or line.split()[0]: line[:26].split()[-1] for line in lines[:7]}
+    assert numbers["beams"] == f"{told['beams']:,}"
+    assert numbers["hits"] == f"{told['hits']:,}"
+    assert numbers[f"of which {told['false_alarms']:,} false alarms"] == f"{told['points']:,}"
+    for reason, count in told["missed"].items():
+        assert numbers[reason.replace("_", " ")] == f"{count:,}"
+    assert all(stage in lines[7] for stage in told["seconds"])
+    assert lines[9].split() == ["wrote", "o.ply"]
+
+
+def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: ModuleType) -> None:
+    told = summary(run, wall, *HARD, "--keep-missed", "m.npz")
+    cloud = PointCloud.load("o.ply")
+    with np.load("m.npz") as file:
+        missed = dict(file)
+    assert told["keep_missed"] == "m.npz"
+    echoes = cloud.status == 0
+    angles = np.stack([cloud.azimuth_rad[echoes], cloud.elevation_rad[echoes]], axis=1)
+    lost = np.stack([missed["azimuth_rad"], missed["elevation_rad"]], axis=1)
+    every = np.concatenate([angles, lost])
+    assert len(np.unique(every, axis=0)) == len(every) == told["beams"]
+    assert len(np.unique(missed["pulse"])) == len(missed["pulse"]) == len(lost)
+    names = [str(name) for name in missed["reason_names"]]
+    counts = np.bincount(missed["reason"], minlength=len(names))
+    assert (
+        dict(zip((name.replace(" ", "_") for name in names), counts, strict=True))
+        == {"kept": 0} | told["missed"]
+    )
+    np.testing.assert_array_equal(missed["channel"], missed["pulse"] // 81)
+    np.testing.assert_allclose(missed["time_s"], missed["pulse"] / 50e3, rtol=1e-12)
+
+
+def test_chunk_changes_nothing_and_seed_does(run: Run, wall: str, mi: ModuleType) -> None:
+    for name, argv in (("a", ()), ("b", ("--chunk", "100")), ("c", ("--seed", "1"))):
+        render(run, wall, *HARD, "--keep-missed", f"{name}.npz", *argv, output=f"{name}.ply")
+    assert Path("a.ply").read_bytes() == Path("b.ply").read_bytes()
+    assert Path("a.npz").read_bytes() == Path("b.npz").read_bytes()
+    assert Path("a.ply").read_bytes() != Path("c.ply").read_bytes()
+
+
+def test_ascii_and_no_truth(run: Run, wall: str, mi: ModuleType) -> None:
+    binary, text = render(run, wall), render(run, wall, "--ascii", output="t.ply")
+    assert b"format ascii 1.0" in Path("t.ply").read_bytes()
+    np.testing.assert_allclose(text.xyz_m, binary.xyz_m, rtol=1e-6)
+    assert binary.has_truth
+    assert not render(run, wall, "--no-truth").has_truth
+
+
+def test_picture_and_new_folders(run: Run, wall: str, mi: ModuleType) -> None:
+    told = summary(run, wall, "--picture", "new/deep/o.PNG")
+    assert told["picture"] == "new/deep/o.PNG"
+    assert Path("new/deep/o.PNG").read_bytes().startswith(b"\x89PNG")
+    assert "picture" in told["seconds"]
+
+
+def test_sensor_of_the_scene_by_name_and_by_file(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
+    text = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace('"table1-sipm"', '"mine"'), encoding="utf-8")
+    (tmp_path / "own.toml").write_text('[sensor]\nname = "mine.toml"\n' + WALL)
+    assert render(run, wall).metadata["sensor"] == "table1-apd"
+    assert render(run, wall, "--sensor", "table1-sipm").metadata["sensor"] == "table1-sipm"
+    assert render(run, wall, "--sensor", "mine.toml").metadata["sensor"] == "mine"
+    assert render(run, "own.toml").metadata["sensor"] == "mine"
+    assert render(run, "own.toml", "--sensor", "table1-apd").metadata["sensor"] == "table1-apd"
+
+
+def position_m(cloud: PointCloud) -> list[float]:
+    return [float(x) for x in cloud.sensor_position_m]
+
+
+@pytest.mark.parametrize("form", [("--pose", "-5,0,2"), ("--pose=-5,0,2",), ("--pose", "-5.0,0,2e0,0,0,0")])
+def test_pose_may_begin_with_a_minus(run: Run, wall: str, mi: ModuleType, form: tuple[str, ...]) -> None:
+    assert position_m(render(run, wall, *form)) == [-5, 0, 2]
+
+
+def test_pose_stands_over_the_scenes_own(run: Run, tmp_path: Path, mi: ModuleType) -> None:
+    (tmp_path / "own.toml").write_text("[sensor]\nposition_m = [1, 2, 3]\nyaw_deg = 180\n" + WALL)
+    assert position_m(own := render(run, "own.toml")) == [1, 2, 3]
+    assert len(own) == 0
+    given = render(run, "own.toml", "--pose", "1,0,0")
+    assert position_m(given) == [1, 0, 0]
+    assert len(given) > 0
+
+
+def centre_deg(cloud: PointCloud) -> tuple[float, float]:
+    """Where the sensor sees the middle of the wall."""
+    assert len(cloud) > 5
+    return float(np.degrees(cloud.azimuth_rad.mean())), float(np.degrees(cloud.elevation_rad.mean()))
+
+
+@pytest.mark.parametrize(
+    ("pose", "azimuth_deg", "elevation_deg"),
+    [
+        ("0,0,0", 0, 0),
+        ("0,0,0,6", -6, 0),
+        ("0,0,0,0,4", 0, -4),
+        ("0,0,0,-6,-4", 6, 4),
+        ("0,0,0,4,0,90", 0, 4),
+    ],
+)
+def test_yaw_turns_left_pitch_up_and_roll_the_left_side_up(
+    run: Run, tmp_path: Path, mi: ModuleType, pose: str, azimuth_deg: float, elevation_deg: float
+) -> None:
+    """Rationale: a sensor turned left sees the wall on its right; looking up, below. Rolled by 90 degrees its
+    left side is up, so what is on the right of an upright sensor is up in its own frame.
+    Tolerance: half a step of the raster.
+    """
+    (tmp_path / "small.toml").write_text(WALL.replace("[4, 4]", "[2, 2]"))
+    azimuth, elevation = centre_deg(render(run, "small.toml", f"--pose={pose}"))
+    assert azimuth == pytest.approx(azimuth_deg, abs=1.0)
+    assert elevation == pytest.approx(elevation_deg, abs=1.0)
+
+
+def test_mounting_is_in_the_frame_of_the_pose(run: Run, wall: str, mi: ModuleType) -> None:
+    """A vehicle at x = 5, looking back (yaw 180), with its sensor 1 m ahead of it and 2 m up, looking back
+    in turn: the sensor is at x = 4 and looks along +x. Tolerance: range noise.
+    """
+    mounting = "--set=mounting={ position_m = [1, 0, 2], yaw_deg = 180 }"
+    cloud = render(run, wall, "--pose", "5,0,0,180", mounting)
+    np.testing.assert_allclose(position_m(cloud), [4, 0, 2], atol=1e-12)
+    assert centre_deg(cloud)[0] == pytest.approx(0, abs=1.0)
+    np.testing.assert_allclose(cloud.xyz_m[:, 0], 10, atol=0.3)
+
+
+def test_frames(run: Run, wall: str, mi: ModuleType) -> None:
+    argv = ("--pose", "2,-1,1,10,3,5")
+    world, sensor = render(run, wall, *argv), render(run, wall, *argv, "--frame", "sensor", output="s.ply")
+    np.testing.assert_allclose(world.xyz_m[:, 0], 10, atol=0.3)
+    range_m = np.linalg.norm(sensor.xyz_m, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(world.xyz_m - [2, -1, 1], axis=1), range_m, rtol=1e-5)
+    np.testing.assert_allclose(np.arcsin(sensor.xyz_m[:, 2] / range_m), sensor.elevation_rad, atol=1e-5)
+
+
+def test_flipped_faces_lose_no_points(run: Run, tmp_path: Path, mi: ModuleType) -> None:
+    """Inconsistent winding: every other triangle of a sphere turned inside out gives the same hits and echoes.
+
+    The sphere is a little off, so that no ray meets an edge exactly.
+    """
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    turned = ball.faces.copy()
+    turned[::2] = turned[::2, ::-1]
+    clouds = []
+    for name, faces in (("good", ball.faces), ("bad", turned)):
+        trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / f"{name}.ply")
+        (tmp_path / f"{name}.toml").write_text(
+            f'[[bodies]]\nname = "ball"\nmesh = "{name}.ply"\nmaterial = "brick"\nposition_m = [12, 0.013, 0.007]\n'
+        )
+        clouds.append(render(run, f"{name}.toml"))
+    good, bad = clouds
+    assert len(good) > 40
+    np.testing.assert_array_equal(good.azimuth_rad, bad.azimuth_rad)
+    np.testing.assert_array_equal(good.elevation_rad, bad.elevation_rad)
+    np.testing.assert_allclose(good.true_range_m, bad.true_range_m, rtol=1e-6)
+    np.testing.assert_allclose(good.intensity, bad.intensity, rtol=1e-4)
+
+
+def test_bodies_classes_and_materials_in_the_cloud(run: Run, tmp_path: Path, mi: ModuleType) -> None:
+    """A wall in front, two instances of a box beside it: who was hit is who stands there."""
+    (tmp_path / "three.toml").write_text(
+        WALL
+        + '[[bodies]]\nname = "post"\nclass = "pole"\nprimitive = "box"\nsize_m = [1, 1, 6]\nmaterial = "brick"\n'
+        "instances = [{ position_m = [9, 3, 0] }, { position_m = [9, -3, 0] }]\n"
+    )
+    cloud = render(run, "three.toml")
+    assert cloud.body is not None
+    assert cloud.class_id is not None
+    assert cloud.material is not None
+    body = np.array(cloud.body_names)[cloud.body]
+    assert set(body) == {"wall", "post.0", "post.1"}
+    for name, side in (("post.0", 1), ("post.1", -1)):
+        assert (np.sign(cloud.xyz_m[body == name, 1]) == side).all()
+    assert (np.abs(cloud.xyz_m[body == "wall", 1]) < 2.1).all()
+    is_post = np.char.startswith(body, "post")
+    np.testing.assert_array_equal(np.array(cloud.class_names)[cloud.class_id] == "pole", is_post)
+    np.testing.assert_array_equal(np.array(cloud.material_names)[cloud.material] == "brick", is_post)
+
+
+def test_names_of_all_kinds_of_letters(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
+    ran = run("render", wall, "-o", "Köln \udcff\n.ply", *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    assert len(list(tmp_path.glob("K*.ply"))) == 1
+
+
+def test_the_five_scenes_are_there() -> None:
+    assert {"car", "range", "street", "garage", "drive"} <= {path.stem for path in SCENES}
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
+    steps = ("--set=scanner.azimuth_step_deg=1", "--set=scanner.elevation_step_deg=1")
+    raster = scene.stem != "drive"  # whose sensor turns, and has no steps
+    ran = run("render", str(scene), "-o", "o.ply", *(steps if raster else ()), "--json")
+    assert (ran.code, ran.err) == (0, "")
+    told = json.loads(ran.out)
+    assert told["points"] > 20
+    cloud = PointCloud.load("o.ply")
+    assert cloud.class_names
+    assert math.isfinite(float(cloud.xyz_m.sum()))
+
+
+def test_beams_of_the_coarse_raster(run: Run, wall: str, mi: ModuleType) -> None:
+    assert summary(run, wall)["beams"] == BEAMS

@@ -1,0 +1,220 @@
+"""`lidarscene render` with frames, rigs and deskewing: every file there, what is in it, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.command_line import BEAMS, COARSE, WALL, Run
+from helpers.walls import LEFT_AND_RIGHT
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.rendering.simulator import Simulator
+
+DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"
+FRAME_S = BEAMS / 50e3  # of the coarse raster
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> str:
+    """A wall at 10 m that comes nearer, and a vehicle that drives towards it."""
+    (tmp_path / "drive.toml").write_text(DRIVE)
+    (tmp_path / "two.toml").write_text(LEFT_AND_RIGHT)
+    return "drive.toml"
+
+
+def files_of(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {
+        "drive.toml",
+        "two.toml",
+    }
+
+
+def ran(run: Run, *argv: str) -> dict:
+    told = run("render", *argv, *COARSE, "--json")
+    assert (told.code, told.err) == (0, ""), told
+    return json.loads(told.out)
+
+
+def test_frames_in_a_folder(mi, run: Run, drive: str, tmp_path: Path) -> None:
+    """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
+    told = ran(
+        run, drive, "-o", "new/out", "--frames", "3", "--begin", "0.1", "--coordinates", "vehicle",
+        "--keep-missed", "m/x.npz", "--picture", "m/p.png",
+    )  # fmt: skip
+    numbers = ("0000", "0001", "0002")
+    assert files_of(tmp_path) == {
+        name for n in numbers for name in (f"new/out/frame_{n}.ply", f"m/x_{n}.npz", f"m/p_{n}.png")
+    }
+    assert told["beams"] == 3 * BEAMS
+    assert [one["beams"] for one in told["frames"]] == [BEAMS] * 3
+    assert [one["output"] for one in told["frames"]] == [f"new/out/frame_{n}.ply" for n in numbers]
+    assert told["points"] == sum(one["points"] for one in told["frames"])
+    for number in range(3):
+        cloud = PointCloud.load(f"new/out/frame_{number:04d}.ply")
+        assert cloud.metadata["frame"] == "vehicle"
+        assert float(cloud.metadata["frame_start_s"]) == pytest.approx(0.1 + number * FRAME_S, abs=1e-12)
+        assert 0.0 <= cloud.time_s.min() < cloud.time_s.max() < FRAME_S
+        ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
+        now = 10.0 - 30.0 * (0.1 + number * FRAME_S + cloud.time_s)
+        echo = cloud.status == 0
+        np.testing.assert_allclose((cloud.true_range_m * ahead)[echo], now[echo], atol=1e-4)
+        missed = np.load(f"m/x_{number:04d}.npz")
+        assert len(missed["pulse"]) == BEAMS - told["frames"][number]["echoes"]
+        assert missed["pulse"].min() // BEAMS == missed["pulse"].max() // BEAMS == number
+        # Times since the start of the frame, as in the clouds.
+        np.testing.assert_allclose(missed["time_s"], missed["pulse"] % BEAMS / 50e3, atol=1e-12)
+
+
+def test_deskewed_beside_raw(mi, run: Run, drive: str, tmp_path: Path) -> None:
+    """The one file and its twin. Raw points lie where they were seen from the start; deskewed ones in the world."""
+    told = ran(run, drive, "-o", "a.ply", "--deskew", "--ascii")
+    assert files_of(tmp_path) == {"a.ply", "a.deskewed.ply"}
+    assert told["deskewed"] == "a.deskewed.ply"
+    raw, deskewed = PointCloud.load("a.ply"), PointCloud.load("a.deskewed.ply")
+    np.testing.assert_allclose(deskewed.xyz_m - raw.xyz_m, raw.time_s[:, None] * [20.0, 0.0, 0.0], atol=1e-5)
+    assert (raw.metadata["ego_motion"], deskewed.metadata["ego_motion"]) == ("in the points", "removed")
+
+
+def test_one_frame_is_the_first_of_many(mi, run: Run, drive: str) -> None:
+    ran(run, drive, "-o", "one.ply", "--seed", "5")
+    ran(run, drive, "-o", "many", "--frames", "1", "--seed", "5")
+    one, first = PointCloud.load("one.ply"), PointCloud.load("many/frame_0000.ply")
+    np.testing.assert_array_equal(one.xyz_m, first.xyz_m)
+
+
+def test_a_rig_one_cloud_each(mi, run: Run, drive: str, tmp_path: Path) -> None:
+    told = ran(run, drive, "--rig", "two.toml", "-o", "out", "--set", "right:laser.peak_power_w=50",
+               "--picture", "p.png", "--keep-missed", "m.npz", "--deskew")  # fmt: skip
+    assert files_of(tmp_path) == {
+        f"{name}" for label in ("left", "right")
+        for name in (f"out/{label}.ply", f"out/{label}.deskewed.ply", f"p_{label}.png", f"m_{label}.npz")
+    }  # fmt: skip
+    assert told["beams"] == 2 * BEAMS
+    left, right = (PointCloud.load(f"out/{label}.ply") for label in ("left", "right"))
+    np.testing.assert_allclose(
+        [left.sensor_position_m, right.sensor_position_m], [[0, 1, 0], [0, -1, 0]], atol=1e-12
+    )
+    assert left.metadata["sensor"] == "table1-apd"
+    assert right.metadata["sensor"] == "table1-sipm"
+
+
+def test_a_rig_merged_in_several_frames(mi, run: Run, drive: str, tmp_path: Path) -> None:
+    """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
+    told = ran(
+        run, drive, "--rig", "two.toml", "--merge", "-o", "out", "--frames", "2", "--picture", "p.svg", "--deskew",
+        "--no-truth",
+    )  # fmt: skip
+    assert files_of(tmp_path) == {
+        name for n in ("0000", "0001")
+        for name in (f"out/frame_{n}.ply", f"out/frame_{n}.deskewed.ply", f"p_{n}.svg")
+    }  # fmt: skip
+    assert [one["beams"] for one in told["frames"]] == [2 * BEAMS] * 2
+    for name in ("frame_0001.ply", "frame_0001.deskewed.ply"):
+        cloud = PointCloud.load(f"out/{name}")
+        assert cloud.sensor_names == ("left", "right")
+        assert set(np.unique(cloud.sensor_index)) == {0, 1}
+        assert not cloud.has_truth
+    ran(run, drive, "--rig", "two.toml", "--merge", "-o", "one.ply", "--pose", "0,0,1")
+    assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 1]
+
+
+def test_text_of_many(mi, run: Run, drive: str) -> None:
+    told = run("render", drive, "-o", "out", "--frames", "2", *COARSE)
+    assert told.out.splitlines()[0] == f"beams         {2 * BEAMS:>12,}"
+    assert told.out.endswith("wrote         2 clouds in out\n")
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("-o", "a.ply", "--frames", "2"), "--output a.ply: with --frames a folder was expected"),
+        (("-o", "drive.toml", "--frames", "2"), "--output drive.toml: with --frames a folder was expected"),
+        (("-o", "a.ply", "--rig", "two.toml"), "--output a.ply: with --rig a folder was expected"),
+        (("-o", "a.ply", "--rig", "two.toml", "--frames", "2"), "with --frames and --rig a folder was expected"),
+        (("-o", "out", "--rig", "two.toml", "--merge"), "--output out: a name that ends in one of .ply, "),
+        (("-o", "a", "--frames", "0"), "--frames"),
+        (("-o", "a", "--frames", "10001"), "--frames"),
+        (("-o", "a", "--frames", "x"), "--frames"),
+        (("-o", "a.ply", "--begin", "x"), "--begin"),
+        (("-o", "a.ply", "--begin", "nan"), "--begin"),
+        (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
+        (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--sensor and --rig: one of them was expected"),
+        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
+         "--merge: coordinates that all sensors have were expected, --coordinates world or vehicle"),
+        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
+        (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
+        (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),
+        (("-o", "a", "--rig", "two.toml", "--set", "tdc.stop=2"), 'two.toml: sensors[0 "left"]'),
+        (("-o", "a.ply", "--coordinates", "car"), "--coordinates"),
+    ],
+)  # fmt: skip
+def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+    told = run("render", drive, *argv)
+    assert (told.code, told.out) == (2, "")
+    assert said in told.err
+    assert told.err.count("\n") == 1
+    assert not files_of(tmp_path)
+
+
+ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 0] }]\n" + WALL
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (
+            ("--frames", "3"),
+            "motion of ego: poses from 0 to 0.011 s came, the frame needs 0.00924 to 0.01384 s",
+        ),
+        (("--begin", "5", "--frames", "1"), "the frame needs 5 to 5.0046 s"),
+        (("--begin", "-1", "--frames", "1"), "the frame needs -1 to -0.9954 s"),
+    ],
+)
+def test_a_motion_that_ends_is_told_before_anything_is_traced(
+    run: Run, tmp_path: Path, argv: tuple[str, ...], said: str, mi, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Simulator, "render", None)
+    (tmp_path / "drive.toml").write_text(ENDING)
+    told = run("render", "drive.toml", "-o", "out", *COARSE, *argv)
+    assert told.code == 2
+    assert told.err.rstrip("\n").endswith(said)
+    assert not files_of(tmp_path)
+
+
+def test_frames_beyond_the_scanners_numbers(run: Run, drive: str, mi, tmp_path: Path) -> None:
+    fine = ("--set=scanner.azimuth_step_deg=0.02", "--set=scanner.elevation_step_deg=0.02")
+    told = run("render", drive, "-o", "out", "--frames", "5000", *fine)
+    assert told.code == 2
+    assert "frame number: 0 to" in told.err
+    assert not files_of(tmp_path)
+
+
+def test_inputs_are_not_written_over(run: Run, drive: str, tmp_path: Path) -> None:
+    (tmp_path / "way.ply").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    (tmp_path / "drive.toml").write_text('[ego]\nposes_file = "way.ply"\n' + WALL)
+    told = run("render", "drive.toml", "-o", "way.ply")
+    assert "way.ply: is an input of this run" in told.err
+
+
+def test_the_view_rides_with_the_vehicle(
+    mi, run: Run, drive: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """[picture] is in the vehicle's frame: in the world it is where the vehicle is when the frame begins."""
+    from lidarscene.figures import pictures
+
+    seen: list[dict] = []
+    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **view: seen.append(view))
+    (tmp_path / "drive.toml").write_text(
+        "[picture]\neye_m = [-5, 0, 3]\ntarget_m = [10, 0, 0]\n"
+        + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)
+    )
+    for frame, eye in (("world", (0, -3, 3)), ("vehicle", (-5, 0, 3)), ("sensor", None)):
+        ran(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
+        came = seen.pop()
+        assert came["colour_by"] == "intensity"
+        np.testing.assert_allclose(came["eye_m"], eye, atol=1e-12) if eye else None
+        assert ("eye_m" in came) == (eye is not None)
+    ran(run, drive, "--rig", "two.toml", "--merge", "-o", "a.ply", "--picture", "p.png")
+    assert seen[0]["colour_by"] == "sensor_index"
+    np.testing.assert_allclose(seen[0]["eye_m"], (0, -5, 3), atol=1e-12)

@@ -1,0 +1,130 @@
+"""`lidarscene paper`: everything it promises is there, and what it refuses."""
+
+import csv
+import html.parser
+import json
+import re
+from pathlib import Path
+
+import pytest
+from helpers.command_line import Run
+
+from lidarscene.cli import main
+from lidarscene.studies.paper import study
+
+PICTURES = [name for name in study.file_names() if name.endswith((".png", ".svg"))]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command run once."""
+    where = tmp_path_factory.mktemp("paper") / "new" / "out"
+    assert main.main(["paper", "-o", str(where)]) == 0
+    return where
+
+
+def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
+    assert sorted(path.name for path in folder.iterdir()) == sorted(study.file_names())
+    assert len(PICTURES) == 14
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_pictures_are_pictures(folder: Path, name: str) -> None:
+    content = (folder / name).read_bytes()
+    assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
+    if name.endswith("png"):
+        assert (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) == (1200, 840)
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [("fig-4e", "gain"), ("fig-5a", "photons"), ("fig-5b", "photons"), ("fig-5c", "photons"),
+     ("fig-6a", "distance_m"), ("fig-6b", "elevation_deg"), ("fig-6c", "illuminance_klux")],
+)  # fmt: skip
+def test_csv(folder: Path, name: str, first: str) -> None:
+    with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert rows[0][0] == first
+    assert len(rows) > 100
+    assert {len(row) for row in rows} == {len(rows[0])}
+    assert all(float(cell) >= -30.0 for row in rows[1:] for cell in row)
+
+
+def test_markdown_links_and_tables(folder: Path) -> None:
+    text = (folder / "index.md").read_text("utf-8")
+    links = re.findall(r"\]\(([^)]+)\)", text)
+    assert len(links) == 21
+    assert all((folder / link).is_file() for link in links)
+    for word in ("## Claims", "## Errata", "3.22191 klux", "A(0) cos(theta)", "414.464", "350.605"):
+        assert word in text
+    for table in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
+
+
+def test_html_is_self_contained(folder: Path) -> None:
+    text = (folder / "index.html").read_text("utf-8")
+    targets: list[str] = []
+    opened: list[str] = []
+
+    class Reader(html.parser.HTMLParser):
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            targets.extend(value for key, value in attrs if key in ("src", "href") and value)
+            if tag not in ("meta", "img", "!doctype"):
+                opened.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            assert opened.pop() == tag
+
+    Reader().feed(text)
+    assert opened == []
+    assert len(targets) == 21
+    assert all((folder / target).is_file() for target in targets)
+    assert "http" not in text
+
+
+def test_both_pages_tell_the_same_claims(folder: Path, run: Run) -> None:
+    told = json.loads(run("paper", "-o", "again", "--json").out)
+    page = (folder / "index.html").read_text("utf-8")
+    assert page.count("<tr>") == len(told["claims"]) + len(told["errata"]) + 2
+    assert len(told["claims"]) >= 35
+    assert all(Path(name).is_file() for name in told["files"])
+
+
+def test_the_same_again(folder: Path, run: Run, tmp_path: Path) -> None:
+    """No dates, no random numbers."""
+    ran = run("paper", "-o", "again")
+    assert (ran.code, ran.err) == (0, "")
+    for name in study.file_names():
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+    assert "at the best gain optical noise equals electrical noise" in ran.out.lower()
+
+
+def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
+    code = f"""
+import sys
+from lidarscene.cli.main import main
+code = main(["paper", "-o", r"{tmp_path / "out"}"])
+print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
+sys.exit(code)
+"""
+    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.endswith("\n[]\n")
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        ((), "the following arguments are required: -o/--output"),
+        (("-o", "file"), "is a file, not a folder"),
+        (("-o", "file/deep"), "is a file, not a folder"),
+        (("-o", "out", "more"), "unrecognized arguments: more"),
+    ],
+)
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+    (tmp_path / "file").write_text("")
+    ran = run("paper", *argv)
+    assert (ran.code, ran.out) == (2, "")
+    assert said in ran.err
+    assert ran.err.count("\n") == 1
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]

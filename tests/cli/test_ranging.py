@@ -1,0 +1,301 @@
+"""`lidarscene range`: what it prints and writes, and what it refuses, in one line, with nothing written."""
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import Ran, Run
+
+from lidarscene import catalog
+from lidarscene.studies.ranging import report
+
+APD, SIPM = "table1-apd", "table1-sipm"
+PRINTED = (f"--set={SIPM}:detector.statistics=published", f"--set={SIPM}:detector.cell_floor=0")
+
+
+def done(run: Run, *argv: str) -> str:
+    ran = run("range", *argv)
+    assert (ran.code, ran.err) == (0, "")
+    return ran.out
+
+
+def told(run: Run, *argv: str) -> Any:
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is not JSON")
+
+    return json.loads(done(run, *argv, "--json"), parse_constant=refuse)
+
+
+def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    return rows[0], np.array(rows[1:], dtype=np.float64)
+
+
+# --- one set of conditions --------------------------------------------------------------------------
+
+
+def test_summary(run: Run) -> None:
+    out = done(run, APD, SIPM, *PRINTED)
+    assert "100 klux, sun 60° off the normal, reflectivity 0.1, incidence 0°, transmittance 0.98" in out
+    apd, sipm = out.splitlines()[-2:]
+    assert apd.split() == ["table1-apd", "350.605", "m", "352.751", "m", "599.6", "m", "61.4618", "1"]
+    assert sipm.split()[1] == "280.871"
+
+
+def test_summary_as_json(run: Run) -> None:
+    entry = told(run, APD, "--distance", "350.604565")[APD]
+    assert entry["status"] == "found"
+    assert entry["maximum_range_m"] == pytest.approx(350.605, rel=1e-5)
+    assert entry["detection_probability"] == pytest.approx(0.5, abs=1e-6)
+    assert entry["distance_m"] == 350.604565
+
+
+@pytest.mark.parametrize(
+    ("argv", "status", "word"),
+    [
+        ((APD, "--reflectivity", "0"), "never_detected", "never"),
+        ((SIPM, "--set", "detector.cells=10"), "saturated", "saturated"),
+        ((SIPM, "--illuminance", "0", "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
+         "no_limit", "no limit"),
+    ],
+)  # fmt: skip
+def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word: str) -> None:
+    (entry,) = told(run, *argv).values()
+    assert entry["status"] == status
+    assert f" {word} " in done(run, *argv)
+    assert "nan" not in done(run, *argv)
+
+
+@pytest.mark.parametrize(
+    "air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")]
+)
+def test_air(run: Run, air: tuple[str, str]) -> None:
+    entry = told(run, APD, *air)[APD]
+    assert 100 < entry["maximum_range_m"] < 350
+    assert air[0].removeprefix("--") in done(run, APD, *air)
+
+
+def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
+    text = catalog.path_of("sensors", APD).read_text("utf-8")
+    (tmp_path / "fixed.toml").write_text(text.replace("threshold_to_noise = 5", "threshold_level = 1e-6", 1))
+    assert told(run, "fixed.toml")[APD]["closed_form_m"] is None
+    assert done(run, "fixed.toml", "--over", "distance", "--plot", "f.png")
+
+
+# --- sweeps -----------------------------------------------------------------------------------------
+
+
+def test_crossing_of_table_1(run: Run) -> None:
+    out = done(run, APD, SIPM, *PRINTED, "--over", "illuminance")
+    assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
+    assert "table1-apd: its window ends at 599.6 m" in out
+
+
+def test_maximum_range_from_the_snr(run: Run) -> None:
+    out = done(run, APD, SIPM, *PRINTED, "--over", "distance")
+    assert "table1-apd: maximum range 350.605 m, where SNR 5" in out
+    assert "table1-sipm: maximum range 280.871 m, where SNR 5" in out
+    assert done(run, APD, "--over", "distance", "--quantity", "pd").count("P_d 0.5") == 1
+
+
+@pytest.mark.parametrize(
+    ("over", "first", "ends"),
+    [
+        ("distance", "distance_m", (10.0, 1000.0)),
+        ("illuminance", "illuminance_klux", (0.1, 100.0)),
+        ("elevation", "elevation_deg", (-12.5, 12.5)),
+        ("azimuth", "azimuth_deg", (-60.0, 60.0)),
+        ("reflectivity", "reflectivity", (0.01, 1.0)),
+        ("incidence", "incidence_deg", (0.0, 85.0)),
+        ("tdc.threshold_to_noise", "tdc.threshold_to_noise", (1.0, 25.0)),
+        ("optics.aperture_radius_mm", "optics.aperture_radius_mm", (5.0, 125.0)),
+    ],
+)
+def test_csv(run: Run, tmp_path: Path, over: str, first: str, ends: tuple[float, float]) -> None:
+    """First the swept quantity with its unit, then a column for each sensor under its name."""
+    done(run, APD, SIPM, "--over", over, "--csv", "new/out.csv", "--n", "21")
+    header, values = table(tmp_path / "new" / "out.csv")
+    assert header == [first, APD, SIPM]
+    assert values.shape == (21, 3)
+    assert (values[0, 0], values[-1, 0]) == pytest.approx(ends)
+    assert (np.diff(values[:, 0]) > 0).all()
+    assert np.isfinite(values).all()
+    assert (tmp_path / "new" / "out.csv").read_bytes().count(b"\r") == 0
+
+
+def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
+    entry = told(run, SIPM, "--over", "illuminance", "--from", "0", "--to", "100", "--linear", "--n", "5",
+                 "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0", "--csv", "o.csv")  # fmt: skip
+    _, values = table(tmp_path / "o.csv")
+    assert entry["csv"] == "o.csv"
+    assert entry["over"] == "illuminance_klux"
+    assert entry["x"] == [0.0, 25.0, 50.0, 75.0, 100.0]
+    own = entry["sensors"][SIPM]
+    assert own["status"] == ["no_limit", "found", "found", "found", "found"]
+    assert own["values"][0] is None
+    assert values[0, 1] == np.inf
+    assert values[1:, 1] == pytest.approx(own["values"][1:], rel=1e-9)
+
+
+def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
+    text = catalog.path_of("sensors", APD).read_text("utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 30.87"))
+    done(run, APD, "mine.toml", APD, "--over", "illuminance", "--csv", "o.csv", "--n", "5")
+    header, values = table(tmp_path / "o.csv")
+    assert header == ["illuminance_klux", APD, "table1-apd (2)", "table1-apd (3)"]
+    assert (values[:, 1] == values[:, 3]).all()
+    assert values[-1, 2] > values[-1, 1]
+
+
+def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
+    done(run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--linear")
+    _, values = table(tmp_path / "o.csv")
+    assert list(values[:, 0]) == list(range(1, 21))
+    assert values[0, 1] == 0.0
+
+
+def test_quantities(run: Run) -> None:
+    snr = told(
+        run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2"
+    )
+    assert snr["sensors"][APD]["values"][1] == pytest.approx(61.4618, rel=1e-5)
+    pd = told(run, APD, "--over", "detector.gain", "--quantity", "pd", "--distance", "350.604565", "--from", "20",
+              "--to", "80", "--n", "2")  # fmt: skip
+    assert pd["sensors"][APD]["values"][1] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_aperture_law(run: Run) -> None:
+    flat = done(run, APD, "--over", "elevation")
+    assert "the same everywhere, elevation does not matter" in flat
+    assert "aperture law: A(theta) as the sensor's own scanner has it" in flat
+    edges = told(
+        run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror"
+    )
+    low, middle, high = edges["sensors"][APD]["values"]
+    assert low > middle == pytest.approx(350.605, rel=1e-5)
+    assert high < middle
+
+
+@pytest.mark.parametrize("name", ["o.png", "o.svg"])
+def test_plot(run: Run, tmp_path: Path, name: str) -> None:
+    done(run, APD, SIPM, "--over", "distance", "--plot", name)
+    content = (tmp_path / name).read_bytes()
+    assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
+    assert len(content) > 10_000
+
+
+def test_plots_are_the_same_again(run: Run, tmp_path: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        done(run, APD, "--over", "distance", "--plot", name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+def test_extreme_plots_do_not_fail(run: Run) -> None:
+    """Nothing to draw, and no limit anywhere: a picture all the same."""
+    for argv in (
+        ("--reflectivity", "0"),
+        ("--illuminance", "0"),
+        ("--quantity", "pd", "--reflectivity", "0"),
+    ):
+        done(run, APD, "--over", "laser.peak_power_w", *argv, "--plot", "o.png")
+    done(run, SIPM, "--over", "laser.peak_power_w", "--set", "detector.cells=5", "--plot", "o.png")
+
+
+def test_runs_without_tracing(run_python: Any, tmp_path: Path) -> None:
+    code = f"""
+import sys
+from lidarscene.cli.main import main
+code = main(["range", "{APD}", "{SIPM}", "--over", "illuminance", "--plot", r"{tmp_path / "o.png"}"])
+print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
+sys.exit(code)
+"""
+    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.endswith("\n[]\n")
+
+
+def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:
+    assert "class 1" in done(run, APD, "--eye-safety")
+    out = done(run, SIPM, "--sensitivities", "--plot", "tornado.png")
+    assert "laser.peak_power_w" in out
+    assert "wrote tornado.png" in out
+    assert (tmp_path / "tornado.png").stat().st_size > 10_000
+
+
+def test_every_aperture_law_is_told_in_a_line() -> None:
+    for law in ("scanner", "constant", "cosine", "mirror"):
+        assert re.match(r"A\(theta\) (= A\(0\)|as )", report.law_text(law))
+
+
+# --- mistakes ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        ((), "the following arguments are required: SENSOR"),
+        (("nix",), "no sensor 'nix' in the catalogue"),
+        (("nix.toml",), "nix.toml: no such file"),
+        ((APD, "--csv", "o.csv"), "--csv goes with --over"),
+        ((APD, "--from", "1"), "--from goes with --over"),
+        ((APD, "--log"), "--log goes with --over"),
+        ((APD, "--over", "gain"), "--over gain: table1-apd.toml has no numeric key of that name"),
+        ((APD, "--over", "detector.gian"), "did you mean detector.gain?"),
+        ((APD, SIPM, "--over", "detector.gain"), "--over detector.gain: table1-sipm.toml has no numeric key"),
+        ((APD, "--over", "detector.circuit_noise_na"), "is 0 in table1-apd.toml, so --from and --to must be given"),
+        ((APD, "--over", "detector.gain", "--from", "0.5"), "must be >= 1, got 0.5"),
+        ((APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--log"), "must be more than 0 on a log"),
+        ((APD, "--over", "detector.gain", "--from", "5", "--to", "5"), "--from must be below --to"),
+        ((APD, "--over", "distance", "--from", "2000"), "--from must be below --to"),
+        ((APD, "--over", "distance", "--from", "0"), "--from 0: must be more than 0"),
+        ((APD, "--over", "illuminance", "--from", "0"), "must be more than 0 on a logarithmic axis (or --linear)"),
+        ((APD, "--over", "distance", "--n", "1"), "must be a whole number from 2 to 100000, got 1"),
+        ((APD, "--over", "distance", "--to", "inf"), "a number was expected, inf came"),
+        ((APD, "--over", "distance", "--log", "--linear"), "not allowed with argument"),
+        ((APD, "--over", "distance", "--quantity", "range"), "--over distance --quantity range"),
+        ((APD, "--over", "distance", "--distance", "5"), "--distance does not go with --over distance"),
+        ((APD, "--over", "illuminance", "--illuminance", "5"), "--illuminance does not go with --over illuminance"),
+        ((APD, "--over", "illuminance", "--distance", "5"), "--distance goes with --quantity snr or pd"),
+        ((APD, "--over", "distance", "--aperture-law", "cosine"), "--aperture-law goes with --over elevation"),
+        ((APD, "--over", "azimuth", "--from", "-95", "--aperture-law", "mirror"), "aperture law holds to 89 degrees"),
+        ((APD, "--over", "detector.gain", "--set", "detector.gain=3"), "--set detector.gain=3 does not go with --over"),
+        ((APD, "--set", "detector.gain"), "must be KEY=VALUE"),
+        ((APD, "--set", "x:detector.gain=3"), "'x' is not among the sensors here: table1-apd"),
+        ((APD, "--set", "detector.pde=0.3"), "table1-apd.toml --set detector.pde=0.3: unknown key"),
+        ((APD, "--reflectivity", "1.5"), "--reflectivity 1.5: must be 0 or more and up to 1"),
+        ((APD, "--incidence", "91"), "--incidence 91: must be 0 or more and up to 90 deg"),
+        ((APD, "--illuminance", "-1"), "--illuminance -1: must be 0 or more"),
+        ((APD, "--distance", "0"), "--distance 0: must be more than 0"),
+        ((APD, "--transmittance", "0"), "--transmittance 0: must be more than 0 and up to 1"),
+        ((APD, "--visibility", "0"), "--visibility 0: must be more than 0"),
+        ((APD, "--extinction", "-1"), "--extinction -1: must be 0 or more"),
+        ((APD, "--visibility", "1", "--extinction", "1"), "not allowed with argument"),
+        ((APD, "--sun-angle", "x"), "a number was expected, x came"),
+        ((APD, "--over", "distance", "--plot", "o.jpg"), "--plot o.jpg: a name that ends in .png or .svg was expected"),
+        ((APD, "--over", "distance", "--csv", "o.txt"), "--csv o.txt: a name that ends in .csv was expected"),
+        ((APD, "--over", "distance", "--csv", "file/o.csv"), "'file' is a file, not a folder"),
+        ((APD, "--over", "distance", "--sensitivities"), "--sensitivities does not go with --over"),
+        ((APD, "--eye-safety", "--json"), "--json does not go with --eye-safety"),
+        ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
+    ],
+)  # fmt: skip
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+    (tmp_path / "file").write_text("")
+    ran: Ran = run("range", *argv)
+    assert ran.code == 2, ran
+    assert ran.out == ""
+    assert ran.err.startswith("lidarscene: error: ")
+    assert ran.err.count("\n") == 1
+    assert said in ran.err.replace(f"'{tmp_path}/", "'")
+    assert [path.name for path in tmp_path.rglob("*")] == ["file"]
+
+
+def test_a_mistake_writes_nothing(run: Run, tmp_path: Path) -> None:
+    """Both names are looked at before either file is written."""
+    assert run("range", APD, "--over", "distance", "--csv", "o.csv", "--plot", "no.jpg").code == 2
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,62 @@
+"""The command `view`: what it takes, what it writes, and how it tells mistakes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import COARSE, Run
+
+from lidarscene.cli.view import clouds_in
+
+
+@pytest.fixture
+def cloud(mi: Any, run: Run, wall: str) -> str:
+    assert run("render", wall, "-o", "a.ply", *COARSE).code == 0
+    return "a.ply"
+
+
+def test_save_says_where_and_how_large(run: Run, cloud: str, wall: str) -> None:
+    for inputs in ((cloud,), (cloud, wall), (wall,), (wall, "--sensor", "table1-sipm")):
+        ran = run("view", *inputs, *COARSE, "--save", "out/page.html")
+        assert (ran.code, ran.err) == (0, "")
+        assert ran.out.startswith("wrote out/page.html (")
+        assert Path("out/page.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
+    names = ["frame_0000.ply", "frame_2.ply", "frame_10.ply", "last.ply"]
+    for name in [*reversed(names), ".frame_1.ply", "notes.txt"]:
+        (tmp_path / name).touch()
+    assert [path.name for path in clouds_in([tmp_path])] == names
+    alone = tmp_path / "b.ply"
+    assert clouds_in([alone, tmp_path])[0] == alone
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nothing.ply"], "nothing.ply: cannot be read: No such file or directory"),
+        (["nothing.toml"], "nothing.toml: no such file"),
+        (["a.xyz"], "a.xyz: suffix '.xyz' names no point cloud format; known: .ply"),
+        (
+            ["empty"],
+            "empty: holds no clouds; files that end in .las, .laz, .npz, .parquet, .pcd, .ply were expected",
+        ),
+        (["wall.toml", "wall.toml"], "view: one scene was expected, wall.toml and wall.toml came"),
+        (["wall.toml", "--save", "page.pdf"], "--save page.pdf: a name that ends in .html was expected"),
+        (["wall.toml", "--save", "wall.toml/page.html"], "wall.toml/page.html: cannot be written"),
+        (["a.ply", "--pose", "0,0,1"], "--pose: goes with a scene that is rendered, not with clouds"),
+        (["wall.toml", "--port", "70000"], "must be a whole number from 0 to 65535, got 70000"),
+        (["wall.toml", "--sensor", "eye", "--save", "p.html"], "no sensor 'eye' in the catalogue"),
+        (["wall.toml", "--set", "laser.colour=1", "--save", "p.html"], "unknown key 'laser.colour'"),
+        ([], "the following arguments are required: CLOUD|DIR|SCENE"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], told: str) -> None:
+    Path("empty").mkdir()
+    ran = run("view", *arguments)
+    assert ran.code == 2
+    assert told in ran.err
+    assert ran.err.startswith("lidarscene: error: ")
+    assert ran.err.count("\n") == 1
+    assert not Path("p.html").exists()

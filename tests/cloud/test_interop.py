@@ -1,0 +1,182 @@
+"""Clouds in other libraries and in notebooks; scenes from other libraries."""
+
+import base64
+import io
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+import trimesh
+from helpers.clouds import small_cloud
+
+import lidarscene
+from lidarscene import load_scene
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+
+
+def test_structured() -> None:
+    cloud = small_cloud(9)
+    rows = cloud.to_structured()
+    assert rows.dtype.names == tuple(c.name for c in cloud.columns)
+    for name in rows.dtype.names:
+        np.testing.assert_array_equal(rows[name], cloud.column(name), strict=True)
+
+
+def test_pandas_shares_the_memory(library: Any) -> None:
+    library("pandas")
+    cloud = small_cloud(9)
+    frame = cloud.to_pandas()
+    assert list(frame.columns) == [c.name for c in cloud.columns]
+    assert frame.attrs == cloud.metadata
+    for name in frame.columns:
+        values = frame[name].to_numpy()
+        np.testing.assert_array_equal(values, cloud.column(name), strict=True)
+        assert np.shares_memory(values, cloud.column(name)), name
+
+
+def test_torch_gets_the_arrays_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a stand-in, which keeps what it is given: PyTorch is too large for the development group."""
+    stand_in = ModuleType("torch")
+    stand_in.from_numpy = lambda array: array  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "torch", stand_in)
+    cloud = small_cloud(9)
+    tensors = cloud.to_torch()
+    assert tensors["xyz"] is cloud.xyz_m
+    assert set(tensors) == {"xyz", *(c.name for c in cloud.columns[3:])}
+    assert np.shares_memory(tensors["snr"], cloud.snr)
+
+
+@pytest.mark.parametrize(
+    ("method", "way"), [("to_torch", "pip install torch"), ("to_pandas", r"lidarscene\[pandas\]")]
+)
+def test_without_the_library(monkeypatch: pytest.MonkeyPatch, method: str, way: str) -> None:
+    monkeypatch.setitem(sys.modules, method.removeprefix("to_"), None)
+    with pytest.raises(LidarSceneError, match=way):
+        getattr(small_cloud(), method)()
+
+
+def test_notebooks_show_a_picture(street_cloud: PointCloud) -> None:
+    """Near points are of the one colour, far ones of the other, and most of the picture shows points."""
+    text = street_cloud._repr_html_()
+    picture = re.search(r"base64,([^\"]+)", text)
+    assert picture
+    assert "6,891 points" in text or "6891 points" in text
+    data = base64.b64decode(picture[1])
+    assert data == street_cloud._repr_png_()
+    with PIL.Image.open(io.BytesIO(data)) as image:
+        pixels = np.asarray(image).astype(int)
+    assert pixels.shape == (405, 720, 3)
+    shown = pixels.sum(axis=2) > 100
+    assert shown.mean() > 0.05
+    bottom, top = (
+        part[part.sum(axis=1) > 100].mean(axis=0)
+        for part in (pixels[-150:].reshape(-1, 3), pixels[:200].reshape(-1, 3))
+    )
+    assert bottom[0] > bottom[2]
+    assert top[2] > top[0]
+    assert small_cloud(0)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_nothing_heavy_is_imported_to_save_and_show(run_python: Any) -> None:
+    code = (
+        "import sys\nfrom lidarscene import PointCloud\nfrom lidarscene.cloud.builder import CloudBuilder\n"
+        "c = PointCloud(**CloudBuilder().fields())\nc._repr_png_(); c.to_structured()\n"
+        "print(*(n for n in ('matplotlib', 'mitsuba', 'open3d', 'pandas', 'PIL') if n in sys.modules))"
+    )
+    done = run_python(code)
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
+
+
+# --- scenes -----------------------------------------------------------------------------------------
+
+
+def test_a_trimesh_is_a_body(mi: ModuleType) -> None:
+    """A wall 10 m ahead, rendered: every echo is from it."""
+    wall = trimesh.creation.box((0.2, 4.0, 4.0), trimesh.transformations.translation_matrix((10.1, 0, 0)))
+    scene = load_scene(wall, material="concrete", name="wall")
+    assert (scene.name, len(scene.bodies), len(scene.bodies[0].parts)) == ("wall", 1, 1)
+    np.testing.assert_array_equal(scene.bodies[0].parts[0].vertices_m, wall.vertices)
+    cloud = lidarscene.render(scene, overrides=["scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2"])
+    echoes = cloud.select(cloud.status == 0)
+    assert len(echoes) > 20
+    assert set(echoes.body.tolist()) == {0}
+    np.testing.assert_allclose(echoes.true_range_m * np.cos(echoes.incidence_angle_rad), 10.0, rtol=1e-5)
+
+
+def scene_of_two() -> trimesh.Scene:
+    made = trimesh.Scene()
+    made.add_geometry(trimesh.creation.box((1, 2, 3)), geom_name="body", node_name="van")
+    shift = trimesh.transformations.translation_matrix((5, 6, 7))
+    made.add_geometry(
+        trimesh.creation.icosphere(radius=0.5), geom_name="ball", node_name="ball", transform=shift
+    )
+    return made
+
+
+def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
+    own = Material(name="mine", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), description="")
+    scene = load_scene(
+        scene_of_two(), material="asphalt", materials={"ball": own}, classes={"van": "car"}, sensor_name="vlp-16",
+        sensor_pose=Pose(position_m=np.array([0.0, 0.0, 2.0])),
+    )  # fmt: skip
+    assert [(b.name, b.class_name, b.parts[0].material) for b in scene.bodies] == [
+        ("van", "car", "asphalt"),
+        ("ball", "ball", "mine"),
+    ]
+    np.testing.assert_allclose(scene.bodies[1].parts[0].vertices_m.mean(axis=0), [5, 6, 7], atol=1e-12)
+    assert scene.materials["mine"] is own
+    assert (scene.sensor_name, scene.sensor_pose.position_m[2]) == ("vlp-16", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "options", "message"),
+    [
+        (3, {}, "load_scene: must be a Trimesh or a trimesh.Scene, got int"),
+        (trimesh.Trimesh(), {}, "load_scene: the mesh must have at least one triangle, got none"),
+        (scene_of_two(), {}, "'van' has no colour of its own and must have a material"),
+        (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),
+        (
+            scene_of_two(),
+            {"material": "asphalt", "materials": {"x": "bark"}},
+            "materials: no mesh 'x'; there are",
+        ),
+        (
+            scene_of_two(),
+            {"material": "asphalt", "classes": {"x": "car"}},
+            "classes: no mesh 'x'; there are ball, van",
+        ),
+    ],
+)
+def test_mistakes_with_trimesh(mesh: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_scene(mesh, **options)
+
+
+MITSUBA = """<scene version="3.0.0">
+  <bsdf type="diffuse" id="grey"><rgb name="reflectance" value="0.5"/></bsdf>
+  <shape type="cube" id="block"><transform name="to_world"><translate x="10"/></transform><ref id="grey"/></shape>
+</scene>"""
+
+
+def test_a_mitsuba_file_is_a_scene(mi: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "block.xml").write_text(MITSUBA)
+    scene = load_scene(tmp_path / "block.xml", materials={"grey": "concrete"}, sensor_name="table1-sipm")
+    assert (scene.name, scene.base_materials, list(scene.materials)) == (
+        "block",
+        {"grey": "concrete"},
+        ["concrete"],
+    )
+    cloud = lidarscene.render(scene, overrides=["scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1"])
+    echoes = cloud.select(cloud.status == 0)
+    assert echoes.body_names == ("block",)
+    np.testing.assert_allclose(echoes.true_range_m * np.cos(echoes.incidence_angle_rad), 9.0, rtol=1e-5)
+    with pytest.raises(InputError, match=r"none\.xml: no such file"):
+        load_scene(tmp_path / "none.xml")

@@ -1,0 +1,261 @@
+"""PointCloud: what is checked at birth, what selections and joins keep, what Open3D gets."""
+
+import copy
+import pickle
+import tracemalloc
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.clouds import NAMES, assert_same, small_cloud, small_columns
+
+from lidarscene.cloud import interop
+from lidarscene.cloud.builder import CloudBuilder
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
+from lidarscene.formats.columns import NAMES as NAMES_OF
+
+
+def test_columns_name_every_array_once() -> None:
+    assert " ".join(c.name for c in COLUMNS) == (
+        "x y z range intensity pulse_width snr detection_probability ambient time channel azimuth elevation "
+        "return_number status sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions "
+        "ghost radial_velocity body class material"
+    )
+    attributes = [c.attribute for c in COLUMNS[2:]]
+    assert sorted(attributes) == sorted(MEASURED + TRUTH)
+
+
+def test_arrays_are_read_only_and_not_copied() -> None:
+    columns = small_columns()
+    cloud = PointCloud(**columns)
+    for attribute, given in columns.items():
+        assert np.shares_memory(getattr(cloud, attribute), given)
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(cloud, attribute)[0] = 0
+        given[:1] = given[1:2]  # the owner's array stays as it was
+
+
+def test_position_is_single_or_double() -> None:
+    columns = small_columns()
+    assert PointCloud(**columns).xyz_m.dtype == np.float32
+    for other in (np.float64, np.int64, np.float16):
+        changed = columns | {"xyz_m": columns["xyz_m"].astype(other)}
+        assert PointCloud(**changed).xyz_m.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"snr": np.zeros(6)}, r"PointCloud\.snr: array must have shape \(7,\), got \(6,\)"),
+        ({"xyz_m": np.zeros((7, 2))}, r"PointCloud\.xyz_m: array must have shape \(7, 3\), got \(7, 2\)"),
+        ({"snr": np.array([1, 2, np.nan, 4, 5, 6, np.inf])}, r"PointCloud\.snr: NaN at 1 places"),
+        ({"status": np.full(7, 256)}, r"PointCloud\.status: values do not fit uint8"),
+        ({"status": np.full(7, -1)}, r"PointCloud\.status: values do not fit uint8"),
+        ({"body": None, "material": None}, "truth fields come all together; missing: body, material"),
+        ({"body": np.full(7, 3)}, r"PointCloud\.body: 3 to 3, with names for 0 to 2"),
+        ({"class_id": np.full(7, -2)}, r"PointCloud\.class_id: -2 to -2"),
+        ({"metadata": {"frame": "world"}}, "'sensor_position_m' as 'x y z'; came 'world' with ''"),
+        ({"metadata": {"frame": "world", "sensor_position_m": "1 2 inf"}}, "with '1 2 inf'"),
+        ({"metadata": {"frame": "car"}}, "'frame' must be 'sensor', or 'world'"),
+        ({"metadata": {"": "nothing"}}, "keys must have 1 to 100 characters"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        small_cloud(**changes)
+
+
+@pytest.mark.parametrize("attribute", ["body", "class_id", "material", "sensor_index"])
+def test_indices_at_their_limits(attribute: str) -> None:
+    """-1 has no name and every name its number: the last of each is taken, the next one is not."""
+    last = len(NAMES[NAMES_OF[attribute]]) - 1
+    for index in (-2, -1, 0, last, last + 1):
+        if attribute == "sensor_index" and index < 0:  # unsigned
+            continue
+        among_others = {attribute: np.array([0, 0, index, 0, 0, 0, 0])}
+        if -1 <= index <= last:
+            assert getattr(small_cloud(**among_others), attribute)[2] == index
+            continue
+        with pytest.raises(
+            ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"
+        ):
+            small_cloud(**among_others)
+
+
+def test_names_are_optional() -> None:
+    assert len(small_cloud(body_names=(), class_names=(), material_names=(), metadata={})) == 7
+
+
+def test_sensor_position() -> None:
+    assert small_cloud().sensor_position_m.tolist() == [0, 0, 0]
+    world = {"frame": "world", "sensor_position_m": "1 -2.5 3e2"}
+    assert small_cloud(metadata=world).sensor_position_m.tolist() == [1, -2.5, 300]
+
+
+def test_column_by_name() -> None:
+    cloud = small_cloud()
+    assert cloud.column("y") is not None
+    np.testing.assert_array_equal(cloud.column("y"), cloud.xyz_m[:, 1])
+    assert cloud.column("class") is cloud.class_id
+    assert cloud.column("range") is cloud.range_m
+    with pytest.raises(InputError, match=r"column 'speed'.*choices are x, y, z, range, intensity.*material"):
+        cloud.column("speed")
+    with pytest.raises(InputError, match=r"column 'body'"):
+        cloud.without_truth().column("body")
+
+
+def test_without_truth() -> None:
+    bare = small_cloud().without_truth()
+    assert not bare.has_truth
+    assert [c.name for c in bare.columns][-1] == "sensor_index"
+    assert bare.body is None
+    assert_same(bare, small_cloud(truth=False))
+
+
+@pytest.mark.parametrize("index", [slice(2, 5), [4, 0], np.arange(7) % 2 == 0, np.zeros(0, np.int64)])
+def test_select(index: Any) -> None:
+    cloud = small_cloud()
+    chosen = cloud.select(index)
+    for c in COLUMNS:
+        np.testing.assert_array_equal(chosen.column(c.name), cloud.column(c.name)[index], strict=True)
+    assert chosen.metadata == cloud.metadata
+    assert chosen.body_names == cloud.body_names
+
+
+def test_concatenate_is_the_inverse_of_select() -> None:
+    cloud = small_cloud()
+    parts = [cloud.select(slice(0, 3)), cloud.select(slice(3, 3)), cloud.select(slice(3, None))]
+    assert_same(PointCloud.concatenate(parts), cloud)
+    assert len(parts) == 3
+    assert_same(PointCloud.concatenate(parts, consume=True), cloud)
+    assert parts == []
+
+
+def test_concatenate_refuses_what_does_not_belong_together() -> None:
+    cloud = small_cloud()
+    with pytest.raises(ValueError, match="no parts"):
+        PointCloud.concatenate([])
+    with pytest.raises(ValueError, match="name different"):
+        PointCloud.concatenate([cloud, small_cloud(class_names=("car", "road"))])
+    with pytest.raises(ValueError, match=r"not as before: body, class_id, ghost, in_shadow"):
+        PointCloud.concatenate([cloud, cloud.without_truth()])
+
+
+def test_builder_holds_the_points_and_one_column() -> None:
+    """Rationale: 50 million points must not be there twice. Tolerance: the widest column and 64 KB."""
+    chunks, n = 20, 10_000
+    tracemalloc.start()
+    try:
+        builder = CloudBuilder()
+        for seed in range(chunks):
+            builder.append(small_columns(n, seed=seed))
+        tracemalloc.reset_peak()
+        held, _ = tracemalloc.get_traced_memory()
+        cloud = PointCloud(**builder.fields(**NAMES))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(cloud) == chunks * n
+    assert peak - held < chunks * n * 12 + 65536
+    assert len(PointCloud(**builder.fields())) == 0
+
+
+def test_builder_of_nothing_is_an_empty_cloud() -> None:
+    cloud = PointCloud(**CloudBuilder().fields(metadata={"sensor": "a"}))
+    assert (len(cloud), cloud.has_truth, cloud.metadata) == (0, True, {"sensor": "a"})
+
+
+def test_builder_names_what_is_missing() -> None:
+    columns = small_columns()
+    del columns["snr"]
+    with pytest.raises(ValueError, match="snr"):
+        CloudBuilder().append(columns)
+
+
+def test_repr_is_one_line() -> None:
+    cloud = small_cloud(status=[0, 0, 1, 0, 0, 1, 0])
+    assert repr(cloud).startswith("PointCloud(7 points: 5 echoes, 2 false alarms; x -")
+    assert repr(cloud).endswith("m; sensor 'test')")
+    assert repr(small_cloud(0)) == "PointCloud(0 points: 0 echoes, 0 false alarms; sensor 'test')"
+
+
+def test_survives_pickle_and_copy() -> None:
+    """Rationale: clouds travel between the processes of a training pipeline."""
+    assert_same(pickle.loads(pickle.dumps(small_cloud())), small_cloud())
+    assert_same(copy.deepcopy(small_cloud()), small_cloud())
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a", "a.ply.gz"])
+def test_unknown_suffix_lists_the_known(name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}: suffix '.*' names no point cloud format; known: \.ply"):
+        small_cloud().save(name)
+    with pytest.raises(InputError, match=r"known: \.ply"):
+        PointCloud.load(name)
+
+
+@pytest.mark.parametrize("n", [0, 7])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
+    cloud = small_cloud(n, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
+    theirs = cloud.to_open3d()
+    assert set(theirs.point) == {"positions"} | {c.name for c in COLUMNS[3:]}
+    np.testing.assert_array_equal(theirs.point["positions"].numpy(), cloud.xyz_m, strict=True)
+    for c in COLUMNS[3:]:
+        values = cloud.column(c.name)[:, None]
+        np.testing.assert_array_equal(theirs.point[c.name].numpy(), values, strict=True)
+
+
+def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed() -> ModuleType:
+        raise LidarSceneError("try: pip install open3d")
+
+    monkeypatch.setattr(interop, "open3d", closed)
+    with pytest.raises(LidarSceneError, match="pip install open3d"):
+        small_cloud().to_open3d()
+
+
+def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
+    """Points of a chunk as the simulator hands them over where nothing moves and there is no glass."""
+    repeated = {
+        "sensor_index": np.broadcast_to(np.uint8(0), n),
+        "radial_velocity_m_s": np.broadcast_to(np.float32(velocity), n),
+        "interactions": np.broadcast_to(np.uint8(0), n),
+        "ghost": np.broadcast_to(np.uint8(0), n),
+        "pulse_width_s": np.broadcast_to(np.float32(0.0), n),
+    }
+    return small_columns(n) | repeated
+
+
+def test_one_value_stays_one_value() -> None:
+    """Columns of one value take no memory, however many chunks there are; 83 of the 94 bytes of a point do."""
+    n, chunks = 50_000, 8
+    parts = [chunk_of(n) for _ in range(chunks)]
+    tracemalloc.start()
+    builder = CloudBuilder(capacity=n * chunks)
+    for part in parts:
+        builder.append(part)
+    cloud = PointCloud(**builder.fields())
+    taken = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert cloud.radial_velocity_m_s is not None
+    assert cloud.radial_velocity_m_s.strides == cloud.sensor_index.strides == (0,)
+    assert len(cloud.radial_velocity_m_s) == n * chunks
+    assert 83 * n * chunks <= taken < 83.5 * n * chunks
+
+
+@pytest.mark.parametrize("capacity", [0, 30])
+@pytest.mark.parametrize(
+    "order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)]
+)
+def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: int) -> None:
+    """Constant chunks of another value, and chunks of many values (None), wherever they come."""
+    parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]
+    builder = CloudBuilder(capacity=capacity)
+    for part in parts:
+        builder.append(part)
+    cloud = PointCloud(**builder.fields())
+    for name in ("radial_velocity_m_s", "sensor_index", "range_m"):
+        np.testing.assert_array_equal(getattr(cloud, name), np.concatenate([part[name] for part in parts]))

@@ -1,0 +1,139 @@
+"""Intensity on the makers' scales: boards of known reflectivity through the whole chain, and the published tables."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import chain
+
+from lidarscene import load_sensor
+from lidarscene.detection import returns
+from lidarscene.errors import InputError
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.physics.electronics import intensity
+from lidarscene.scene.model import Air
+from lidarscene.studies.ranging import plane as ranging
+from lidarscene.studies.ranging.plane import Target
+
+SHOTS = 4000
+REFLECTIVITY = ["intensity.kind='reflectivity'"]
+
+
+def reported(sensor, range_m, **target):
+    """Mean of what shots at a plane report, in clear air."""
+    plane = Target(**{"transmittance": 1.0} | target)
+    light = ranging.echoes_of_plane(sensor, plane, np.full(SHOTS, float(range_m)))
+    stop = returns.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    return stop.intensity[stop.reported & (stop.status == 0)]
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "vlp-16", "livox-mid-40"])
+@pytest.mark.parametrize("rho", [0.1, 0.5, 0.9])
+def test_boards_read_their_reflectivity(name, rho):
+    """Rationale: what calibration is for. 20 m, strong echoes: noise averages out over 4000 shots; the walk
+    correction and whole numbers leave some tenths.
+    """
+    sensor = load_sensor(name, overrides=REFLECTIVITY if name == "table1-apd" else [])
+    values = reported(sensor, 20.0, reflectivity=rho)
+    assert values.mean() == pytest.approx(sensor.intensity.white_value * rho, rel=0.01, abs=0.3)
+    assert (values == np.rint(values)).all()
+
+
+def test_angle_and_air_are_not_known():
+    """60 degrees read half, a one-way transmittance of 0.7 reads 0.49."""
+    sensor = chain.sensor("table1-apd", *REFLECTIVITY)
+    assert reported(sensor, 20.0, reflectivity=0.8, cos_incidence=0.5).mean() == pytest.approx(40.0, abs=0.5)
+    assert reported(sensor, 20.0, reflectivity=0.8, transmittance=0.7).mean() == pytest.approx(39.2, abs=0.5)
+
+
+def test_the_overlap_is_known():
+    """At 4 m a coaxial sensor sees a quarter of the spot, and still reads the board right."""
+    sensor = chain.sensor("table1-apd", *REFLECTIVITY, "optics.overlap.transmitter_offset_mm=[0, 0]")
+    assert sensor.optics.overlap.share(np.array([4.0]))[0] < 0.3
+    assert reported(sensor, 4.0, reflectivity=0.5).mean() == pytest.approx(50.0, abs=0.5)
+
+
+def test_range_corrected():
+    """Reference: (5) at the reference range, typed out. The same from 10 and 40 m."""
+    sensor = chain.sensor("table1-apd", "intensity.kind='range_corrected'", "intensity.reference_m=10")
+    optics = sensor.optics
+    expected = 45.0 * 0.3 / math.pi * optics.efficiency_laser * optics.aperture_m2 / 10.0**2
+    for range_m in (10.0, 40.0):
+        assert reported(sensor, range_m, reflectivity=0.3).mean() == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_raw_is_the_amplitude(name):
+    sensor = chain.sensor(name)
+    light = ranging.echoes_of_plane(sensor, Target(), np.full(50, 100.0))
+    stop = returns.detect(light, sensor, seed=1, pulse=np.arange(50, dtype=np.uint32)).stops[0]
+    assert stop.intensity is stop.amplitude
+
+
+def test_a_sipm_knows_its_cells():
+    """Half of the cells fired are not half of full scale: the response is inverted, under the pulse's background.
+
+    The median, because the inverse is curved and lifts the mean; 4000 shots leave 0.4 of it.
+    """
+    sensor = chain.sensor("table1-sipm", *REFLECTIVITY)
+    assert np.median(reported(sensor, 150.0, reflectivity=0.5)) == pytest.approx(50.0, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        # reflectivity: value, as the makers' tables have it
+        ("vlp-16", {0.0: 0, 0.5: 50, 1.0: 100, 1000.0: 255, 1e5: 255}),
+        ("hdl-32e", {0.25: 25, 1.0: 100}),
+        ("vls-128", {0.5: 55, 1.0: 110, 1000.0: 255}),
+        ("os1-128", {0.5: 50, 1.0: 100, 1000.0: 255}),
+        ("pandar64", {0.5: 50, 1.0: 100, 2.0: 200, 2.55: 255, 9.0: 255}),
+        ("livox-avia", {0.5: 75, 1.0: 150, 1000.0: 255}),
+    ],
+)
+def test_scales_of_the_makers(name, values):
+    scale = load_sensor(name).intensity
+    found = intensity.on_scale(
+        reflectivity=np.array(list(values)), white_value=scale.white_value, retro=scale.retro,
+        retro_reflectivity=scale.retro_reflectivity,
+    )  # fmt: skip
+    np.testing.assert_array_equal(found, list(values.values()))
+
+
+def test_retro_range_is_logarithmic():
+    """The same ratio of reflectivities is the same number of steps, and 101 comes right above white."""
+    rho = np.geomspace(1.0, 1000.0, 4)
+    found = intensity.on_scale(
+        reflectivity=rho, white_value=105.0, retro="logarithmic", retro_reflectivity=1000.0
+    )
+    np.testing.assert_array_equal(np.diff(found), 50.0)
+
+
+def test_traced_boards(mi):
+    """A grey board and a sheet on the device: 40, and pi R_A on the retro range."""
+    lobe = {"retro_coefficient_cd_per_lx_m2": 70.0, "retro_half_angle_deg": 0.5}
+    sheet = Material(
+        name="sheet", bsdf="retroreflector", reflectivity=Spectrum.constant(0.1), parameters=lobe
+    )
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *REFLECTIVITY)
+    board = chain.scene(
+        chain.facing(range_m=20.0, material="board"), materials=[chain.diffuse("board", 0.4)],
+        air=Air(transmittance=1.0),
+    )  # fmt: skip
+    grey = chain.run(board, sensor).detection.stops[0].intensity
+    np.testing.assert_allclose(grey, 40.0, atol=2.0)
+    shining = chain.scene(
+        chain.facing(range_m=20.0, material="sheet"), materials=[sheet], air=Air(transmittance=1.0)
+    )
+    lanes = chain.run(shining, sensor)
+    rho = math.pi * lanes.hits.backscatter_per_sr
+    assert (rho > 100.0).all()
+    expected = 100.0 + 155.0 * np.log(rho) / math.log(1000.0)
+    np.testing.assert_allclose(lanes.detection.stops[0].intensity, np.minimum(expected, 255.0), atol=2.0)
+
+
+def test_mistakes():
+    with pytest.raises(InputError, match="intensity"):
+        chain.sensor("table1-apd", "intensity.kind='calibrated'")
+    with pytest.raises(InputError, match=r"intensity.*retro_reflectivity"):
+        chain.sensor("table1-apd", *REFLECTIVITY, "intensity.retro_reflectivity=1")

@@ -1,0 +1,225 @@
+"""Other lidars: counts and peaks of their false points against Poisson and log-normal statistics drawn by numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import chain, trains
+from scipy.stats import ks_2samp, kstest, norm, spearmanr
+
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
+from lidarscene.errors import InputError
+from lidarscene.light.echoes import Interference
+from lidarscene.physics.electronics import crosstalk
+from lidarscene.rendering.stages import ambient_of
+from lidarscene.scene.file import load_scene
+from lidarscene.scene.model import Interferer
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
+
+SHOTS = 200_000
+SIGMAS = 4.0  # two-sided 6e-5 for each count
+MEDIAN_W, SPREAD_DB = 4e-8, 6.0
+
+
+def empty(sensor, *sources, range_m=None):
+    """Light of shots at nothing, or at a wall, with these lidars about."""
+    light = plane.echoes_of_plane(sensor, Target(), np.full(SHOTS, range_m or 100.0))
+    if range_m is None:
+        light = replace(light, found=np.zeros(SHOTS, bool), peak_power_w=np.zeros(SHOTS))
+    return replace(light, interference=sources)
+
+
+def detected(sensor, light, seed=5):
+    return returns.detect(light, sensor, seed=seed, pulse=np.arange(SHOTS, dtype=np.uint32))
+
+
+def lidar(rate_hz, median_w=MEDIAN_W):
+    return Interference(rate_hz=rate_hz, peak_power_w=median_w, spread_db=SPREAD_DB)
+
+
+def counted(found, status):
+    return sum(int(np.sum(stop.reported & (stop.status == status))) for stop in found.stops)
+
+
+def needed_w(sensor, light):
+    point = sensor.working_point(light.background_power_w)
+    return float(point.power_w(sensor.threshold(point))[0])
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_false_points_of_one_stop(name):
+    """Reference: 1 - exp(-nu q T), with q counted among numpy's own log-normal peaks. Noise has 2e-4 alarms a shot
+    or fewer, within the tolerance.
+    """
+    sensor = chain.sensor(name)
+    light = empty(sensor, lidar(1e5))
+    peaks = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(2).normal(size=10**6))
+    q = np.mean(peaks >= needed_w(sensor, light))
+    assert 0.2 < q < 0.8
+    expected = 1.0 - np.exp(-1e5 * q * sensor.tdc.window_s)
+    share = counted(detected(sensor, light), Status.INTERFERENCE) / SHOTS
+    assert abs(share - expected) < SIGMAS * np.sqrt(expected / SHOTS) + 5e-4
+
+
+def test_peaks_are_the_tail_of_theirs():
+    """Reference: numpy's peaks beyond the threshold, by Kolmogorov and Smirnov; one in 10 000 fails."""
+    sensor = chain.sensor("table1-apd")
+    light = empty(sensor, lidar(1e5))
+    stop = detected(sensor, light).stops[0]
+    amplitude = stop.amplitude[stop.reported & (stop.status == Status.INTERFERENCE)]
+    peaks = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(3).normal(size=200_000))
+    point = sensor.working_point(np.zeros(1) + light.background_power_w[0])
+    tail = point.signal(peaks[peaks >= needed_w(sensor, light)])
+    assert ks_2samp(amplitude, tail).pvalue > 1e-4
+    ranges = stop.range_m[stop.reported & (stop.status == Status.INTERFERENCE)]
+    assert ranges.max() < 600.0  # the window
+    first_half = np.mean(ranges < 300.0)
+    assert first_half == pytest.approx(0.5, abs=0.05)  # 0.1 arrivals a window: nearly even
+
+
+def test_rates_add_up():
+    """Three lidars of one kind are one at their sum, and noise keeps its own: 3 stops, three kinds counted."""
+    sensor = chain.sensor("table1-apd", "tdc.stops=3", "tdc.threshold_to_noise=3.5")
+    three = detected(sensor, empty(sensor, lidar(1e4), lidar(2e4), lidar(3e4)))
+    one = detected(sensor, empty(sensor, lidar(6e4)), seed=6)
+    none = detected(sensor, empty(sensor), seed=7)
+    a, b = counted(three, Status.INTERFERENCE), counted(one, Status.INTERFERENCE)
+    assert abs(a - b) < SIGMAS * np.sqrt(a + b)
+    noise, alone = counted(three, Status.FALSE_ALARM), counted(none, Status.FALSE_ALARM)
+    assert abs(noise - alone) < SIGMAS * np.sqrt(noise + alone)
+    assert min(a, noise) > 10_000
+
+
+def test_of_two_lidars_each_has_its_share():
+    """A strong one in three pulses: so many points are too strong for the weak one."""
+    sensor = chain.sensor("table1-apd")
+    found = detected(sensor, empty(sensor, lidar(2e5, 1e-6), lidar(1e5, 1e-2)))
+    stop = found.stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    point = sensor.working_point(np.array([0.0]))
+    strong = stop.amplitude[theirs] > point.signal(np.array([1e-4]))[0]
+    assert abs(strong.mean() - 1.0 / 3.0) < SIGMAS * np.sqrt(2.0 / 9.0 / theirs.sum())
+
+
+def test_the_strongest_of_two_lidars_come_by_themselves():
+    """A converter that keeps the strongest: with mu = nu q T of each, exp(-2 mu) of the shots are quiet, and
+    (1 - exp(-mu))^2 have pulses of both, told apart by a median that is 40 dB stronger.
+    """
+    sensor = chain.sensor("table1-apd", "tdc.keep='strongest'", "tdc.stops=2", "tdc.threshold_to_noise=8")
+    shots, rate_hz = 20_000, 2e5
+    light = trains.train(np.full((shots, 1), 20.0), 0.0, background_w=0.0)
+    light = replace(light, interference=(lidar(rate_hz, 1e-6), lidar(rate_hz, 1e-2)))
+    stops = trains.detect(light, sensor, seed=5).stops
+    strong_a = float(sensor.working_point(np.zeros(1)).signal(np.array([1e-4]))[0])
+    seen = [stop.reported & (stop.status == Status.INTERFERENCE) for stop in stops]
+    none = 1.0 - np.exp(-rate_hz * sensor.tdc.window_s)
+    for found, expected in (
+        (~seen[0], (1.0 - none) ** 2),
+        # Of two that are kept the strongest comes from the strong lidar if there is one.
+        (
+            np.any([s & (stop.amplitude > strong_a) for s, stop in zip(seen, stops, strict=True)], axis=0),
+            none,
+        ),
+    ):
+        assert abs(found.mean() - expected) < SIGMAS * np.sqrt(expected * (1.0 - expected) / shots)
+
+
+@pytest.mark.parametrize("keep", ["first", "last"])
+def test_height_and_time_of_noise_alarms(keep):
+    """The excess over U is exponential with the mean sigma^2 / U, and knows nothing of the time: Kolmogorov and
+    Smirnov, and Spearman's ranks, at 1e-4 each.
+    """
+    sensor = chain.sensor("table1-apd", "tdc.threshold_to_noise=3.3", f"tdc.keep='{keep}'")
+    shots = 40_000
+    light = trains.train(np.full((shots, 1), 20.0), 0.0)
+    stop = trains.detect(light, sensor, seed=5).stops[0]
+    kept = stop.reported
+    assert 0.2 < kept.mean() < 0.9
+    point = sensor.working_point(light.background_power_w[:1])
+    level = sensor.threshold(point)[0]
+    excess = (stop.amplitude[kept] - level) * level / point.noise[0] ** 2
+    assert kstest(excess, "expon").pvalue > 1e-4
+    assert spearmanr(excess, stop.range_m[kept]).pvalue > 1e-4
+
+
+def test_width_of_another_lidars_pulse():
+    """As long as one of ours of that height: 2 sigma_p sqrt(2 ln(A / U)), to rounding."""
+    sensor = chain.sensor("table1-apd", "tdc.edges='both'")
+    light = empty(sensor, lidar(1e6))
+    stop = detected(sensor, light).stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    point = sensor.working_point(light.background_power_w[:1])
+    ratio = stop.amplitude[theirs] / sensor.threshold(point)[0]
+    assert theirs.sum() > 1000
+    np.testing.assert_allclose(
+        stop.width_s[theirs], 2.0 * trains.SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-15
+    )
+
+
+def test_an_early_pulse_hides_the_echo():
+    """One stop: a wall at 300 m is seen unless theirs came within 2 us, probability exp(-nu q t)."""
+    sensor = chain.sensor("table1-apd")
+    light = empty(sensor, lidar(2e5, 1e-5), range_m=150.0)
+    found = detected(sensor, light)
+    seen = np.mean(found.outcome == Outcome.KEPT)
+    assert seen == pytest.approx(np.exp(-2e5 * 1e-6), abs=SIGMAS * 0.4 / np.sqrt(SHOTS) + 1e-3)
+    assert np.mean(found.outcome == Outcome.HIDDEN) > 0.1
+
+
+def test_without_lidars_the_bits_stay():
+    """One that is too weak to trip leaves every number of a frame as it is without."""
+    sensor = chain.sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=3.5")
+    weak, none = (detected(sensor, empty(sensor, *who)) for who in ([lidar(1e5, 1e-20)], []))
+    for a, b in zip(weak.stops, none.stops, strict=True):
+        for name in ("reported", "status", "range_m", "amplitude"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_tail_formulas():
+    """Q of the decibels, and its inverse at the ends of the draw."""
+    q = crosstalk.tripping_probability(
+        needed_power_w=np.array([1e-8, 1e-7]), median_power_w=1e-8, spread_db=5.0
+    )
+    np.testing.assert_allclose(q, norm.sf([0.0, 2.0]), rtol=1e-8)
+    least = crosstalk.tripping_power_w(
+        uniform=np.array([1.0]), probability=q[1], median_power_w=1e-8, spread_db=5.0
+    )
+    assert least[0] == pytest.approx(1e-7, rel=1e-6)
+
+
+def test_in_a_scene(mi):
+    """Irradiance times aperture times efficiency is the power, on the device; the status comes through."""
+    sensor = chain.sensor("table1-apd", *chain.NARROW)
+    described = replace(
+        chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))),
+        interferers=(Interferer(rate_hz=1e7, irradiance_w_m2=1e-2),),
+    )
+    lanes = chain.run(described, sensor)
+    power = 1e-2 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser
+    assert lanes.light.interference[0].peak_power_w == pytest.approx(power, rel=1e-6)
+    assert (lanes.detection.stops[0].status == Status.INTERFERENCE).all()
+
+
+SCENE = """
+[[bodies]]
+name = "plate"
+primitive = "plane"
+size_m = [4, 4]
+material = "asphalt"
+"""
+
+
+def test_scene_file(tmp_path):
+    text = '[[interference]]\nkind = "lamps"\nirradiance_w_m2 = 0.5\n' * 2
+    text += '[[interference]]\nkind = "lidar"\nrate_hz = 1e4\nirradiance_w_m2 = 1e-3\n'
+    path = tmp_path / "lit.toml"
+    path.write_text(SCENE + text, encoding="utf-8")
+    scene = load_scene(path)
+    assert scene.lamps_w_m2 == 1.0
+    assert scene.interferers == (Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),)
+    assert ambient_of(scene, chain.sensor("table1-apd")).lamps_w_m2 == 1.0
+    path.write_text(SCENE + text.replace("lidar", "radar"), encoding="utf-8")
+    with pytest.raises(InputError, match="interference"):
+        load_scene(path)

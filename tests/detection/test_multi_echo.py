@@ -1,0 +1,504 @@
+"""Several sub-echoes to a pulse: against the lone echo's closed form, two Gaussians by hand, and fine bins."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import trains
+from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, power_at_snr, sensor, train
+from scipy.optimize import brentq
+from scipy.stats import binomtest, norm
+
+from lidarscene.detection import returns
+from lidarscene.detection.returns import Outcome, Status
+from lidarscene.light.echoes import Echoes, Volume, hump_of
+from lidarscene.light.footprint import points
+from lidarscene.light.waveform import sampled
+from lidarscene.maths.arrays import Table
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import pulse_sums
+from lidarscene.physics.optics import pulse as pulse_shape
+
+HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
+PICOSECOND_M = HALF_C * 1e-12
+FWHM_M = HALF_C * FWHM_S
+
+SENSORS = {
+    "apd": ("table1-apd", "tdc.threshold_to_noise=3.5"),
+    "sipm": ("table1-sipm", "tdc.threshold_to_noise=3.5"),
+    "counted cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.counting='binomial'"),
+    "in time": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.statistics='time_domain'"),
+    "raw": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='raw'", "tdc.stops=3", "tdc.jitter_ps=40"),
+    "no walk": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='none'", "tdc.lsb_ps=100"),
+}
+
+# A comparator at half an ampere whose noise is 2e-4 of that: times and places without noise.
+LOUD = ["tdc.threshold_to_noise=1", "tdc.walk='raw'", "tdc.stops=4"]
+
+
+@pytest.mark.parametrize("sub_echoes", [1, 2, 7, 16])
+@pytest.mark.parametrize("name", SENSORS)
+def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
+    """The lone echo's closed form, pulse by pulse, with false alarms; 1 ps and 1e-5 are asked, rounding is left."""
+    equipped = sensor(*SENSORS[name])
+    random = np.random.default_rng(3)
+    count = 4000
+    range_m = random.uniform(2.0, 500.0, count)
+    power = np.minimum(
+        power_at_snr(equipped, 60.0) * random.uniform(0.3, 3.0, count) * (100.0 / range_m) ** 2, 1e-3
+    )
+    power[::17] = 0.0
+    weight = random.dirichlet(np.ones(sub_echoes), count)
+    light = train(range_m[:, None], power[:, None] * weight)
+    lone = Echoes(
+        found=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w
+    )
+    wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
+    found = detect(light, equipped)
+    np.testing.assert_array_equal(found.outcome, wanted.outcome)
+    np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-12)
+    np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=1e-12)
+    for have, want in zip(found.stops, wanted.stops, strict=True):
+        np.testing.assert_array_equal(have.reported, want.reported)
+        kept = want.reported
+        np.testing.assert_array_equal(have.status[kept], want.status[kept])
+        np.testing.assert_allclose(have.range_m[kept], want.range_m[kept], rtol=0.0, atol=1e-4 * PICOSECOND_M)
+        np.testing.assert_allclose(have.amplitude[kept], want.amplitude[kept], rtol=1e-9)
+        echo = kept & (want.status == 0)
+        np.testing.assert_allclose(have.snr[echo], wanted.snr[echo], rtol=1e-12)
+        np.testing.assert_allclose(have.true_range_m[echo], range_m[echo], rtol=1e-12)
+        assert ((have.source[echo] >= 0) & (have.source[echo] < sub_echoes)).all()
+
+
+def echoes_only(found):
+    """The stops without false alarms."""
+    return [replace(stop, reported=stop.reported & (stop.status == 0)) for stop in found.stops]
+
+
+@pytest.mark.parametrize(("name", "sub_echoes"), [("apd", 3), ("apd", 8), ("sipm", 8)])
+def test_fine_bins_find_the_same_crossings(name, sub_echoes):
+    """Trains of any shape against the same comparator over bins of sigma_p / 200, crossing by crossing."""
+    equipped = sensor(SENSORS[name][0], "tdc.threshold_to_noise=6", "tdc.keep='all'", "tdc.walk='raw'")
+    light = train(*trains.random_trains(300, sub_echoes, equipped, seed=5))
+    have = {
+        (pulse, number): stop.range_m[pulse] / SIGMA_M
+        for number, stop in enumerate(echoes_only(detect(light, equipped)))
+        for pulse in np.flatnonzero(stop.reported)
+    }
+    want, good_to = {}, {}
+    for pulse, crossing, tolerance in trains.slow_crossings(light, equipped):
+        key = pulse, sum(1 for other in want if other[0] == pulse)
+        want[key], good_to[key] = crossing, tolerance
+    assert have.keys() == want.keys()
+    assert len(want) > 1.1 * len({pulse for pulse, _ in want})  # some pulses have several
+    assert all(abs(have[key] - want[key]) < good_to[key] for key in want)
+
+
+def two_boards(separation, *, weights=(0.5, 0.5)):
+    """Half a spot on each of two boards, at SNR 1000 and thresholds in shares of one full echo's peak."""
+    equipped = sensor("table1-apd", *LOUD)
+    peak = power_at_snr(equipped, 1e7)
+    light = train(np.array([[100.0, 100.0 + separation * SIGMA_M]]), peak * np.array([weights]))
+    point = equipped.working_point(light.background_power_w)
+    return (
+        equipped,
+        light,
+        float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak)),
+    )
+
+
+def at_level(equipped, share, full):
+    """A fixed threshold at this share of a full echo's peak."""
+    return replace(equipped, tdc=replace(equipped.tdc, threshold_to_noise=None, threshold_level=share * full))
+
+
+@pytest.mark.parametrize("separation", [0.5, 1.9, 2.5, 3.0, 3.5, 5.0])
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.35, 0.45, 0.499])
+def test_two_boards_merge_or_separate(separation, share):
+    """Two equal Gaussians have a dip only beyond 2 sigma, of 2 exp(-d^2 / 8) / 2 of a full echo's peak in the middle.
+
+    Noise is 1e-4 of the level here; no case lies within 1 % of its limit. Tolerance of a crossing: five deviations
+    of that noise over the slope at the level.
+    """
+    equipped, light, full = two_boards(separation)
+    dip = math.exp(-(separation**2) / 8.0)
+    assert abs(dip / share - 1.0) > 0.01
+    apart = separation > 2.0 and dip < share
+
+    def waveform_at(place):
+        return 0.5 * (math.exp(-0.5 * place**2) + math.exp(-0.5 * (place - separation) ** 2)) - share
+
+    highest = max(waveform_at(place) for place in np.linspace(-1.0, separation + 1.0, 20_001))
+    found = detect(light, at_level(equipped, share, full))
+    assert sum(int(stop.reported[0]) for stop in found.stops) == (0 if highest < 0.0 else 1 + apart)
+    if highest < 0.0:
+        return
+    middle = 0.5 * separation
+    edges = [brentq(waveform_at, -8.0, 0.0 if separation > 2.0 else middle)]
+    if apart:
+        edges.append(brentq(waveform_at, middle, separation))
+    for edge, stop, source in zip(edges, found.stops, (0, 1), strict=False):
+        slope = (waveform_at(edge + 1e-6) - waveform_at(edge - 1e-6)) / 2e-6
+        tolerance = 5.0 * 1e-3 * share / slope
+        assert (stop.range_m[0] - 100.0) / SIGMA_M == pytest.approx(edge, abs=tolerance)
+        if apart:
+            assert stop.source[0] == source
+
+
+def test_a_dip_needs_two_sigma():
+    """Just below 2 sigma there is one peak, just above there are two, which the search may still take for one."""
+    for separation, peaks in ((1.99, 1), (2.2, 2)):
+        place = np.linspace(-1.0, separation + 1.0, 200_001)
+        value, slope, _ = pulse_sums.sum_of_pulses(at=place, centres=[0.0, separation], heights=[1.0, 1.0])
+        assert np.count_nonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0)) == peaks
+        assert value.max() == pytest.approx(np.interp(place[np.argmax(value)], place, value))
+
+
+def test_derivatives_of_the_sum():
+    place = np.linspace(-3.0, 6.0, 91)
+    centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
+    at = [
+        pulse_sums.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)
+    ]
+    # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
+    np.testing.assert_allclose(at[1][1], (at[2][0] - at[0][0]) / 2e-4, atol=1e-7)
+    np.testing.assert_allclose(at[1][2], (at[2][1] - at[0][1]) / 2e-4, atol=1e-7)
+
+
+def test_energy_is_conserved():
+    """The waveform's integral is the sum of the pulses' energies, wherever they are (a sum over steps of sigma / 5
+    of Gaussians is exact to rounding).
+    """
+    equipped = sensor("table1-apd")
+    range_m, power = trains.random_trains(50, 9, equipped, seed=1)
+    time_s = np.arange(-10.0 * SIGMA_S, 2.0 * 120.0 / SPEED_OF_LIGHT_M_S, SIGMA_S / 5.0)
+    watts, signal = sampled(train(range_m, power), equipped, time_s)
+    energy = watts.sum(axis=1) * SIGMA_S / 5.0
+    alone = pulse_shape.pulse_energy_j(peak_power_w=power, fwhm_s=FWHM_S).sum(axis=1)
+    np.testing.assert_allclose(energy, alone, rtol=1e-12)
+    point = equipped.working_point(np.full(50, trains.BACKGROUND_W))
+    np.testing.assert_allclose(signal, point.signal(watts), rtol=1e-14)
+
+
+@pytest.mark.parametrize("rays", [19, 64, 256])
+@pytest.mark.parametrize("tilt_deg", [0.0, 45.0, 75.0])
+def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
+    """sigma^2 = sigma_p^2 + (w tan(theta) / c)^2: the second moment with any number of rays, since theirs is exact;
+    the width at half maximum, as many rays resolve the Gaussian, to what an edge split by them is off (test_footprint).
+    """
+    radius, tangent = 0.3, math.tan(math.radians(tilt_deg))
+    across = points("gaussian", rays)[:, 0] * radius
+    equipped = sensor("table1-apd")
+    time_s = 2.0 * 100.0 / SPEED_OF_LIGHT_M_S + np.arange(-60.0, 60.0, 0.02) * SIGMA_S
+    watts = sampled(
+        train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s
+    )[0][0]
+    mean = (watts * time_s).sum() / watts.sum()
+    variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
+    wanted = pulse_sums.broadened_fwhm_s(
+        pulse_fwhm_s=FWHM_S, radius_m=radius, tangent=tangent, light_m_s=SPEED_OF_LIGHT_M_S
+    )
+    assert math.sqrt(variance) * pulse_sums.SIGMAS_PER_FWHM == pytest.approx(wanted, rel=1e-9)
+    over = time_s[watts >= 0.5 * watts.max()]
+    assert np.ptp(over) == pytest.approx(wanted, rel=0.1 if rays < 64 else 0.03)
+
+
+@pytest.mark.parametrize("snr", [(5.2, 4.6), (8.0, 5.5)])
+def test_each_return_has_its_own_probability(snr):
+    """Two echoes far apart trip with their own P_d, independently: binomial tests at 1e-4 each."""
+    equipped = sensor("table1-apd", "tdc.stops=2")
+    count = 100_000
+    power = [power_at_snr(equipped, one) for one in snr]
+    found = detect(train(np.full((count, 2), (100.0, 140.0)), np.full((count, 2), power)), equipped, seed=2)
+    tripped = []
+    for echo, range_m in enumerate((100.0, 140.0)):
+        here = [s.reported & (s.status == 0) & (np.abs(s.range_m - range_m) < 10.0) for s in found.stops]
+        tripped.append(here[0] | here[1])
+        probability = {
+            float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]
+        }
+        assert max(probability) - min(probability) < 1e-12
+        assert binomtest(int(tripped[echo].sum()), count, max(probability)).pvalue > 1e-4
+    both = int((tripped[0] & tripped[1]).sum())
+    assert binomtest(both, count, tripped[0].mean() * tripped[1].mean()).pvalue > 1e-4
+
+
+def three_echoes(*overrides):
+    """Strong, stronger, weak at 100, 110 and 130 m, all of them far above the threshold; 40 m is 267 ns."""
+    equipped = sensor("table1-apd", *trains.QUIET, *overrides)
+    power = [power_at_snr(equipped, one) for one in (2000.0, 4000.0, 500.0)]
+    found = detect(train(np.full((50, 3), (100.0, 110.0, 130.0)), np.full((50, 3), power)), equipped)
+    return [np.where(stop.reported, np.rint(stop.true_range_m), 0.0) for stop in found.stops], found
+
+
+@pytest.mark.parametrize(
+    ("overrides", "ranges"),
+    [
+        (["tdc.stops=1"], [100.0]),
+        (["tdc.stops=2"], [100.0, 110.0]),
+        (["tdc.stops=4"], [100.0, 110.0, 130.0, 0.0]),
+        (["tdc.keep='all'"], [100.0, 110.0, 130.0] + [0.0] * 13),
+        (["tdc.keep='last'"], [130.0]),
+        (["tdc.keep='last'", "tdc.stops=2"], [110.0, 130.0]),
+        (["tdc.keep='last'", "tdc.stops=4"], [100.0, 110.0, 130.0, 0.0]),
+        (["tdc.keep='strongest'"], [110.0]),
+        (["tdc.keep='strongest'", "tdc.stops=2"], [100.0, 110.0]),
+        (["tdc.stops=3", "tdc.dead_time_ns=80"], [100.0, 130.0, 0.0]),
+        (["tdc.stops=3", "tdc.dead_time_ns=250"], [100.0, 0.0, 0.0]),
+        (["tdc.stops=3", "tdc.window_us=0.8"], [100.0, 110.0, 0.0]),
+        (["tdc.keep='last'", "tdc.window_us=0.8"], [110.0]),
+    ],
+)
+def test_which_crossings_are_kept(overrides, ranges):
+    kept, found = three_echoes(*overrides)
+    for stop, wanted in zip(kept, ranges, strict=True):
+        np.testing.assert_array_equal(stop, wanted)
+    assert set(found.outcome) == {int(Outcome.KEPT)}
+
+
+def test_outcomes():
+    equipped = sensor("table1-apd", *trains.QUIET, "tdc.window_us=0.8")
+    power = power_at_snr(equipped, 2000.0) * np.array([[0.0, 0.0], [1e-3, 1e-3], [0.0, 1.0], [1.0, 1.0]])
+    found = detect(train(np.array([[50.0, 130.0]]), power), equipped)
+    wanted = [Outcome.NO_SURFACE, Outcome.BELOW_THRESHOLD, Outcome.OUT_OF_WINDOW, Outcome.KEPT]
+    np.testing.assert_array_equal(found.outcome, [int(one) for one in wanted])
+
+
+@pytest.mark.parametrize("keep", ["first", "last", "strongest"])
+def test_false_alarms_by_what_is_kept(keep):
+    """Alarms in an empty window against brute force: a Poisson number, even times, exponential heights.
+
+    Means of time and excess of the kept ones over 40 000 pulses, z-tests at 1e-4 each.
+    """
+    equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", f"tdc.keep='{keep}'")
+    count = 40_000
+    found = detect(train(np.full((count, 1), 50.0), np.zeros((count, 1))), equipped, seed=4)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    threshold = float(equipped.threshold(point)[0])
+    p_false, window = norm.sf(3.3), equipped.tdc.window_s
+    expected = -np.log1p(-p_false) * equipped.tdc.bandwidth_hz * window
+    scale = float(point.noise[0]) ** 2 / threshold
+    random = np.random.default_rng(8)
+    times, excess = [], []
+    for _ in range(count):
+        number = random.poisson(expected)
+        time, height = random.uniform(0.0, window, number), random.exponential(scale, number)
+        order = np.argsort({"first": time, "last": -time, "strongest": -height}[keep])[:2]
+        times.append(np.sort(time[order]))
+        excess.append(height[order])
+    wanted = np.concatenate(times), np.concatenate(excess)
+    kept = [stop.reported for stop in found.stops]
+    have = (
+        np.concatenate([s.range_m[k] / HALF_C for s, k in zip(found.stops, kept, strict=True)]),
+        np.concatenate([s.amplitude[k] - threshold for s, k in zip(found.stops, kept, strict=True)]),
+    )
+    limit = norm.isf(0.5e-4)
+    for a, b in zip(have, wanted, strict=True):
+        error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
+        assert abs(a.mean() - b.mean()) < limit * error
+    # Numbers of kept alarms have at most a Poisson number's variance.
+    assert abs(len(have[0]) - len(wanted[0])) < limit * math.sqrt(2.0 * len(wanted[0]))
+    both = found.stops[0].reported & found.stops[1].reported
+    assert (found.stops[0].range_m[both] <= found.stops[1].range_m[both]).all()
+
+
+def fog(scale_w, *, end_m):
+    """A bump that rises within 3 m and falls as exp(-r / 10 m)."""
+    range_m = np.linspace(0.0, 150.0, 3001)
+    course = (range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 2) * np.exp(-range_m / 10.0)
+    return volume(course, scale_w, end_m)
+
+
+def volume(course, scale_w, end_m):
+    """Air of this course over the 3001 ranges up to 150 m."""
+    shape = Table(course / course.max())
+    return Volume(
+        shape=shape, far_m=150.0, hump_m=hump_of(shape, 150.0),
+        scale=np.atleast_1d(scale_w), end_m=np.atleast_1d(end_m), extinction_per_m=0.05,
+    )  # fmt: skip
+
+
+def test_fog_trips_and_hides():
+    """Above the threshold fog is the first return; what stands in it is found once the waveform has fallen again.
+
+    The hard target at 60 m sees 0.3 % of the bump: two returns; at 8 m it sits on the bump and the comparator is still
+    high: one. Reference for the place of the bump's crossing: the table, searched by hand.
+    """
+    equipped = sensor("table1-apd", *trains.QUIET, "tdc.walk='raw'", "tdc.stops=3")
+    power = power_at_snr(equipped, 2000.0)
+    for distance, stops in ((60.0, 2), (8.0, 1)):
+        air = fog(power, end_m=distance)
+        light = train(np.array([[distance]]), np.array([[power]]), volume=air)
+        found = detect(light, equipped)
+        assert sum(int(stop.reported[0]) for stop in found.stops) == stops
+        first = found.stops[0]
+        assert first.source[0] == -1
+        assert first.status[0] == Status.WEATHER
+        range_m = np.linspace(0.0, 5.0, 500_001)
+        # 50 of 2000: the level; 10 % of it is what noise moves it by in five deviations.
+        crossed = range_m[np.argmax(air.shape.at(range_m / 150.0) >= 50.0 / 2000.0)]
+        assert first.range_m[0] == pytest.approx(crossed, abs=0.1 * crossed)
+        if stops == 2:
+            assert found.stops[1].source[0] == 0
+            assert found.stops[1].true_range_m[0] == pytest.approx(60.0, abs=1e-3)
+
+
+def lights(light, air, range_m):
+    """Power at the times of these ranges of the surfaces, of the drops and of the fog, pulse by pulse, by hand."""
+    pulses = [
+        part.peak_power_w.reshape(-1, part.count)[:, :, None]
+        * np.exp(-0.5 * ((range_m - part.range_m.reshape(-1, part.count)[:, :, None]) / SIGMA_M) ** 2)
+        for part in light.parts
+    ]
+    end_m = air.end_m[:, None]
+    left = norm.sf((range_m - end_m) / SIGMA_M - (2.0 * 0.05 + 2.0 / end_m) * SIGMA_M)  # (T37)
+    spread = air.scale[:, None] * left * np.interp(range_m, np.linspace(0.0, 150.0, 3001), air.shape.values)
+    return *(part.sum(axis=1) for part in pulses), spread
+
+
+def upward(power, level):
+    """Bins at which a waveform comes over a level."""
+    return np.flatnonzero((power[1:] >= level) & (power[:-1] < level)) + 1
+
+
+def test_a_crossing_is_of_the_light_that_makes_it():
+    """Two surfaces and two drops in fog, of any brightness, over bins of 2 mm: take some of it away, does the crossing
+    stay?
+
+    Where the air alone crosses too, within sigma_p / 10, the point is the air's; where it does not within a pulse width
+    it is a surface's. In between, in less than one of ten, both have a part in it. Of what is the air's fog and drops
+    are told apart alike. The true range of fog is the crossing, of others up to 6 sigma_p behind it: 100 levels high
+    they come to 1e-5 of their peak there, where fog leaves that little to the level. Noise is 1e-4 of the level and
+    moves a crossing by less than sigma_p / 50.
+    """
+    random, count = np.random.default_rng(12), 400
+    equipped, _, full = two_boards(1.0)
+    equipped = at_level(replace(equipped, tdc=replace(equipped.tdc, stops=8)), 0.05, full)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    level_w = float(np.ravel(point.power_w(equipped.threshold(point)))[0])
+    walls_m, drops_m = random.uniform(7.5, 30.0, (2, count, 2))
+    walls_w, drops_w = level_w * 10.0 ** random.uniform(-1.0, 2.0, (2, count, 2))
+    walls_m[::3] = random.uniform(7.5, 12.0, (len(walls_m[::3]), 2))
+    drops_w *= random.uniform(size=(count, 1)) < 0.5
+    end_m = walls_m.max(axis=1)
+    drops_w[drops_m > end_m[:, None]] = 0.0
+    bins_m = np.linspace(0.0, 150.0, 3001)
+    course = np.exp(-bins_m / 20.0) / (1.0 + np.exp((7.0 - bins_m) / 0.7))
+    top = 10.0 ** random.uniform(-0.5, 1.0, count)
+    top = np.where(np.abs(top - 1.0) < 0.1, 2.0 * top, top)  # a flat top at the level is crossed anywhere
+    air = volume(course, level_w * top, end_m)
+    light = train(walls_m, walls_w, volume=air)
+    light = replace(light, parts=(*light.parts, *train(drops_m, drops_w).parts))
+    found = detect(light, equipped)
+    range_m = np.arange(0.0, 40.0, 0.002)
+    by_kind = {"surface": 0, "drop": 0, "fog": 0}
+    judged = crossings = 0
+    for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):
+        of_air, even = (range_m[upward(one, level_w)] for one in (drops + spread, spread))
+        every = range_m[upward(walls + drops + spread, level_w)]
+        stops = [stop for stop in found.stops if stop.reported[pulse]]
+        assert [float(stop.range_m[pulse]) for stop in stops] == pytest.approx(every, abs=0.02 * SIGMA_M)
+        for crossing, stop in zip(every, stops, strict=True):
+
+            def apart(others, crossing=crossing):
+                return np.abs(others - crossing).min(initial=math.inf)
+
+            crossings += 1
+            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M:
+                continue
+            judged += 1
+            source, true_m = int(stop.source[pulse]), float(stop.true_range_m[pulse])
+            if apart(of_air) >= FWHM_M:
+                by_kind["surface"] += 1
+                assert stop.status[pulse] == Status.ECHO
+                assert source in (0, 1)
+                assert crossing < true_m < crossing + 6.0 * SIGMA_M
+                continue
+            assert stop.status[pulse] == Status.WEATHER
+            assert source in (-1, 2, 3)
+            if apart(even) < 0.1 * SIGMA_M:
+                by_kind["fog"] += 1
+                assert source == -1
+                assert true_m == pytest.approx(crossing, abs=0.02 * SIGMA_M)
+            elif apart(even) > FWHM_M:
+                by_kind["drop"] += 1
+                assert source in (2, 3)
+                assert crossing < true_m < crossing + 6.0 * SIGMA_M
+    assert judged > 0.9 * crossings
+    assert min(by_kind.values()) > 30
+
+
+def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():
+    """Two surfaces on fog that brightens to the right. Where noise lets the first pass and finds the valley behind it
+    over the level, fog alone rises in that valley, and what makes the crossing is the second.
+    """
+    equipped, count = sensor("table1-apd", "tdc.threshold_to_noise=6", "tdc.walk='raw'"), 2000
+    power = power_at_snr(equipped, 6.0)
+    course = np.exp(-((np.linspace(0.0, 150.0, 3001) - 14.0) ** 2) / 18.0)
+    air = volume(course, np.full(count, 0.3 * power), np.full(count, 11.1))
+    light = train(np.full((count, 2), (10.0, 11.1)), np.full((count, 2), power), volume=air)
+    range_m = np.arange(10.2, 10.9, 0.001)
+    one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
+    watts = sampled(one, equipped, range_m / HALF_C)[0][0]
+    valley_m = range_m[np.argmin(watts)]
+    first = detect(light, equipped).stops[0]
+    there = first.reported & (np.abs(first.range_m - valley_m) < 0.005)
+    assert there.sum() > 100
+    assert np.all(first.status[there] == Status.ECHO)
+    assert np.all(first.source[there] == 1)
+
+
+def test_fog_ends_at_the_surface():
+    """Behind the surface there is no light; before it the waveform is the table's."""
+    equipped = sensor("table1-apd")
+    air = fog(1e-6, end_m=20.0)
+    light = train(np.array([[20.0]]), np.array([[0.0]]), volume=air)
+    watts, _ = sampled(light, equipped, 2.0 / SPEED_OF_LIGHT_M_S * np.array([5.0, 15.0, 20.0, 25.0]))
+    course = 1e-6 * air.shape.at(np.array([5.0, 15.0, 20.0]) / 150.0)
+    # (T37): at the surface kappa sigma = (2 alpha + 2 / 20 m) sigma more than half of it.
+    at_surface = norm.cdf((2.0 * 0.05 + 2.0 / 20.0) * SIGMA_M)
+    np.testing.assert_allclose(
+        watts[0], [course[0], course[1], at_surface * course[2], 0.0], rtol=1e-9, atol=1e-15
+    )
+
+
+def test_the_hump_is_where_a_course_is_concave():
+    air = fog(1.0, end_m=100.0)
+    start, end = air.hump_m
+    bend = np.diff(air.shape.values, n=2)
+    place = np.arange(1, 3000) * 0.05
+    assert (bend[(place < start) | (place > end)] >= -1e-7).all()
+    assert 0.0 <= start < 4.0 < end < 40.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "samples", "good_to"), [("float64", 25, 1e-13), ("float32", 25, 3e-5), ("float32", 1024, 4e-4)]
+)
+def test_even_places_by_factors(kind, samples, good_to):
+    """Against an exponential for each pulse and place. A pulse 8 sigma_p from all places is 1e-14 of its height there;
+    each of the multiplications rounds by half a unit, 6e-8 in single precision, and a factor's own error adds up.
+    Places some 50 sigma_p off are good to 2e-6 there, which is 1e-5 of a flank, with factors or without.
+    """
+    random, spread = np.random.default_rng(3), 4.0 * pulse_sums.SIGMAS_PER_FWHM
+    pulses, count = 500, 12
+    start = random.uniform(-40.0, 40.0, pulses).astype(kind)
+    spacing = np.asarray(spread / (samples - 1), dtype=kind)
+    middle = start + np.asarray(0.5 * spread, dtype=kind)
+    centres = random.uniform(-50.0, 50.0, (count, pulses)).astype(kind)
+    centres[:4] = (middle + random.uniform(-5.0, 5.0, (4, pulses))).astype(kind)
+    heights = (1e-7 * random.uniform(0.0, 1.0, (count, pulses)) ** 3).astype(kind)
+    heights[1], centres[1] = 0.0, 0.0
+    parts, growths = pulse_sums.evenly(
+        start=start, spacing=spacing, middle=middle, centres=list(centres), heights=list(heights)
+    )
+    for number in range(samples):
+        at = (start + np.asarray(number, dtype=kind) * spacing).astype(kind)
+        found = pulse_sums.even_sum(at=at, middle=middle, parts=parts)
+        exact = start.astype(float) + number * spacing.astype(float)
+        wanted = pulse_sums.sum_of_pulses(
+            at=exact, centres=list(centres.astype(float)), heights=list(heights.astype(float))
+        )[0]
+        scale = np.maximum(wanted, 1e-3 * heights.max(axis=0))
+        assert np.max(np.abs(found - wanted) / scale) < good_to
+        parts = [part * growth for part, growth in zip(parts, growths, strict=True)]

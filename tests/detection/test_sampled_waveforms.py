@@ -1,0 +1,132 @@
+"""Waveforms of chosen pulses, and background counts of every pulse, from the whole chain."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers import chain
+
+from lidarscene.errors import InputError
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.optics import radiometry
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.model import Air
+from lidarscene.scene.weather import Weather
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+BEAM = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]
+FWHM_S = 6e-9
+WALL_M = 50.0
+
+
+def wall(**settings):
+    return chain.scene(chain.facing(range_m=WALL_M, size_m=20.0), **settings)
+
+
+def lidar_equation_w(sensor):
+    return radiometry.echo_power_w(
+        peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=0.1 / math.pi, range_m=WALL_M,
+        transmittance=0.98, aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rays", [1, 7])
+def test_a_walls_waveform_is_the_lidar_equations_gaussian(rays):
+    """Peak, place, width by energy: P sqrt(pi / (4 ln 2)) FWHM. Tolerance: single precision, and 7 rays that are up to
+    0.1 mm off: 1e-4.
+    """
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
+    arrival = 2.0 * WALL_M / SPEED_OF_LIGHT_M_S
+    times = arrival + np.linspace(-20e-9, 20e-9, 4001)
+    found = Simulator(wall(), sensor, rays=rays).waveforms([4], times)
+    peak = lidar_equation_w(sensor)
+    assert found.power_w.shape == found.signal.shape == (1, 4001)
+    assert found.power_w[0, 2000] == pytest.approx(peak, rel=1e-4)
+    energy = np.trapezoid(found.power_w[0].astype(np.float64), times)
+    assert energy == pytest.approx(peak * FWHM_S * math.sqrt(math.pi / (4.0 * math.log(2.0))), rel=1e-4)
+    np.testing.assert_allclose(found.range_m, 0.5 * SPEED_OF_LIGHT_M_S * times)
+    point = sensor.working_point(found.background_w.astype(np.float64))
+    np.testing.assert_allclose(found.signal[0], point.signal(found.power_w[0].astype(np.float64)), rtol=1e-5)
+    assert found.threshold[0] == pytest.approx(float(sensor.threshold(point)[0]), rel=1e-6)
+    assert found.unit == "A"
+
+
+def test_the_waveform_crosses_where_the_point_is():
+    """Of a quiet sensor that leaves the walk in: signal = threshold at the reported time.
+
+    Tolerance: 5 noises of an edge of SNR 1000 at a threshold of 50, 0.1 of the rise over 6 ns / 2.35: 2 mm.
+    """
+    options = ["tdc.threshold_to_noise=50", "tdc.walk='raw'", "tdc.jitter_ps=0", "tdc.lsb_ps=0"]
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *options, "laser.peak_power_w=2000")
+    simulator = Simulator(wall(), sensor)
+    cloud = simulator.render(seed=1)
+    found = simulator.waveforms(range(9), 2.0 / SPEED_OF_LIGHT_M_S * np.linspace(48.0, 50.0, 2001))
+    assert len(cloud) == 9
+    for pulse in range(9):
+        crossing = np.interp(found.threshold[pulse], found.signal[pulse], found.range_m)
+        assert cloud.range_m[pulse] == pytest.approx(crossing, abs=0.01)
+
+
+def test_pulses_are_those_of_the_frame_in_rising_order():
+    """Chosen or all together: the same waveforms; numbers go on with the frames."""
+    sensor = chain.sensor("table1-sipm", *chain.NARROW, *BEAM)
+    wet = dataclasses.replace(wall(), air=Air(weather=Weather(fog_visibility_m=100.0, rain_mm_h=20.0)))
+    simulator = Simulator(wet, sensor, rays=3)
+    times = np.linspace(0.0, 400e-9, 500)
+    every = simulator.waveforms(range(9), times, seed=3, number=2)
+    some = simulator.waveforms([7, 2, 3], times, seed=3, number=2)
+    assert some.pulse.tolist() == [20, 21, 25]
+    assert some.unit == "cells"
+    for name in ("power_w", "signal", "threshold", "background_w", "channel", "azimuth_rad", "elevation_rad"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[[2, 3, 7]])
+    # Fog's light comes first, and rain differs from pulse to pulse.
+    assert every.power_w[:, times < 100e-9].max() > 1e-9
+    assert not np.array_equal(every.power_w[0], every.power_w[1])
+
+
+def test_without_times_it_is_the_window():
+    sensor = chain.sensor("table1-apd", *chain.NARROW, "tdc.window_us=1")
+    found = Simulator(wall(), sensor).waveforms([0])
+    step = np.diff(found.time_s)
+    assert found.time_s[0] == 0.0
+    assert 1e-6 - FWHM_S / 16 < found.time_s[-1] <= 1e-6
+    np.testing.assert_allclose(step, FWHM_S / 16)
+
+
+@pytest.mark.parametrize(
+    ("pulses", "message"), [([9], "0 to 8 was expected"), ([-1], "-1 came"), ([], "0 came")]
+)
+def test_pulses_that_are_none(pulses, message):
+    with pytest.raises(InputError, match=message):
+        Simulator(wall(), chain.sensor("table1-apd", *chain.NARROW)).waveforms(pulses)
+
+
+def test_ambient_counts_of_every_pulse():
+    """Mean photoelectrons by the closed form of a sunlit wall, of pulses with and without points; whatever the chunk.
+
+    5 sigma of the mean of 441 Poisson numbers: 6e-7 false alarms.
+    """
+    fine = [f"scanner.{axis}_{what}_deg={value}" for axis in ("azimuth", "elevation")
+            for what, value in (("fov", 2.0), ("step", 0.1))]  # fmt: skip
+    sensor = chain.sensor("table1-apd", *fine, "laser.peak_power_w=1e-3")
+    simulator = Simulator(wall(), sensor)
+    pulses, counts = [], []
+
+    def gathered(pulse, values):
+        pulses.append(pulse)
+        counts.append(values)
+
+    cloud = simulator.render(seed=4, chunk=100, ambient=gathered)
+    assert len(cloud) < 50
+    pulse, found = np.concatenate(pulses), np.concatenate(counts)
+    np.testing.assert_array_equal(pulse, np.arange(441))
+    background = simulator.waveforms([220]).background_w[0]
+    rate, _ = sensor.detector.background_counts(
+        background_power_w=background, photon_energy_j=sensor.laser.photon_energy_j
+    )
+    mean = float(rate * sensor.tdc.ambient_s)
+    # The aperture falls with the cosine of the scan angle, 1.5e-4 at a degree.
+    assert abs(found.mean() - mean) < 5.0 * math.sqrt(mean / 441) + 1e-3 * mean
+    assert 0.7 < found.var() / mean < 1.4

@@ -1,0 +1,300 @@
+"""PLY files: exactly what went in comes out, other programs read them, broken ones are refused."""
+
+import errno
+import io
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from helpers.clouds import assert_same, small_cloud, small_columns
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError, OutputError
+from lidarscene.formats import described, ply
+from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.ply import write_ply
+
+TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
+
+
+def header_of(path: Path) -> list[str]:
+    return path.read_bytes().split(b"end_header\n")[0].decode("ascii").splitlines()
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+@pytest.mark.parametrize("truth", [False, True])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("n", [0, 1, 100])
+def test_round_trip(tmp_path: Path, n: int, dtype: Any, truth: bool, ascii: bool) -> None:
+    path = tmp_path / "a.ply"
+    cloud = small_cloud(n, truth=truth, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
+    cloud.save(path, ascii=ascii)
+    assert_same(PointCloud.load(path), cloud)
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ascii: bool) -> None:
+    monkeypatch.setattr(ply, "BLOCK_POINTS", 8)
+    for n in (7, 8, 9, 24):
+        cloud = small_cloud(n)
+        write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+        assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_extreme_numbers(tmp_path: Path, ascii: bool) -> None:
+    tiny, big = np.finfo(np.float32).smallest_subnormal, np.float32(3.4e38)
+    snr = np.array([tiny, big, -big, np.inf, -np.inf, 0.1, -0.0], np.float32)
+    time_s = np.array([5e-324, 1e300, 1 / 3, 0.1, 1e-9, 2**53 + 1, 0.0])
+    cloud = small_cloud(7, snr=snr, time_s=time_s, channel=np.array([2**31 - 1, -(2**31), 0, 1, 2, 3, 4]))
+    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+    assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_any_text_survives(tmp_path: Path, ascii: bool) -> None:
+    metadata = {
+        "scene": "Straße\n\r\t\\n end_header TextureFile 雪 \udce9",
+        "two words": " spaces ",
+        "empty": "",
+        "unit": "reserved",
+        "+": "reserved",
+        "class": "reserved",
+        "long": "abcé " * 2000,
+    }
+    cloud = small_cloud(3, metadata=metadata, class_names=("", " a b ", "long " * 500))
+    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+    assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
+    assert max(map(len, header_of(tmp_path / "a.ply"))) < 1000
+    vertices = trimesh.load(tmp_path / "a.ply").vertices
+    np.testing.assert_array_equal(vertices, cloud.xyz_m.astype(np.float64))
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_header(tmp_path: Path, dtype: Any, ascii: bool) -> None:
+    cloud = small_cloud(xyz_m=small_columns()["xyz_m"].astype(dtype))
+    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+    lines = header_of(tmp_path / "a.ply")
+    assert lines[:3] == [
+        "ply",
+        "format ascii 1.0" if ascii else "format binary_little_endian 1.0",
+        "comment lidarscene 2",
+    ]
+    assert "comment sensor test" in lines
+    assert "comment unit time s" in lines
+    assert "comment class 1 car" in lines
+    start = lines.index("element vertex 7")
+    position = TYPES[np.dtype(dtype).name]
+    assert lines[start + 1 :] == [
+        f"property {position if c.name in 'xyz' else TYPES[c.dtype]} {c.name}" for c in COLUMNS
+    ]
+
+
+def test_size_is_header_plus_points(tmp_path: Path) -> None:
+    for n in (0, 5):
+        write_ply(tmp_path / "a.ply", small_cloud(n))
+        head = tmp_path.joinpath("a.ply").read_bytes().index(b"end_header\n") + len(b"end_header\n")
+        assert (tmp_path / "a.ply").stat().st_size == head + n * (
+            12 + 8 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4
+        )
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_trimesh_reads_positions(tmp_path: Path, dtype: Any, ascii: bool) -> None:
+    cloud = small_cloud(50, xyz_m=small_columns(50)["xyz_m"].astype(dtype))
+    write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
+    vertices = trimesh.load(tmp_path / "a.ply").vertices
+    np.testing.assert_allclose(vertices, cloud.xyz_m, rtol=1e-7)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d: ModuleType) -> None:
+    cloud = small_cloud(
+        50,
+        xyz_m=small_columns(50)["xyz_m"].astype(dtype),
+        metadata={"scene": "ä" * 3000 + "\nend_header"},
+    )
+    path = tmp_path / "a.ply"
+    write_ply(path, cloud, ascii=ascii)
+    legacy = open3d.io.read_point_cloud(str(path))
+    np.testing.assert_allclose(np.asarray(legacy.points), cloud.xyz_m, rtol=1e-7)
+    tensor = open3d.t.io.read_point_cloud(str(path))
+    assert set(tensor.point) == {"positions"} | {c.name for c in COLUMNS[3:]}
+    np.testing.assert_array_equal(tensor.point["positions"].numpy(), cloud.xyz_m, strict=True)
+    largest = np.finfo(np.float32).max
+    for c in COLUMNS[3:]:
+        values = cloud.column(c.name)[:, None]
+        if ascii and c.dtype == "float32":
+            values = np.where(np.isinf(values), largest, values)
+        np.testing.assert_array_equal(tensor.point[c.name].numpy(), values, strict=True)
+
+
+def test_open3d_takes_a_file_without_points(tmp_path: Path, open3d: ModuleType) -> None:
+    write_ply(tmp_path / "a.ply", small_cloud(0))
+    assert len(open3d.io.read_point_cloud(str(tmp_path / "a.ply")).points) == 0
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
+    """Rationale: a copy that broke off must never pass for a frame with fewer points."""
+    whole, cut = tmp_path / "a.ply", tmp_path / "b.ply"
+    write_ply(whole, small_cloud(3), ascii=ascii)
+    data = whole.read_bytes()
+    for size in range(0, len(data), 1 if ascii else 7):
+        cut.write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"^.*b\.ply: [^\n]+$"):
+            PointCloud.load(cut)
+    cut.write_bytes(data + b"\n")
+    with pytest.raises(InputError, match="longer than its header says"):
+        PointCloud.load(cut)
+
+
+def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, small_cloud(3))
+    size = path.stat().st_size
+    os.truncate(path, size - 10)
+    with pytest.raises(InputError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == f"{path}: truncated: must have {size} bytes for 3 points, got {size - 10}"
+    write_ply(path, small_cloud(3), ascii=True)
+    os.truncate(path, path.stat().st_size - 1)
+    with pytest.raises(InputError, match="truncated: must have 3 lines of points, got 2"):
+        PointCloud.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"ply\n", b"plo\n", "not a PLY file"),
+        (b"ply\n", b"\x89PNG\r\n", "not a PLY file"),
+        (b"comment lidarscene 2\n", b"comment lidarscene 9\n", "no 'comment lidarscene 2'"),
+        (b"property float snr\n", b"", "the properties are not those of lidarscene"),
+        (b"property float snr\n", b"property double snr\n", "the properties are not those of lidarscene"),
+        (b"element vertex 3", b"element vertex -3", "damaged PLY header near 'format"),
+        (b"element vertex 3", b"element face 3", "damaged PLY header near 'format"),
+        (b"element vertex 3", b"element vertex 999999999999999999", "truncated"),
+        (b"little", b"big", "damaged PLY header"),
+        (b"comment frame sensor", b"comment frame moon", "'frame' must be 'sensor'"),
+    ],
+)
+def test_foreign_and_damaged_files_are_refused(tmp_path: Path, old: bytes, new: bytes, message: str) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, small_cloud(3))
+    data = path.read_bytes()
+    assert old in data
+    path.write_bytes(data.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        PointCloud.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_damaged_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, small_cloud(3), ascii=True)
+    head, body = path.read_text().split("end_header\n")
+    for broken in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
+        path.write_text(head + "end_header\n" + broken)
+        with pytest.raises(InputError, match=r"^.*a\.ply: [^\n]+$"):
+            PointCloud.load(path)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.ply: cannot be read: No such file"):
+        PointCloud.load(tmp_path / "none.ply")
+    with pytest.raises(InputError, match="Is a directory"):
+        PointCloud.load(tmp_path, format="ply")
+
+
+def test_disk_full_in_the_middle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.ply"
+    write_ply(path, small_cloud(3))
+    before = path.read_bytes()
+
+    class Full(io.FileIO):
+        def write(self, data: Any) -> int:
+            if self.tell() > 0:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return super().write(data)
+
+    monkeypatch.setattr(described, "open", lambda name, mode: Full(name, "w"), raising=False)
+    with pytest.raises(OutputError) as caught:
+        write_ply(path, small_cloud(50))
+    assert str(caught.value) == f"{path}: cannot be written: No space left on device"
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
+SLOW_WRITER = """
+import sys, time
+sys.path[:0] = sys.argv[2:]
+from helpers.clouds import small_cloud
+from lidarscene.formats import ply
+text = ply._as_text
+def slow(part):
+    print("block", flush=True)
+    time.sleep(0.05)
+    return text(part)
+ply._as_text, ply.BLOCK_POINTS = slow, 2
+ply.write_ply(sys.argv[1], small_cloud(10000), ascii=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kill -9")
+def test_kill_9_leaves_the_old_file(tmp_path: Path) -> None:
+    """Rationale: clusters kill jobs. The next write also clears what the killed one left."""
+    path = tmp_path / "a.ply"
+    write_ply(path, small_cloud(3))
+    folders = [str(Path(__file__).parents[2]), str(Path(ply.__file__).parents[2])]
+    child = subprocess.Popen(
+        [sys.executable, "-c", SLOW_WRITER, str(path), *folders], stdout=subprocess.PIPE, text=True
+    )
+    assert child.stdout is not None
+    with child.stdout:
+        for _ in range(3):
+            assert child.stdout.readline() == "block\n"
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    assert sorted(os.listdir(tmp_path)) == [f".a.ply.{child.pid}.part", "a.ply"]
+    assert_same(PointCloud.load(path), small_cloud(3))
+    write_ply(path, small_cloud(4))
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
+def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
+    """Rationale: 10 million points are a second's work for NumPy, and minutes for lines of Python.
+
+    What is counted is lines and calls, of Python and of C: as many for 10,000 points as for 10, both one block.
+    """
+
+    def steps(points: int) -> int:
+        cloud, counted = small_cloud(points), [0]
+
+        def count(*_: Any) -> Any:
+            counted[0] += 1
+            return count
+
+        before = sys.gettrace(), sys.getprofile()
+        sys.settrace(count)
+        sys.setprofile(count)
+        try:
+            write_ply(tmp_path / "a.ply", cloud)
+        finally:
+            sys.setprofile(before[1])
+            sys.settrace(before[0])
+        return counted[0]
+
+    steps(10)  # the first of a process imports and caches
+    assert 100 < steps(10_000) <= steps(10) + 10

@@ -1,0 +1,242 @@
+"""Every format: what comes back, what is refused, and that a file appears whole or not at all."""
+
+import errno
+import os
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import street
+from helpers.clouds import assert_same, small_cloud, small_columns
+from helpers.formats import PLACED, file_of, need
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError, LidarSceneError, OutputError
+from lidarscene.files import optional
+from lidarscene.formats import las
+from lidarscene.formats.registry import FORMATS, format_of
+
+READ = [name for name, one in FORMATS.items() if one.read]
+EXACT = [name for name in READ if name not in ("las", "laz")]
+
+
+@pytest.mark.parametrize("truth", [False, True])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("n", [0, 1, 100])
+@pytest.mark.parametrize("name", EXACT)
+def test_round_trip(tmp_path: Path, name: str, n: int, dtype: Any, truth: bool) -> None:
+    need(name)
+    path = file_of(tmp_path, name)
+    cloud = small_cloud(n, truth=truth, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
+    cloud.save(path, format=name)
+    assert_same(PointCloud.load(path, format=name), cloud)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_round_trip_of_text(tmp_path: Path) -> None:
+    for n in (0, 1, 100):
+        cloud = small_cloud(n)
+        cloud.save(tmp_path / "a.pcd", ascii=True)
+        assert_same(PointCloud.load(tmp_path / "a.pcd"), cloud)
+
+
+@pytest.mark.parametrize("name", ["las", "laz"])
+@pytest.mark.parametrize("n", [0, 1, 100])
+def test_las_keeps_all_but_the_last_digits_of_positions(tmp_path: Path, name: str, n: int) -> None:
+    """Tolerance: half of the step that LAS has, and float32 of 100 m."""
+    need(name)
+    cloud = small_cloud(n)
+    cloud.save(file_of(tmp_path, name))
+    back = PointCloud.load(file_of(tmp_path, name))
+    np.testing.assert_allclose(back.xyz_m, cloud.xyz_m, rtol=0, atol=0.5 * las.STEP_M + 4e-6)
+    assert back.xyz_m.dtype == np.float32
+    same = {"xyz_m": cloud.xyz_m, "range_m": cloud.range_m}
+    assert_same(back.__class__(**{f: getattr(back, f) for f in back.__dataclass_fields__} | same), cloud)
+
+
+@pytest.mark.parametrize("name", READ)
+def test_any_text_survives(tmp_path: Path, name: str) -> None:
+    """Rationale: names come from file names and editors. More than 64 kB of them must not break a header."""
+    need(name)
+    metadata = {
+        "scene": "Straße\n\r\t\\n end_header 雪 \udce9 # VERSION",
+        "two words": " s ",
+        "long": "abcé " * 20000,
+    }
+    cloud = small_cloud(3, metadata=metadata, class_names=("", " a b ", "long " * 500))
+    cloud.save(file_of(tmp_path, name), format=name)
+    back = PointCloud.load(file_of(tmp_path, name), format=name)
+    assert (back.metadata, back.class_names) == (cloud.metadata, cloud.class_names)
+
+
+def test_suffix_names_the_format() -> None:
+    """The longest suffix counts, in any case; a name wins over the suffix."""
+    assert format_of("a/b.pcd.bin") is FORMATS["nuscenes"]
+    assert format_of("a/b.PCD.BIN") is FORMATS["nuscenes"]
+    assert format_of("a/b.bin") is FORMATS["kitti"]
+    assert format_of("b.pcd") is FORMATS["pcd"]
+    assert format_of("b.mcap") is FORMATS["mcap"]
+    assert format_of("b.ply", "osi") is FORMATS["osi"]
+    with pytest.raises(
+        InputError, match=r"b\.xyz: suffix '\.xyz' names no point cloud format; known: \.ply, \.pcd"
+    ):
+        format_of("b.xyz")
+    with pytest.raises(InputError, match="format 'ascii': there is none; the choices are ply"):
+        format_of("b.ply", "ascii")
+
+
+@pytest.mark.parametrize("name", sorted(set(FORMATS) - set(READ)))
+def test_written_only_formats_say_so(tmp_path: Path, name: str) -> None:
+    with pytest.raises(
+        InputError, match="are written only, they do not hold all of a point cloud; those that do: ply"
+    ):
+        PointCloud.load(file_of(tmp_path, name), format=name)
+
+
+def test_only_text_formats_take_ascii(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.npz: this format is not text"):
+        small_cloud().save(tmp_path / "a.npz", ascii=True)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.extra])
+def test_a_missing_package_is_told_with_what_to_type(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    extra = FORMATS[name].extra
+    for module in list(sys.modules):
+        if module.partition(".")[0] in optional.EXTRAS[extra]:
+            monkeypatch.setitem(sys.modules, module, None)
+    for module in optional.EXTRAS[extra]:
+        monkeypatch.setitem(sys.modules, module, None)
+    for action in (FORMATS[name].require, lambda: small_cloud().save(file_of(tmp_path, name), format=name)):
+        with pytest.raises(
+            LidarSceneError, match=rf"try: pip install 'lidarscene\[{extra}\]', or pip install"
+        ) as caught:
+            action()
+        assert "\n" not in str(caught.value)
+    assert os.listdir(tmp_path) == []
+
+
+def test_extras_are_those_of_pyproject() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    for extra, packages in optional.EXTRAS.items():
+        declared = {line.split(">")[0] for line in project["optional-dependencies"][extra]}
+        assert declared == set(packages.values())
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    need(name)
+    path = file_of(tmp_path, name)
+    path.write_bytes(b"old")
+    real = os.replace
+
+    def full(source: Any, target: Any) -> None:
+        if str(target) == str(path):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        small_cloud().save(path, format=name)
+    assert (path.read_bytes(), os.listdir(tmp_path)) == (b"old", [path.name])
+
+
+@pytest.mark.parametrize("name", [name for name in READ if name != "ply"])
+def test_truncated_and_foreign_files_are_refused(tmp_path: Path, name: str) -> None:
+    """Rationale: a copy that broke off must never pass for a frame with fewer points."""
+    need(name)
+    path, broken = file_of(tmp_path, name), tmp_path / f"b{FORMATS[name].suffix}"
+    small_cloud(30).save(path, format=name)
+    data = path.read_bytes()
+    # The last bytes of a LAZ are its chunk table, without which a reader may still find the points.
+    for size in np.linspace(0, len(data) - 40, 25, dtype=int):
+        broken.write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"^.*b\.[a-z.]+: [^\n]+$"):
+            PointCloud.load(broken, format=name)
+    broken.write_bytes(b"something else entirely\n" * 100)
+    with pytest.raises(InputError, match=r"cannot be read: [^\n]+$"):
+        PointCloud.load(broken, format=name)
+    with pytest.raises(InputError, match="No such file"):
+        PointCloud.load(tmp_path / "none", format=name)
+
+
+@pytest.mark.parametrize("name", ["npz", "parquet", "las", "pcd"])
+def test_files_of_other_programs_are_refused(tmp_path: Path, name: str) -> None:
+    need(name)
+    path = file_of(tmp_path, name)
+    if name == "npz":
+        np.savez(path, x=np.zeros(3))
+    elif name == "parquet":
+        import pyarrow
+        import pyarrow.parquet
+
+        pyarrow.parquet.write_table(pyarrow.table({"x": [1.0]}), path)
+    elif name == "las":
+        import laspy
+
+        laspy.LasData(laspy.LasHeader(version="1.4", point_format=6)).write(path)
+    else:
+        path.write_text("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nDATA ascii\n")
+    with pytest.raises(InputError, match=r"not (a point cloud of|written by) lidarscene"):
+        PointCloud.load(path)
+
+
+def test_pcd_counts_its_points(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcd"
+    for ascii in (False, True):
+        small_cloud(5).save(path, ascii=ascii)
+        path.write_bytes(path.read_bytes().replace(b"POINTS 5", b"POINTS 6"))
+        with pytest.raises(
+            InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"
+        ):
+            PointCloud.load(path)
+
+
+def test_las_refuses_what_its_integers_cannot_hold(tmp_path: Path) -> None:
+    need("las")
+    far = np.zeros((2, 3), np.float64)
+    far[1, 0] = 3e4
+    with pytest.raises(InputError, match=r"a\.las: LAS holds points up to 21475 m from the sensor"):
+        small_cloud(2, xyz_m=far).save(tmp_path / "a.las")
+
+
+def test_coordinates_of_a_map_survive(tmp_path: Path) -> None:
+    """Rationale: UTM. LAS counts from near the sensor; tolerance: half a step, and float64 of 5e6 m."""
+    xyz_m = np.array([[400000.123456, 5000000.654321, 12.0], [400100.5, 5000001.5, 13.0]])
+    metadata = PLACED | {"sensor_position_m": "400000.4 5000000.4 10"}
+    cloud = small_cloud(2, xyz_m=xyz_m, metadata=metadata)
+    for name in EXACT:
+        need(name)
+        cloud.save(file_of(tmp_path, name), format=name)
+        np.testing.assert_array_equal(PointCloud.load(file_of(tmp_path, name), format=name).xyz_m, xyz_m)
+    need("las")
+    cloud.save(tmp_path / "a.las")
+    back = PointCloud.load(tmp_path / "a.las")
+    np.testing.assert_allclose(back.xyz_m, xyz_m, rtol=0, atol=0.5 * las.STEP_M + 2e-9)
+
+
+def test_in_sensor_frame() -> None:
+    """A sensor turned to the left by 90 degrees: what lies to the world's left is in front of it."""
+    cloud = small_cloud(1, xyz_m=np.array([[1.0, 12.0, 3.5]]), metadata=PLACED).in_sensor_frame()
+    np.testing.assert_allclose(cloud.xyz_m, [[10.0, 0.0, 0.5]])
+    assert cloud.metadata == {"frame": "sensor"}
+    assert cloud.in_sensor_frame() is cloud
+    world, own = street.cloud("world"), street.cloud("sensor")
+    # float32 of 40 m, on two ways.
+    np.testing.assert_allclose(world.in_sensor_frame().xyz_m, own.xyz_m, atol=2e-5)
+
+
+def test_a_cloud_that_does_not_know_its_sensor_cannot_be_turned(tmp_path: Path) -> None:
+    metadata = {"frame": "world", "sensor_position_m": "1 2 3"}
+    for name in ("kitti", "nuscenes", "osi"):
+        if name != "osi":  # angles and ranges are the sensor's own in any frame
+            with pytest.raises(InputError, match="how the sensor was turned"):
+                small_cloud(metadata=metadata).save(file_of(tmp_path, name))
+    bad = small_cloud(metadata=PLACED | {"sensor_rotation": "1 2"})
+    with pytest.raises(ValueError, match="'sensor_rotation': must be 9 numbers, got '1 2'"):
+        bad.in_sensor_frame()

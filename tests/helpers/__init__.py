@@ -1,0 +1,1 @@
+"""What tests share: scenes, brute-force references, readers, browsers. No test imports a test."""

@@ -1,0 +1,29 @@
+"""What the tests of the view share: a scene file, a browser or a reason."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from helpers.chromium import Chromium, executable
+from helpers.small_scene import SCENE
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    """A wall that faces the sun, a pane and a ball, before the coarse raster."""
+    path = tmp_path / "view.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chromium]:
+    """A headless Chromium; without one the test is skipped, or fails with LIDARSCENE_REQUIRE_CHROMIUM=1."""
+    if executable() is None:
+        if os.environ.get("LIDARSCENE_REQUIRE_CHROMIUM") == "1":
+            pytest.fail("LIDARSCENE_REQUIRE_CHROMIUM=1, and there is no Chromium")
+        pytest.skip("no Chromium on this machine: apt-get install chromium")
+    with Chromium(tmp_path / "profile") as chromium:
+        yield chromium

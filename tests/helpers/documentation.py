@@ -1,0 +1,170 @@
+"""The pages of the documentation and what stands in them: blocks, spans, files, commands, numbers."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = (README, *sorted((ROOT / "docs").glob("*.md")))
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, and the text block that follows it as its output, if any."""
+
+    page: Path
+    number: int
+    language: str
+    code: str
+    output: str | None
+
+    def __str__(self) -> str:
+        return f"{self.page.name}-{self.number}"
+
+    @property
+    def file_name(self) -> str | None:
+        """The name of the file that the block is, if its first line says one."""
+        named = re.match(r"(?:#|<!--) (\S+\.\w+)(?: -->)?\n", self.code)
+        return named[1] if named else None
+
+
+def blocks(page: Path, language: str = r"\w+") -> list[Block]:
+    pattern = rf"^```({language})\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?"
+    found = re.finditer(pattern, text_of(page), re.MULTILINE | re.DOTALL)
+    return [Block(page, i, match[1], match[2], match[3]) for i, match in enumerate(found)]
+
+
+def prose(page: Path) -> str:
+    """The page without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+
+
+def code_spans(page: Path) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", prose(page))
+
+
+def shell_lines(page: Path) -> list[str]:
+    """The lines of its shell blocks without their remarks."""
+    lines = [line for block in blocks(page, "sh") for line in block.code.splitlines()]
+    return [re.split(" #", line)[0].strip() for line in lines]
+
+
+def commands(page: Path) -> list[str]:
+    """Every `lidarscene ...` line of a shell block, then every such code span that has arguments."""
+    lines = [line.removeprefix(".venv/bin/") for line in (*shell_lines(page), *code_spans(page))]
+    return list(dict.fromkeys(line for line in lines if line.startswith("lidarscene ")))
+
+
+def make_workplace(folder: Path, page: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a folder look like the repository's root, with the files that the page shows, and go there."""
+    for name in ("scenes", "assets"):
+        if not (folder / name).exists():
+            (folder / name).symlink_to(ROOT / name, target_is_directory=True)
+    (folder / "out").mkdir(exist_ok=True)
+    for block in blocks(page):
+        if block.file_name:
+            (folder / block.file_name).write_text(block.code, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def in_order(page: Path) -> Iterator[Block]:
+    """The blocks that do something, from the top of the page to its end."""
+    return (block for block in blocks(page) if block.language in ("python", "sh"))
+
+
+# --- numbers ----------------------------------------------------------------------------------------
+
+NEAR = type(pytest.approx(0.0))
+WORDS = [
+    "zero",
+    "one",
+    "two",
+    "three",
+    "four",
+    "five",
+    "six",
+    "seven",
+    "eight",
+    "nine",
+    "ten",
+    "eleven",
+    "twelve",
+]
+PLAIN = r"(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?"
+SIGNED = rf"[-+]?{PLAIN}"
+WORD = r"\b(?:" + "|".join(WORDS[1:]) + r")\b"
+
+
+def value_of(printed: str) -> tuple[float, float]:
+    """A number as printed (`49,643`, `-0.07`, `2.9e-4`, `seven`) and half a unit of its last digit."""
+    if printed.lower() in WORDS:
+        return float(WORDS.index(printed.lower())), 0.0
+    number = Decimal(re.sub("[ ,]", "", printed))
+    exponent = number.as_tuple().exponent
+    assert isinstance(exponent, int)
+    return float(number), 0.5 * 10.0**exponent
+
+
+def differs(printed: str, computed: Any) -> str:
+    """Why this is not the computed number to the digits printed, or nothing.
+
+    An approximation of pytest says its own tolerance, a string is meant word for word.
+    """
+    if isinstance(computed, str):
+        return "" if printed == computed else f"the page says {printed}, which is {computed}"
+    value, half = value_of(printed)
+    if isinstance(computed, NEAR):
+        return "" if value == computed else f"the page says {printed}, computed {computed}"
+    # The last digit may be rounded either way where the computed one lies in the middle.
+    right = abs(value - float(computed)) <= half * (1.0 + 1e-6) + 1e-12 * abs(value)
+    return "" if right else f"the page says {printed}, computed {float(computed):.9g}"
+
+
+def told(page: str, words: str) -> list[str]:
+    """The numbers in place of each `{}` of these words, which stand on the page once. Line breaks do not count."""
+    path = README if page == README.name else ROOT / "docs" / page
+    parts = [r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in words.split("{}")]
+    pattern = rf"(?<![\d.]){f'({SIGNED}|{WORD})'.join(parts)}(?![\d%])"
+    found = list(re.finditer(pattern, text_of(path), re.IGNORECASE))
+    assert len(found) == 1, f"{page} says {len(found)} times: {words}"
+    return list(found[0].groups())
+
+
+def says(page: str, words: str, *computed: Any) -> None:
+    """The numbers that `told` finds are the computed ones, to the digits printed."""
+    compare(f"{page}: {words}", told(page, words), computed)
+
+
+def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None:
+    assert len(printed) == len(computed), f"{where}: {len(printed)} numbers, {len(computed)} computed"
+    wrong = [why for pair in zip(printed, computed, strict=True) if (why := differs(*pair))]
+    assert not wrong, f"{where}: {'; '.join(wrong)}"
+
+
+def table(page: str, header: str) -> list[list[str]]:
+    """The cells of the one table whose heading line begins so, row by row, without the heading."""
+    path = README if page == README.name else ROOT / "docs" / page
+    pattern = rf"^ *\| {re.escape(header)}.*\n *\|[-:| ]+\|\n((?: *\|.*\n?)+)"
+    (body,) = re.findall(pattern, text_of(path), re.MULTILINE)
+    return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in body.splitlines()]
+
+
+def numbers(cell: str) -> list[str]:
+    """The numbers in a cell, without those of names in code."""
+    return re.findall(rf"(?<![\w.^-]){SIGNED}(?![\d.]*\w)", re.sub(r"`[^`]*`", "", cell))
+
+
+def row_says(row: Sequence[str], *computed: Any) -> None:
+    """All numbers of a row of a table, from the left to the right, are the computed ones."""
+    compare(" | ".join(row), [number for cell in row for number in numbers(cell)], computed)

@@ -1,0 +1,41 @@
+"""Formats of point clouds: what a test needs of them, and how messages are read."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene.errors import LidarSceneError
+from lidarscene.formats.registry import FORMATS
+
+PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
+
+
+def need(name: str) -> None:
+    """Skip where the format's packages cannot be had."""
+    try:
+        FORMATS[name].require()
+    except LidarSceneError as error:
+        pytest.skip(str(error))
+
+
+def file_of(folder: Path, name: str) -> Path:
+    return folder / f"a{FORMATS[name].suffix}"
+
+
+def rotated(quaternion: tuple[float, ...], vectors: np.ndarray) -> np.ndarray:
+    """q v q*, by the cross-product form."""
+    w, axis = quaternion[0], np.array(quaternion[1:])
+    return vectors + 2 * w * np.cross(axis, vectors) + 2 * np.cross(axis, np.cross(axis, vectors))
+
+
+def osi_messages(path: Path, kind: str, library: Any) -> list[Any]:
+    betterosi = library("betterosi")
+    return list(betterosi.read(str(path), osi_message_type=kind))
+
+
+def value_at(message: Any, path: tuple[str, ...]) -> Any:
+    for name in path:
+        message = getattr(message, name)
+    return message

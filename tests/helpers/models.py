@@ -1,0 +1,29 @@
+"""Every file model by name."""
+
+from types import UnionType
+from typing import Any
+
+from lidarscene.batch.file import JobFile
+from lidarscene.files.toml import FileModel
+from lidarscene.materials.file import MaterialFile
+from lidarscene.scene.file import SceneFile
+from lidarscene.sensor.file import SensorFile
+from lidarscene.sensor.rig_file import RigFile
+
+
+def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
+    """These file models and all models inside them, by name."""
+    found = {}
+    todo: list[Any] = list(roots)
+    while todo:
+        one = todo.pop()
+        if isinstance(one, type) and not isinstance(one, UnionType) and issubclass(one, FileModel):
+            if one.__name__ not in found:
+                found[one.__name__] = one
+                todo += [info.annotation for info in one.model_fields.values()]
+        else:
+            todo += getattr(one, "__args__", ())
+    return found
+
+
+MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)

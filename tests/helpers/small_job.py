@@ -1,0 +1,56 @@
+"""A small job: a wall under two suns, two seeds, a coarse raster; and a cluster of two processes."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.walls import WALL
+from lidarscene.batch import cluster
+from lidarscene.batch.tasks import Job
+
+JOB = """
+scenes = ["wall.toml"]
+seeds = [0, 7]
+[sweep.scene]
+"sun.illuminance_klux" = [1, 100]
+[sweep.sensor]
+"scanner.azimuth_fov_deg" = [40]
+"scanner.elevation_fov_deg" = [20]
+"scanner.azimuth_step_deg" = [{step}]
+"scanner.elevation_step_deg" = [{step}]
+"""
+
+
+@pytest.fixture
+def job_file(tmp_path: Path) -> Path:
+    """Four frames of 21 x 11 beams."""
+    return _write_job(tmp_path)
+
+
+@pytest.fixture
+def write_job() -> Callable[..., Path]:
+    """Writes such a job into a folder, with another raster."""
+    return _write_job
+
+
+def _write_job(folder: Path, step: float = 2.0) -> Path:
+    (folder / "wall.toml").write_text(WALL, encoding="utf-8")
+    path = folder / "job.toml"
+    path.write_text(JOB.format(step=step), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def job(job_file: Path) -> Job:
+    return Job.read(job_file)
+
+
+@pytest.fixture(scope="module")
+def client(mi: Any) -> Iterator[Any]:
+    """Of two worker processes."""
+    pytest.importorskip("distributed")
+    pytest.importorskip("pyarrow")
+    with cluster.local_client(2) as client:
+        yield client

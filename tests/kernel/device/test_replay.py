@@ -1,0 +1,190 @@
+"""Stages that are launched again rather than written down again: the same answers, bit by bit."""
+
+import dataclasses
+import gc
+import sys
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.errors import InputError
+from lidarscene.kernel.device import transfer
+from lidarscene.maths.pose import Pose
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.rendering.stages import Chain
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+SCENES = Path(__file__).parents[3] / "scenes"
+COARSE = ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
+ADC = ("sampler.type='adc'", "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-4")
+CASES = {
+    "drive": ("drive", "table1-apd", ()),
+    "glass": ("glass", "table1-apd", ()),
+    "leaves": ("foliage", "table1-apd", ()),
+    "table of cells": ("car", "table1-sipm", ("detector.statistics='time_domain'",)),
+    "drops": ("rain", "biaxial-905", ()),
+    "fog": ("fog", "table1-sipm", ("tdc.stops=3", "tdc.keep='strongest'")),
+    "other lidars": ("interference", "table1-apd", ("tdc.stops=2",)),
+    "both edges": ("retro", "table1-sipm", ("tdc.edges='both'",)),
+    "jitter": ("car", "table1-apd", ("scanner.jitter_mrad=1.0",)),
+    "ADC": ("car", "table1-apd", ADC),
+}
+
+
+def frames(simulator):
+    """Other seeds, places, numbers of the frame and lengths of chunks; of each every column."""
+    moved = simulator.pose @ Pose.from_degrees(position_m=(0.4, 0.3, 0.1), yaw_deg=3.0)
+    told = ({}, {}, {}, {"pose": moved}, {"chunk": 1500}, {"number": 3}, {"coordinates": "sensor"})
+    for seed, arguments in enumerate(told):
+        yield simulator.render(seed=seed, **arguments)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(case, monkeypatch):
+    """Of one simulator, against one that does without. No tolerance: they are the same.
+
+    Dr.Jit records once more where a number of lanes happens to be that of some array, as in these small scenes; it then
+    launches the kernels that it has.
+    """
+    scene_name, sensor_name, overrides = CASES[case]
+    scene = load_scene(SCENES / f"{scene_name}.toml")
+    sensor = load_sensor(sensor_name, overrides=[*COARSE, *overrides])
+    simulator = Simulator(scene, sensor)
+    rendered = frames(simulator)
+    with launches.launched() as before:
+        found = [next(rendered)]
+    recordings = simulator._chain.recordings
+    with launches.launched() as ran:
+        found += rendered
+    assert recordings
+    later = simulator._chain.recordings
+    assert all(0 < then <= now <= then + 2 for now, then in zip(later, recordings, strict=True)), later
+    assert len(ran) > 8
+    launches.assert_none_is_new(ran, before)
+    monkeypatch.setattr(Chain, "repeats", False)
+    plain = Simulator(scene, sensor, world=simulator.world)
+    for ours, theirs in zip(found, frames(plain), strict=True):
+        assert len(ours) > 100
+        for column in ours.columns:
+            np.testing.assert_array_equal(
+                ours.column(column.name), theirs.column(column.name), err_msg=column.name
+            )
+    assert not plain._chain.recordings
+
+
+def test_what_has_many_lanes_is_written_down_each_time():
+    """The number of lanes would become part of its kernels."""
+    sensor = chain.sensor("table1-apd", *COARSE, "laser.divergence_mrad=3")
+    scene = chain.scene(chain.facing(range_m=30.0, size_m=40.0))
+    several, wide = Simulator(scene, sensor, rays=3), Simulator(scene, sensor, background_rays=2)
+    for simulator in (several, wide):
+        for seed in range(3):
+            simulator.render(seed=seed)
+        assert not simulator._chain.recordings
+
+
+def test_only_what_is_wanted_comes_out():
+    import drjit as dr
+    import mitsuba as mi
+
+    from lidarscene.kernel.device.replay import LEFT_OUT, Replay
+
+    @dataclasses.dataclass(frozen=True)
+    class Pair:
+        first: object
+        second: object
+        name: str
+
+    held = (mi.Float([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]),)
+    calls = []
+
+    def function(x, place):
+        calls.append(dr.width(x))
+        return Pair(dr.gather(mi.Float, held[0], mi.UInt32(x)) + place[0], x * 2.0, "pair")
+
+    replay = Replay(function, lambda pair: [pair.first], held=held)
+    for call, size in enumerate((3, 3, 5, 2)):
+        x = transfer.from_numpy(np.arange(size) % 3)
+        found = replay(x, (dr.opaque(mi.Float, float(call)),))
+        np.testing.assert_array_equal(found.first.numpy(), np.arange(size) % 3 + 1.0 + call)
+        assert found.name == "pair"
+        assert found.second is LEFT_OUT
+    assert len(calls) == replay.recordings <= 2
+
+
+def test_what_cannot_be_recorded_is_called():
+    """An array that it hides; and numbers that are all the same, of which Dr.Jit keeps the first length."""
+    import drjit as dr
+    import mitsuba as mi
+
+    from lidarscene.kernel.device.replay import Replay
+
+    hidden = dr.opaque(mi.Float, 2.0)
+    hiding = Replay(lambda x: (x * hidden,), list, held=())
+    even = Replay(lambda x: (dr.full(mi.Float, 7.0, dr.width(x)),), list, held=())
+    for size in (9, 4, 5):
+        x = transfer.from_numpy(np.arange(size))
+        np.testing.assert_array_equal(hiding(x)[0].numpy(), 2.0 * np.arange(size))
+        np.testing.assert_array_equal(even(x)[0].numpy(), np.full(size, 7.0))
+    assert hiding.recordings == even.recordings == 0
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError])
+def test_what_the_function_raises_comes_out(error):
+    """Ctrl-C above all; and the next call is recorded as if nothing had been."""
+    import mitsuba as mi
+
+    from lidarscene.kernel.device.replay import Replay
+
+    errors = [error("of its own")]
+
+    def function(x):
+        if errors:
+            raise errors.pop()
+        return (mi.Float(x) + 1.0,)
+
+    replay = Replay(function, list, held=())
+    with pytest.raises(error, match="of its own"):
+        replay(transfer.from_numpy(np.arange(5)))
+    for size in (5, 7):
+        np.testing.assert_array_equal(
+            replay(transfer.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0
+        )
+    assert replay.recordings >= 1
+
+
+def test_tables_that_are_uploaded_while_it_is_recorded():
+    """They are not among what it is handed: it is recorded once more."""
+    import mitsuba as mi
+
+    from lidarscene.kernel.device.replay import Replay
+    from lidarscene.maths.arrays import Table
+
+    table = Table(np.linspace(0.0, 1.0, 11) ** 2)
+    replay = Replay(lambda x: (table.at(mi.Float(x)),), list, held=())
+    for size in (5, 5, 8, 3):
+        x = np.linspace(0.0, 1.0, size)
+        expected = np.interp(x, np.linspace(0.0, 1.0, 11), table.values)
+        np.testing.assert_allclose(replay(transfer.from_numpy(x))[0].numpy(), expected, atol=1e-6)
+    assert 1 <= replay.recordings <= 3
+
+
+def test_a_simulator_goes_when_nobody_holds_it():
+    """A world is large: it must not wait for the garbage collector."""
+    simulator = Simulator(
+        load_scene(SCENES / "glass.toml"), load_sensor("table1-apd", overrides=list(COARSE))
+    )
+    for seed in range(2):
+        simulator.render(seed=seed)
+    gone, world = weakref.ref(simulator), simulator.world
+    gc.collect()
+    gc.disable()
+    del simulator
+    gc.enable()
+    assert gone() is None
+    assert sys.getrefcount(world) == 2  # our name, and what asks

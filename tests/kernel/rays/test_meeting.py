@@ -1,0 +1,93 @@
+"""Interactions with plain meshes, which are put together from a table of normals, against Mitsuba's own."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import chain
+from helpers.panes import MATERIALS, pane
+
+from lidarscene.kernel.device import transfer
+from lidarscene.kernel.rays.gaps import Draws
+from lidarscene.kernel.rays.meeting import Moment
+from lidarscene.kernel.world.build import build_world
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course
+from lidarscene.rendering.simulator import Simulator
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+WAVELENGTH_M = 905e-9
+
+
+def crossing():
+    """Boxes at odd angles before a wall, a pane, a mirror, and two boxes of one shape that move."""
+    still = [chain.box(at=(12.0 + 3.0 * i, 4.0 * i - 6.0, 0.2 * i), yaw_deg=17.0 * i) for i in range(4)]
+    starts = [Pose.from_degrees(position_m=(9.0, 5.0 * i - 2.0, 0.0), yaw_deg=40.0 * i) for i in range(2)]
+    moving = [
+        dataclasses.replace(still[1], name=f"moving {i}", motion=Course(start=start, speed_m_s=9.0))
+        for i, start in enumerate(starts)
+    ]
+    bodies = [
+        *still,
+        *moving,
+        pane(8.0, 10.0, size_m=3.0),
+        pane(30.0, 40.0, material="mirror", name="mirror"),
+    ]
+    return chain.scene(*bodies, chain.facing(range_m=50.0, size_m=90.0, theta_deg=12.0), materials=MATERIALS)
+
+
+def test_surface_is_mitsubas():
+    """Tolerances: single precision of a few dozen metres, some ten of them in a row; directions some ten of 1."""
+    import mitsuba as mi
+
+    world = build_world(
+        dataclasses.replace(crossing(), bodies=crossing().bodies[:4]), wavelength_m=WAVELENGTH_M
+    )
+    assert world.face_normal is not None
+    rng = np.random.default_rng(4)
+    directions = rng.normal(size=(3, 20_000)) * [[1.0], [0.3], [0.05]]
+    directions /= np.linalg.norm(directions, axis=0)
+    ray = mi.Ray3f(mi.Point3f(0.0, 0.0, 0.1), mi.Vector3f(*directions.astype(np.float32)))
+    zero = transfer.opaque_uint32(0)
+    met = [
+        Moment(
+            world=one, moving=[], sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)
+        ).meet(ray)
+        for one in (world, dataclasses.replace(world, face_normal=None))
+    ]  # fmt: skip
+    found = np.array(met[0].found)
+    assert 1000 < found.sum() < len(found)
+    ours, theirs = (one.surface for one in met)
+    for name, tolerance in (("p", 2e-5), ("n", 2e-6)):
+        difference = np.array(getattr(ours, name)) - np.array(getattr(theirs, name))
+        assert np.abs(difference[:, found]).max() < tolerance, name
+    np.testing.assert_array_equal(np.array(ours.prim_index)[found], np.array(theirs.prim_index)[found])
+    # Where the frame's other axes point has no meaning: no material of ours knows a direction in the surface.
+    assert np.array(ours.wi)[2, found] == pytest.approx(np.array(theirs.wi)[2, found], abs=2e-5)
+    assert np.array(ours.sh_frame.n)[:, found] == pytest.approx(
+        np.array(theirs.sh_frame.n)[:, found], abs=2e-6
+    )
+
+
+def test_frame_is_the_same():
+    """With panes, mirrors and what moves. Powers differ by rounding: 1e-4 of them; a shadow's edge may fall to either
+    side of one of some hundred points on one, of which there is none here.
+    """
+    sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
+    first = Simulator(crossing(), sensor)
+    second = Simulator(first.scene, sensor, world=dataclasses.replace(first.world, face_normal=None))
+    ours, theirs = first.render(seed=3), second.render(seed=3)
+    assert len(ours) > 2000
+    assert ours.interactions.max() == 1
+    assert {"moving 0", "moving 1"} <= {ours.body_names[i] for i in np.unique(ours.body)}
+    np.testing.assert_array_equal(ours.body, theirs.body)
+    np.testing.assert_array_equal(ours.in_shadow, theirs.in_shadow)
+    np.testing.assert_allclose(ours.true_range_m, theirs.true_range_m, rtol=1e-6)
+    np.testing.assert_allclose(ours.snr, theirs.snr, rtol=1e-4)
+    np.testing.assert_allclose(ours.incidence_angle_rad, theirs.incidence_angle_rad, atol=1e-3)
+
+
+def test_spheres_are_left_to_mitsuba():
+    world = build_world(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), wavelength_m=WAVELENGTH_M)
+    assert world.face_normal is None

@@ -1,0 +1,212 @@
+"""Materials as Mitsuba BSDFs: how much comes back, from which side, against integrals and definitions."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import chain
+
+from lidarscene import catalog
+from lidarscene.kernel.world import bsdfs
+from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.materials.material import Material, Spectrum
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+MIDDLE = 4
+LASER_M = 905e-9
+
+
+def loaded(mi, values):
+    return mi.load_dict(bsdfs.bsdf_dict(values))
+
+
+def evaluated(mi, bsdf, incoming, outgoing):
+    """f_r(in, out) |cos out| for unit vectors in the surface's frame; (n, 3) outgoing."""
+    surface = mi.SurfaceInteraction3f()
+    surface.wi = mi.Vector3f(*(float(x) for x in incoming))
+    surface.uv = mi.Point2f(0.0)
+    out = mi.Vector3f(np.asarray(outgoing, dtype=np.float32).T)
+    return np.array(bsdf.eval(mi.BSDFContext(), surface, out, True)[0].numpy(), dtype=float)
+
+
+def tilted(angle_deg, azimuth_deg=0.0):
+    a, b = math.radians(angle_deg), math.radians(azimuth_deg)
+    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
+
+
+def hemisphere(cosines, azimuths):
+    """Directions of equal solid angle over the upper hemisphere, and that solid angle."""
+    z = (np.arange(cosines) + 0.5) / cosines
+    phi = (np.arange(azimuths) + 0.5) * 2.0 * np.pi / azimuths
+    zz, pp = np.meshgrid(z, phi, indexing="ij")
+    r = np.sqrt(1.0 - zz**2)
+    directions = np.stack([r * np.cos(pp), r * np.sin(pp), zz], axis=-1).reshape(-1, 3)
+    return directions, 2.0 * np.pi / len(directions)
+
+
+def reflectance(mi, values, incoming=(0.0, 0.0, 1.0)):
+    """Directional-hemispherical reflectance at normal incidence by a sum over the hemisphere."""
+    directions, solid_angle = hemisphere(cosines=8000, azimuths=36)
+    return evaluated(mi, loaded(mi, values), incoming, directions).sum() * solid_angle
+
+
+def test_diffuse_reflectance_is_the_reflectivity(mi):
+    assert reflectance(mi, {"bsdf": "diffuse", "reflectivity": 0.37}) == pytest.approx(0.37, rel=1e-4)
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3])
+@pytest.mark.parametrize("reflectivity", [0.05, 0.4, 0.6])
+def test_coated_reflectance(mi, reflectivity, roughness):
+    """The diffuse part at normal incidence is the reflectivity (0.5 %: the quadrature).
+
+    The coat adds its 4 % of mirror light, less what a rough one masks.
+    """
+    coated = {"bsdf": "coated", "coat_ior": 1.5, "coat_roughness": roughness}
+    coat = reflectance(mi, coated | {"reflectivity": 0.0})
+    whole = reflectance(mi, coated | {"reflectivity": reflectivity})
+    assert 0.025 < coat < 0.041
+    assert whole - coat == pytest.approx(reflectivity, rel=0.005)
+
+
+def test_a_coat_that_cannot_let_so_much_out_is_an_error(mi):
+    from lidarscene.errors import InputError
+
+    values = {"name": "m", "bsdf": "coated", "coat_ior": 1.5, "coat_roughness": 0.5, "reflectivity": 0.85}
+    with pytest.raises(
+        InputError, match=r"'m': reflectivity 0.85 came, but a coat .* lets out 0.512 at most"
+    ):
+        bsdfs.bsdf_dict(values)
+
+
+def test_conductor_reflectance(mi):
+    """Aluminium at 905 nm: the Fresnel reflectance of its index, less a few percent of masking."""
+    values = catalogue_material("brushed_aluminium").at(LASER_M)
+    n, k = values["index_n"], values["index_k"]
+    fresnel = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
+    assert reflectance(mi, values | {"roughness": 0.1}) == pytest.approx(fresnel, rel=0.03)
+
+
+def test_clear_glass_sends_nothing_back(mi):
+    glass = loaded(mi, catalogue_material("clear_glass").at(LASER_M))
+    assert evaluated(mi, glass, tilted(10), [tilted(10)])[0] == 0.0
+
+
+RETRO = {
+    "bsdf": "retroreflector", "reflectivity": 0.1,
+    "retro_coefficient_cd_per_lx_m2": 250.0, "retro_half_angle_deg": 0.39,
+}  # fmt: skip
+
+
+def coefficient(mi, *, observation_deg, entrance_deg, across=False):
+    """R_A [cd/lx/m2] by its definition: the radiance over the illuminance of a plane across the beam, times
+    the cosine that turns radiance into intensity per area of sheet.
+    """
+    incoming = tilted(entrance_deg)
+    turn = math.radians(observation_deg)
+    side = np.array([0.0, 1.0, 0.0]) if across else np.cross([0.0, 1.0, 0.0], incoming)
+    outgoing = incoming * math.cos(turn) + side * math.sin(turn)
+    value = evaluated(mi, loaded(mi, RETRO), incoming, [outgoing])[0]
+    # eval is f_r cos(out) = L cos(out) / (E_perp cos(in)), and R_A = L cos(out) / E_perp.
+    return (value - RETRO["reflectivity"] * outgoing[2] / math.pi) * incoming[2]
+
+
+@pytest.mark.parametrize("across", [False, True])
+def test_retroreflector_gives_its_stated_coefficient(mi, across):
+    """250 cd/lx/m2 at 0.2 degrees of observation and 4 of entrance, in any plane; 150 at 30 (D4956, type III)."""
+    assert coefficient(mi, observation_deg=0.2, entrance_deg=4.0, across=across) == pytest.approx(
+        250.0, rel=2e-3
+    )
+    assert coefficient(mi, observation_deg=0.2, entrance_deg=30.0, across=across) == pytest.approx(
+        150.0, rel=5e-3
+    )
+
+
+def test_retroreflector_is_narrow(mi):
+    """Half as bright at its half angle, nothing of it beyond 1.5 degrees."""
+    peak = coefficient(mi, observation_deg=0.0, entrance_deg=4.0)
+    assert coefficient(mi, observation_deg=0.39, entrance_deg=4.0) == pytest.approx(0.5 * peak, rel=5e-3)
+    assert abs(coefficient(mi, observation_deg=1.5, entrance_deg=4.0)) < 1e-3 * peak
+
+
+def test_retroreflector_conserves_energy(mi):
+    """The lobe, integrated finely around the ray, and the diffuse part stay below one; no pole at grazing."""
+    for entrance in (0.0, 40.0, 80.0):
+        incoming = tilted(entrance)
+        radii = np.linspace(0.0, math.radians(2.0), 400)
+        values = []
+        for radius in radii:
+            u = np.cross(incoming, [0.0, 1.0, 0.0])
+            ring = [
+                incoming * math.cos(radius)
+                + math.sin(radius)
+                * (u / np.linalg.norm(u) * math.cos(p) + np.array([0, 1.0, 0]) * math.sin(p))
+                for p in np.linspace(0, 2 * np.pi, 16, endpoint=False)
+            ]
+            values.append(evaluated(mi, loaded(mi, RETRO), incoming, ring).mean())
+        lobe = np.trapezoid(np.array(values) * 2 * np.pi * np.sin(radii), radii)
+        assert lobe + RETRO["reflectivity"] < 0.25
+
+
+def test_retroreflector_is_reciprocal(mi):
+    a, b = tilted(20.0), tilted(20.4, 0.5)
+    forth = evaluated(mi, loaded(mi, RETRO), a, [b])[0] / b[2]
+    back = evaluated(mi, loaded(mi, RETRO), b, [a])[0] / a[2]
+    assert forth == pytest.approx(back, rel=1e-4)
+
+
+def test_retroreflector_sampling_matches_its_density(mi):
+    """The weight times the density is the value, for every sample: what a path tracer relies on."""
+    import drjit as dr
+
+    bsdf = loaded(mi, RETRO)
+    surface = dr.zeros(mi.SurfaceInteraction3f, 1000)
+    surface.wi = mi.Vector3f(*(float(x) for x in tilted(30.0)))
+    rng = np.random.default_rng(0)
+    pair = mi.Point2f(rng.random((2, 1000)).astype(np.float32))
+    sample, weight = bsdf.sample(mi.BSDFContext(), surface, mi.Float(0.5), pair)
+    value, density = bsdf.eval_pdf(mi.BSDFContext(), surface, sample.wo)
+    np.testing.assert_allclose(weight[0].numpy() * density.numpy(), value[0].numpy(), rtol=1e-4, atol=1e-7)
+    assert (sample.wo.z.numpy() > 0).all()
+
+
+@pytest.mark.parametrize("name", catalog.names("materials"))
+def test_every_material_of_the_catalogue_from_both_sides(mi, name):
+    """Hit from the front and from behind, a surface sends the same light back (panes, mirrors and gaps: none)."""
+    material = catalogue_material(name)
+    sensor = chain.sensor("table1-apd", *chain.NARROW)
+    front = chain.facing(range_m=30.0, theta_deg=20.0, material=name)
+    part = front.parts[0]
+    import dataclasses
+
+    flipped = dataclasses.replace(front, parts=(dataclasses.replace(part, faces=part.faces[:, ::-1]),))
+    seen = [chain.run(chain.scene(body, materials=(material,)), sensor).hits for body in (front, flipped)]
+    for quantity in ("backscatter_per_sr", "sun_scatter_per_sr", "cos_sun", "cos_incidence", "lit"):
+        one, other = (getattr(hits, quantity)[MIDDLE] for hits in seen)
+        assert one == pytest.approx(other, rel=1e-5)
+    ends_the_beam = material.bsdf not in ("glass", "mirror") and "cover" not in material.parameters
+    assert (seen[0].backscatter_per_sr[MIDDLE] > 0.0) == ends_the_beam
+    assert seen[0].lit[MIDDLE] == ends_the_beam
+
+
+def test_number_plate_outshines_paint(mi):
+    """A retro-reflector's echo is R_A pi / rho times that of a board: 3 orders of magnitude over 10 %."""
+    plate = catalogue_material("retroreflective_sheeting")
+    sensor = chain.sensor("table1-apd", *chain.NARROW)
+    scene = chain.scene(chain.facing(range_m=30.0, material=plate.name), materials=(plate,))
+    bright = chain.run(scene, sensor).light.peak_power_w[MIDDLE]
+    board = chain.run(chain.scene(chain.facing(range_m=30.0)), sensor).light.peak_power_w[MIDDLE]
+    assert 3_000.0 < bright / board < 30_000.0
+
+
+def test_material_outside_its_table_is_a_clear_error():
+    from lidarscene.errors import InputError
+
+    material = Material(
+        name="m", bsdf="diffuse", reflectivity=Spectrum(wavelength_m=(850e-9, 1550e-9), value=(0.1, 0.3))
+    )
+    assert material.at(1200e-9)["reflectivity"] == pytest.approx(0.2)
+    with pytest.raises(
+        InputError, match="'m': no reflectivity at 600 nm; its table reaches from 850 to 1550 nm"
+    ):
+        material.at(600e-9)

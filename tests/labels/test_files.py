@@ -1,0 +1,485 @@
+"""Labels: boxes against brute force, and data sets in loaders that are not ours."""
+
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import street
+from helpers.formats import osi_messages, rotated, value_at
+
+from lidarscene.cloud.merging import merged
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError
+from lidarscene.files import spool
+from lidarscene.formats.registry import LABELS
+from lidarscene.labels import gathered, kitti_dataset
+from lidarscene.labels import points as labels
+from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, pose_at
+from lidarscene.scene.model import Ball, Body, Scene
+
+CAR = (4.0, 2.0, 1.5)
+
+
+def box_named(cloud: PointCloud, name: str, scene: Scene | None = None) -> labels.Box:
+    return next(box for box in labels.boxes(cloud, scene or street.scene()) if box.name == name)
+
+
+# --- boxes ------------------------------------------------------------------------------------------
+
+
+def test_a_box_is_the_block_that_was_put_there(street_cloud: PointCloud) -> None:
+    """Reference: the scene. Tolerance: float64 rounding."""
+    near = box_named(street_cloud, "near")
+    np.testing.assert_allclose(near.size_m, CAR, atol=1e-12)
+    np.testing.assert_allclose(near.pose.position_m, [12.0, -3.0, 0.75], atol=1e-12)
+    np.testing.assert_allclose(near.pose.rotation, street.at(0, 0, 0, 30.0).rotation, atol=1e-12)
+
+
+def test_what_is_a_thing_has_a_box(street_cloud: PointCloud) -> None:
+    """The road has none; a class that nobody knows has."""
+    assert [box.name for box in labels.boxes(street_cloud, street.scene())] == ["near", "far", "wall"]
+    assert labels.kind_of("gantry").thing
+    assert labels.kind_of("Car") is labels.kind_of("car")
+
+
+def test_points_are_counted_in_both_frames(street_cloud: PointCloud) -> None:
+    """Reference: half-spaces of the box, point by point. Points lie on its faces, so half of them fall out by
+    rounding: the block is counted a little larger and a little smaller, and the number lies between.
+    """
+    for cloud in (street_cloud, street_cloud.in_sensor_frame()):
+        world_m = cloud.xyz_m.astype(float)
+        if cloud is not street_cloud:
+            world_m = street.SENSOR.apply(world_m)
+        for index, box in enumerate(labels.boxes(cloud, street.scene()), start=1):
+            assert box.points_on == np.count_nonzero(cloud.body == index) > 100
+            local = (world_m - box.pose.position_m) @ box.pose.rotation
+            least, most = (np.all(np.abs(local) <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-3, 1e-3))
+            assert least <= box.points_inside <= most
+
+
+def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None:
+    """Reference: of the beams that meet the body when it stands alone, the share whose echo is from it. A block
+    fills its box, so the two are one; tolerance: beams along its edges, a part in a hundred.
+    """
+    scene = street.scene()
+    direction = (street_cloud.xyz_m - street.SENSOR.position_m).astype(float)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    for box in labels.boxes(street_cloud, scene):
+        alone = Scene(bodies=(scene.bodies[box.body],))
+        range_m, _ = street.nearest(alone, street.SENSOR.position_m, direction)
+        meets = np.isfinite(range_m)
+        assert box.beams == pytest.approx(meets.sum(), rel=0.01)
+        expected = np.count_nonzero(street_cloud.body[meets] == box.body) / meets.sum()
+        assert box.visibility == pytest.approx(expected, abs=0.01)
+    assert box_named(street_cloud, "near").visibility == 1.0
+    assert 0.2 < box_named(street_cloud, "far").visibility < 0.8
+
+
+def test_a_body_that_no_beam_meets() -> None:
+    behind = street.block("behind", "car", CAR, street.at(-30.0, 0.0, 0.75, 0.0))
+    scene = replace(street.scene(), bodies=(*street.scene().bodies, behind))
+    box = box_named(street.cloud(described=scene), "behind", scene)
+    assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (
+        0,
+        0,
+        0,
+        0.0,
+        False,
+    )
+
+
+def test_the_sensor_may_be_inside_a_box() -> None:
+    """Every beam then enters it, and nothing comes before."""
+    hall = street.block("hall", "gantry", (200.0, 200.0, 50.0), street.at(0.0, 0.0, 0.0, 0.0))
+    cloud = street.cloud()
+    scene = replace(street.scene(), bodies=(*street.scene().bodies, hall))
+    box = box_named(cloud, "hall", scene)
+    assert (box.beams, box.visibility) == (len(cloud), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "pitch_deg", "size_m"),
+    [(0, 0, (4, 2, 1)), (90, 0, (4, 1, 2)), (-90, 0, (4, 1, 2)), (180, 0, (4, 2, 1)), (0, 90, (2, 1, 4))],
+)
+def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tuple[float, ...]) -> None:
+    """Rationale: a mesh with y up is turned by the scene's pose; its height is still its height."""
+    pose = Pose.from_degrees(position_m=(5, 6, 7), yaw_deg=30.0, pitch_deg=pitch_deg, roll_deg=roll_deg)
+    box = labels.box_of(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
+    np.testing.assert_allclose(box.size_m, size_m, atol=1e-12)
+    np.testing.assert_allclose(box.pose.rotation[:, 2], [0, 0, 1], atol=1e-12)
+    assert np.linalg.det(box.pose.rotation) == pytest.approx(1.0)
+    corners = pose.apply(
+        0.5 * np.array([4.0, 2.0, 1.0]) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+    )
+    assert sorted(map(tuple, box.corners_m().round(9))) == sorted(map(tuple, corners.round(9)))
+
+
+def test_balls_and_bodies_off_their_origin() -> None:
+    ball = Body(
+        name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.at(1, 2, 3, 0)
+    )
+    np.testing.assert_allclose(labels.box_of(ball, 0).size_m, [1, 1, 1])
+    part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
+    off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
+    box = labels.box_of(Body(name="c", class_name="car", parts=(off,), pose=street.at(0, 0, 0, 90.0)), 0)
+    np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
+
+
+def test_upright_boxes_hold_the_corners() -> None:
+    """A box that leans: the upright one around it holds all its corners, and touches them."""
+    pose = Pose.from_degrees(yaw_deg=40.0, pitch_deg=10.0, roll_deg=5.0)
+    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose)
+    size_m, yaw = labels.upright(box)
+    assert yaw == pytest.approx(math.radians(40.0))
+    local = np.abs(box.corners_m() @ street.at(0, 0, 0, 40.0).rotation)
+    np.testing.assert_allclose(local.max(axis=0), 0.5 * size_m, atol=1e-12)
+    assert (size_m > CAR).all()
+
+
+# --- labels of points -------------------------------------------------------------------------------
+
+
+def test_semantic_kitti_labels(tmp_path: Path, street_cloud: PointCloud) -> None:
+    """Reference: the bit layout of SemanticKITTI: class in the lower half, instance in the upper."""
+    status = np.zeros(len(street_cloud), np.uint8)
+    status[:5] = 1
+    cloud = replace(street_cloud, status=status)
+    (path,) = write_labels(cloud, street.scene(), tmp_path / "a.bin", format="semantickitti")
+    assert path == tmp_path / "a.label"
+    label = np.fromfile(path, dtype=np.uint32)
+    numbers = {"road": 40, "car": 10, "barrier": 52}
+    expected = np.array([numbers[cloud.class_names[c]] for c in cloud.class_id])
+    expected[:5] = 1
+    np.testing.assert_array_equal(label & 0xFFFF, expected)
+    things = (cloud.body > 0) & (status == 0)
+    np.testing.assert_array_equal(label >> 16, np.where(things, cloud.body + 1, 0))
+
+
+def test_points_without_a_body_are_unlabelled() -> None:
+    cloud = street.cloud()
+    none = np.full(len(cloud), -1)
+    semantic, instance = labels.point_labels(replace(cloud, body=none, class_id=none), street.scene())
+    assert set(semantic.tolist()) == set(instance.tolist()) == {0}
+
+
+# --- files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("format", LABELS)
+def test_labels_need_truth_and_place(tmp_path: Path, street_cloud: PointCloud, format: str) -> None:
+    with pytest.raises(InputError, match="labels: the cloud has no truth"):
+        write_labels(street_cloud.without_truth(), street.scene(), tmp_path / "a.ply", format=format)
+    if format != "semantickitti":
+        lost = replace(street_cloud, metadata={})
+        with pytest.raises(InputError, match="does not say how its sensor stood"):
+            write_labels(lost, street.scene(), tmp_path / "a.ply", format=format)
+    assert os.listdir(tmp_path) == []
+
+
+def test_names_of_label_files() -> None:
+    assert label_paths("o/a.pcd.bin", format="nuscenes") == (Path("o/a.boxes.json"),)
+    assert label_paths("o/a.bin", format="kitti") == (Path("o/a.txt"), Path("o/a.calib.txt"))
+    assert label_paths("o/a.osi", format="osi") == (Path("o/a_gt.osi"),)
+    assert label_paths("o/a.dat", format="semantickitti") == (Path("o/a.label"),)
+    with pytest.raises(InputError, match="labels 'coco': there are none; the choices are kitti"):
+        label_paths("a.bin", format="coco")
+
+
+def test_nuscenes_boxes(tmp_path: Path, street_cloud: PointCloud) -> None:
+    """Reference: corners from centre, size (width, length, height) and quaternion, as the devkit makes them."""
+    (path,) = write_labels(street_cloud, street.scene(), tmp_path / "a.pcd.bin", format="nuscenes")
+    content = json.loads(path.read_text())
+    found = {one["instance_name"]: one for one in content["sample_annotations"]}
+    assert {one["category_name"] for one in found.values()} == {"vehicle.car", "movable_object.barrier"}
+    for box in labels.boxes(street_cloud, street.scene()):
+        one = found[box.name]
+        width, length, height = one["size"]
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        corners = rotated(tuple(one["rotation"]), 0.5 * signs * [length, width, height]) + one["translation"]
+        np.testing.assert_allclose(corners, box.corners_m(), atol=1e-9)
+        assert one["num_lidar_pts"] == box.points_inside
+        bins = {"1": (0, 0.4), "2": (0.4, 0.6), "3": (0.6, 0.8), "4": (0.8, 1.01)}
+        low, high = bins[one["visibility_token"]]
+        assert low <= box.visibility < high
+    place = content["lidar_to_world"]
+    turned = rotated(tuple(place["rotation"]), street_cloud.in_sensor_frame().xyz_m.astype(float))
+    np.testing.assert_allclose(turned + place["translation"], street_cloud.xyz_m, atol=2e-5)
+
+
+def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    """Reference: betterosi reads; OSI's angles are those of ISO 8855."""
+    (path,) = write_labels(street_cloud, street.scene(), tmp_path / "a.osi", format="osi")
+    (truth,) = osi_messages(path, "GroundTruth", library)
+    found = {box.body + 1: box for box in labels.boxes(street_cloud, street.scene())}
+    assert sorted(one.id.value for one in truth.moving_object) == [2, 3]
+    assert [one.id.value for one in truth.stationary_object] == [4]
+    for one in (*truth.moving_object, *truth.stationary_object):
+        box = found[one.id.value]
+        get = lambda *path, base=one.base: float(value_at(base, path))  # noqa: E731
+        np.testing.assert_allclose([get("dimension", n) for n in ("length", "width", "height")], box.size_m)
+        np.testing.assert_allclose([get("position", n) for n in "xyz"], box.pose.position_m)
+        assert get("orientation", "yaw") == pytest.approx(math.atan2(*box.pose.rotation[[1, 0], 0]))
+    car = truth.moving_object[0]
+    assert (int(car.type), int(car.vehicle_classification.type)) == (2, 4)
+    assert int(truth.stationary_object[0].classification.type) == 8
+
+
+# --- data sets --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def object_dataset(tmp_path: Path, street_cloud: PointCloud) -> Path:
+    for frame in range(2):
+        kitti_dataset.write_object_frame(tmp_path, frame, street_cloud, street.scene())
+    return tmp_path
+
+
+def test_open3d_ml_opens_a_kitti_dataset(
+    object_dataset: Path, library: Any, open3d: Any, street_cloud: PointCloud
+) -> None:
+    """Reference: the KITTI loader of Open3D-ML, as it is. Its boxes are ours, in the sensor's frame.
+
+    Tolerance: four decimals in the label file, and float32 of its calibration.
+    """
+    kitti = library("open3d._ml3d.datasets.kitti")
+    split = kitti.KITTI(str(object_dataset), cache_dir=str(object_dataset / "cache")).get_split("training")
+    assert len(split) == 2
+    data = split.get_data(1)
+    own = street_cloud.in_sensor_frame()
+    np.testing.assert_array_equal(data["full_point"][:, :3], own.xyz_m)
+    in_picture = projected(own.xyz_m)
+    assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
+    found = [b.seen_from(street.SENSOR) for b in labels.boxes(street_cloud, street.scene())]
+    assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
+    for theirs, ours in zip(data["bounding_boxes"], found, strict=True):
+        (length, width, height), yaw = labels.upright(ours)
+        np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
+        np.testing.assert_allclose(theirs.size, [width, height, length], atol=1e-4)
+        np.testing.assert_allclose(theirs.front, [math.cos(yaw), math.sin(yaw), 0.0], atol=1e-4)
+    assert [b.occlusion for b in data["bounding_boxes"]][:2] == [0, 1]
+
+
+def projected(xyz_m: np.ndarray) -> np.ndarray:
+    """Whether points lie in the picture: x right is -y, y down is -z, z forward is x."""
+    x, y, z = xyz_m.astype(float).T
+    u, v = CAMERA[0, 2] - CAMERA[0, 0] * y / x, CAMERA[1, 2] - CAMERA[1, 1] * z / x
+    return (x > 0) & (u >= 0) & (u < PICTURE_PX[0]) & (v >= 0) & (v < PICTURE_PX[1])
+
+
+def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: PointCloud) -> None:
+    """Every point of a body projects into its rectangle. Those of the far car, which is all in view, nearly fill
+    its width. Tolerance: a pixel.
+    """
+    own = street_cloud.in_sensor_frame()
+    lines = (object_dataset / "training/label_2/000000.txt").read_text().splitlines()
+    for body, line in enumerate(lines, start=1):
+        left, top, right, low = map(float, line.split()[4:8])
+        x, y, z = own.xyz_m[own.body == body].astype(float).T
+        u, v = CAMERA[0, 2] - CAMERA[0, 0] * y / x, CAMERA[1, 2] - CAMERA[1, 1] * z / x
+        inside = (u >= 0) & (u < PICTURE_PX[0]) & (v >= 0) & (v < PICTURE_PX[1])
+        assert left - 1 <= u[inside].min() <= u[inside].max() <= right + 1
+        assert top - 1 <= v[inside].min() <= v[inside].max() <= low + 1
+        assert body != 2 or np.ptp(u[inside]) > 0.9 * (right - left)
+
+
+def test_a_box_behind_the_camera_has_no_rectangle() -> None:
+    from lidarscene.labels.files import _in_picture
+
+    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
+    assert _in_picture(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
+    centre = replace(box, pose=street.at(30.0, 0.0, 0.0, 0.0))
+    (left, top, right, low), truncated = _in_picture(centre)
+    # The near face is 28 m off and 2 m wide, 1.5 m high.
+    assert (right - left, low - top) == pytest.approx((720 * 2 / 28, 720 * 1.5 / 28))
+    assert truncated == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.fixture
+def sequence(tmp_path: Path, street_cloud: PointCloud) -> Path:
+    for frame in range(3):
+        metadata = {**street_cloud.metadata, "frame_start_s": repr(0.1 * frame)}
+        cloud = replace(street_cloud, metadata=metadata)
+        kitti_dataset.write_sequence_frame(tmp_path, frame, cloud, street.scene())
+    return tmp_path
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_open3d_ml_opens_a_semantic_kitti_sequence(
+    sequence: Path, library: Any, open3d: Any, street_cloud: PointCloud
+) -> None:
+    """Reference: the SemanticKITTI loader of Open3D-ML, as it is; it leaves a file of its own open."""
+    module = library("open3d._ml3d.datasets.semantickitti")
+    dataset = module.SemanticKITTI(
+        str(sequence),
+        cache_dir=str(sequence / "cache"),
+        training_split=["00"],
+        validation_split=[],
+        test_split=[],
+    )
+    split = dataset.get_split("training")
+    assert len(split) == 3
+    data = split.get_data(2)
+    np.testing.assert_array_equal(data["point"], street_cloud.in_sensor_frame().xyz_m)
+    names = dataset.get_label_to_names()
+    seen = {name: {names[label] for label in data["label"][street_cloud.class_id == i].tolist()}
+            for i, name in enumerate(street_cloud.class_names)}  # fmt: skip
+    assert seen == {
+        "road": {"road"},
+        "car": {"car"},
+        "barrier": {"unlabeled"},
+    }  # it leaves other structures out
+
+
+def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: PointCloud) -> None:
+    """Reference: pykitti's odometry loader, as it is. Its pose and calibration take points into the world.
+
+    Tolerance: float32 of 40 m.
+    """
+    data = library("pykitti").odometry(str(sequence / "dataset"), "00")
+    assert [t.total_seconds() for t in data.timestamps] == [0.0, 0.1, 0.2]
+    points = data.get_velo(1)
+    np.testing.assert_array_equal(points[:, :3], street_cloud.in_sensor_frame().xyz_m)
+    ones = np.column_stack([points[:, :3], np.ones(len(points))])
+    camera_world = (data.poses[1] @ data.calib.T_cam0_velo @ ones.T).T[:, :3]
+    x_right, y_down, z_forward = camera_world.T
+    np.testing.assert_allclose(np.stack([z_forward, -x_right, -y_down], 1), street_cloud.xyz_m, atol=2e-5)
+
+
+def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud: PointCloud) -> None:
+    """And a run that starts again does not leave lines of the old one."""
+    later = replace(street_cloud, metadata={**street_cloud.metadata, "frame_start_s": "7.0"})
+    with pytest.raises(InputError, match=r"times\.txt: must have 5 lines before this frame, got 3"):
+        kitti_dataset.write_sequence_frame(sequence, 5, later, street.scene())
+    kitti_dataset.write_sequence_frame(sequence, 0, later, street.scene())
+    assert (sequence / "dataset/sequences/00/times.txt").read_text() == "7.000000000e+00\n"
+
+
+# --- what moves -------------------------------------------------------------------------------------
+
+
+def driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
+    """A car that crosses at 10 m/s while the sensor drives at 20 m/s, seen pulse by pulse over 0.1 s.
+
+    By hand: each beam is traced in the scene as it stands when its pulse leaves.
+    """
+    ego = Course(start=street.SENSOR, speed_m_s=20.0)
+    crossing = Course(start=street.at(25.0, -2.0, 0.75, 100.0), speed_m_s=10.0)
+    standing = street.block("parked", "car", CAR, street.at(30.0, 12.0, 0.75, 20.0))
+    car = replace(street.block("crossing", "car", CAR, Pose()), motion=crossing)
+    described = Scene(bodies=(car, standing), ego=ego)
+    parts = []
+    for time_s in np.arange(0.0, 0.1, 0.01):
+        still = Scene(
+            bodies=tuple(
+                replace(b, motion=None, pose=b.pose if b.motion is None else pose_at(b.motion, time_s))
+                for b in described.bodies
+            )
+        )
+        sensor = pose_at(ego, time_s)
+        seen = street.cloud("sensor", described=still, sensor=sensor, step_deg=0.7)
+        own_m = seen.xyz_m.astype(float)
+        world_m = (street.SENSOR if motion_in == "in the points" else sensor).apply(own_m)
+        parts.append(replace(seen, xyz_m=world_m.astype(np.float32), time_s=np.full(len(seen), time_s)))
+    metadata = street.cloud("world", described=described).metadata | {"ego_motion": motion_in}
+    return replace(PointCloud.concatenate(parts), metadata=metadata), described
+
+
+@pytest.mark.parametrize("motion_in", ["in the points", "removed"])
+def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
+    """Rationale: a box is to hold the points of its body, whoever moved. Over 0.1 s the car and the sensor go 1 m
+    and 2 m: half of that on either side of the mean time is what points may lie outside.
+    """
+    cloud, scene = driving(motion_in=motion_in)
+    found = labels.boxes(cloud, scene)
+    for box in found:
+        own = cloud.xyz_m[cloud.body == box.body].astype(float)
+        outside = np.abs(box.pose.inverse_apply(own)) - 0.5 * box.size_m
+        moves = box.name == "crossing" or motion_in == "in the points"
+        reach = (0.5 * (box.name == "crossing") + 1.0 * (motion_in == "in the points")) if moves else 1e-3
+        assert outside.max() <= reach
+        # The mean of the way on either side is as long: the box is in the middle.
+        along = outside.max(axis=1)
+        assert np.median(along) <= 0.5 * reach + 1e-3
+    assert found[0].points_on > 100
+    np.testing.assert_allclose(np.linalg.norm(found[0].velocity_m_s), 10.0, rtol=1e-9)
+    np.testing.assert_array_equal(found[1].velocity_m_s, 0.0)
+
+
+@pytest.mark.parametrize("format", LABELS)
+@pytest.mark.parametrize("moves", [True, False])
+def test_labels_do_not_show_how_the_frame_was_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str, moves: bool
+) -> None:
+    """Pieces that end within blocks, against one piece and one block."""
+    cloud, scene = driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
+    write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
+    monkeypatch.setattr(gathered, "PIECE_POINTS", 700)
+    monkeypatch.setattr(spool, "BLOCK_ROWS", 300)
+    with labels_stream(tmp_path / "pieces.ply", scene, format=format) as append:
+        for first in range(0, len(cloud), 1000):
+            append(cloud.select(slice(first, first + 1000)))
+    for whole, pieces in zip(
+        *(label_paths(tmp_path / name, format=format) for name in ("whole.ply", "pieces.ply")), strict=True
+    ):
+        assert whole.read_bytes() == pieces.read_bytes()
+
+
+def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
+    """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
+    cloud, scene = driving(motion_in="removed")
+    late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
+    both = merged([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
+    for one, two in zip(labels.boxes(cloud, scene), labels.boxes(both, scene), strict=True):
+        np.testing.assert_allclose(two.pose.position_m, one.pose.position_m, atol=1e-9)
+        assert two.points_on == 2 * one.points_on
+
+
+@pytest.mark.parametrize("sensors", [1, 2])
+def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
+    """0.2 s later everything that drives straight on is 0.2 s of its way farther, seen by one sensor or by two."""
+    cloud, scene = driving(motion_in="removed")
+    found = []
+    for start_s in ("0.0", "0.2"):
+        frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
+        found.append(labels.boxes(frame if sensors == 1 else merged([frame, frame], ["a", "b"]), scene))
+    for early, late in zip(*found, strict=True):
+        way_m = late.pose.position_m - early.pose.position_m
+        np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
+    assert np.linalg.norm(found[0][0].velocity_m_s) == pytest.approx(10.0)
+
+
+def test_ground_truth_is_that_of_the_frames_start() -> None:
+    cloud, scene = driving(motion_in="in the points")
+    crossing, parked = labels.boxes(cloud, scene, as_seen=False)
+    np.testing.assert_allclose(crossing.pose.position_m, [25.0, -2.0, 0.75], atol=1e-12)
+    np.testing.assert_allclose(parked.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
+
+
+def test_moving_classes_of_semantic_kitti() -> None:
+    cloud, scene = driving(motion_in="removed")
+    semantic, _ = labels.point_labels(cloud, scene)
+    assert set(semantic[cloud.body == 0].tolist()) == {252}
+    assert set(semantic[cloud.body == 1].tolist()) == {10}
+
+
+def test_visibility_of_a_rig() -> None:
+    """Two sensors in one cloud: beams of each start where it stands."""
+    other = street.at(40.0, 20.0, 1.8, 200.0)
+    clouds = [street.cloud("world"), street.cloud("world", sensor=other)]
+    both = merged(clouds, ["one", "two"])
+    together = labels.boxes(both, street.scene())
+    apart = [labels.boxes(cloud, street.scene()) for cloud in clouds]
+    for box, one, two in zip(together, *apart, strict=True):
+        assert box.beams == one.beams + two.beams
+        assert box.points_inside == one.points_inside + two.points_inside
+        reached = one.visibility * one.beams + two.visibility * two.beams
+        assert box.visibility * box.beams == pytest.approx(reached)
+    with pytest.raises(InputError, match="the cloud is of several sensors"):
+        both.in_sensor_frame()

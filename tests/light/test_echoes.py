@@ -1,0 +1,219 @@
+"""Rays over the footprint, several echoes and the air's light through the whole chain, against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+from helpers.table_1 import K_PD, P_RS, M, sigma_18
+
+from lidarscene.detection.returns import Status
+from lidarscene.light.air_light import overlap_of
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.optics.pulse import gaussian_pulse
+from lidarscene.physics.weather import soft_target
+from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.scene.model import Air
+from lidarscene.scene.weather import Weather
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+BEAM = ["laser.divergence_mrad=3", "laser.exit_diameter_mm=10"]
+COARSE = ["scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5"]
+CENTRE = 4
+"""The beam of `chain.NARROW` that is on the axis."""
+
+
+def two_boards(apart_m):
+    """A board that takes the left half of a beam along x at 50 m, and one as wide as all of it behind."""
+    near = chain.facing(range_m=50.0, size_m=2.0)
+    near = dataclasses.replace(
+        near, name="near", pose=dataclasses.replace(near.pose, position_m=np.array([50.0, 1.0, 0.0]))
+    )
+    far = dataclasses.replace(chain.facing(range_m=50.0 + apart_m, size_m=8.0), name="far")
+    return chain.scene(near, far)
+
+
+def of_centre(cloud):
+    return cloud.select(cloud.time_s == np.unique(cloud.time_s)[CENTRE])
+
+
+@pytest.mark.parametrize("rays", [1, 3, 7, 19, 64])
+def test_a_plane_wider_than_the_spot_gives_the_lidar_equation(rays):
+    """(5) at any number of rays, over (18) with the sun of (8), all typed out. Tolerance 1e-4 of the issue: the
+    farthest ray of a beam with 1.5 mrad of half angle has 2e-6 more range and tilt; single precision of the sum of 64
+    terms is 1e-6.
+    """
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
+    scene = chain.scene(chain.facing(range_m=80.0, size_m=20.0))
+    cloud = of_centre(Simulator(scene, sensor, rays=rays).render(seed=1))
+    power = 0.98**2 * 0.7206 * 0.1 * 45.0 * np.pi * 0.025**2 / (np.pi * 80.0**2)
+    assert cloud.snr[0] == pytest.approx(K_PD * M * power / sigma_18(P_RS), rel=1e-4)
+    assert cloud.true_range_m[0] == pytest.approx(80.0, abs=1e-4)
+
+
+def test_one_ray_and_many_at_one_place_draw_the_same_noise():
+    """With a beam of no width all rays are the axis: the waveform's road must give the closed form's points.
+
+    Tolerance: 2e-4 m; the crossing is searched in single precision of places, 0.03 ps, at 400 ns.
+    """
+    sensor = chain.sensor("table1-apd", *COARSE, "tdc.stops=2")
+    scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), chain.box(at=(20.0, 3.0, 0.0)))
+    alone, many = (Simulator(scene, sensor, rays=rays).render(seed=3) for rays in (1, 4))
+    # An edge within rounding of the threshold may fall to the other side: fewer than one in a thousand.
+    assert abs(len(alone) - len(many)) <= 1 + len(alone) // 1000
+    alone, many = (cloud.select(cloud.status == Status.ECHO) for cloud in (alone, many))
+    _, here, there = np.intersect1d(alone.time_s, many.time_s, return_indices=True)
+    np.testing.assert_array_equal(alone.body[here], many.body[there])
+    assert np.quantile(np.abs(alone.range_m[here] - many.range_m[there]), 0.998) < 3e-4
+    assert np.quantile(np.abs(alone.snr[here] / many.snr[there] - 1.0), 0.998) < 1e-4
+
+
+@pytest.mark.parametrize("apart_m", [4.0, 12.0])
+def test_two_half_spots_are_two_returns_of_half_the_power(apart_m):
+    """Each half of a symmetric pattern has half of the rays. Of the far one the range takes its square off.
+
+    Tolerance: one ray of 200 at the edge, 1 %, and the tail of the other pulse: 4 m are 10 sigma of a 6 ns pulse.
+    """
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.stops=2", "tdc.threshold_to_noise=8")
+    cloud = of_centre(Simulator(two_boards(apart_m), sensor, rays=200).render(seed=2))
+    whole = of_centre(Simulator(chain.scene(chain.facing(range_m=50.0, size_m=20.0)), sensor).render(seed=2))
+    assert [cloud.body_names[body] for body in cloud.body] == ["near", "far"]
+    assert cloud.return_number.tolist() == [1, 2]
+    np.testing.assert_allclose(cloud.true_range_m, [50.0, 50.0 + apart_m], atol=1e-3)
+    shares = cloud.snr / whole.snr[0]
+    np.testing.assert_allclose(shares, [0.5, 0.5 * (50.0 / (50.0 + apart_m)) ** 2], atol=0.01)
+
+
+def test_boards_within_the_pulse_are_one_return_between_them():
+    """0.3 m apart is 0.8 sigma of the pulse: one peak, near the mean of the two by their power."""
+    sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.stops=2", "tdc.threshold_to_noise=8")
+    cloud = of_centre(Simulator(two_boards(0.3), sensor, rays=200).render(seed=2))
+    assert len(cloud) == 1
+    assert cloud.true_range_m[0] == pytest.approx(50.15, abs=0.005)
+
+
+def test_chunks_and_frames_do_not_show():
+    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
+    scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), chain.box(at=(20.0, 3.0, 0.0)))
+    simulator = Simulator(scene, sensor, rays=7)
+    whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
+    for attribute in ("xyz_m", "true_range_m", "snr", "body", "time_s", "ambient"):
+        np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
+
+
+def test_a_second_frame_compiles_nothing():
+    """With rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
+    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
+    wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=8.0))
+    scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=wet)
+    first = Simulator(scene, sensor, rays=3)
+    with launches.launched() as before:
+        first.render(seed=0, chunk=6000)
+    denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=12.0)))
+    wider = chain.sensor(
+        "table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2"
+    )
+    with launches.launched() as later:
+        first.render(seed=1, number=2, chunk=9000)
+        Simulator(denser, wider, world=first.world, rays=3).render(seed=2)
+    launches.assert_none_is_new(later, before)
+
+
+def test_fog_is_the_first_return_and_the_wall_the_last():
+    """In fog of 100 m the bump trips Table 1's comparator in every pulse; the wall at 30 m is behind it.
+
+    Reference for the wall: clear air's SNR times exp(-2 alpha R), and the fog's light before the wall, which over a
+    pulse's length L = c FWHM / 2 is 1.0645 L beta against rho / pi, about half of it before the wall.
+    """
+    dense = Air(transmittance=0.98, weather=Weather(fog_visibility_m=100.0))
+    plane = chain.facing(
+        range_m=30.0, size_m=30.0
+    )  # in the dark: fog would take light off the background too
+    first = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
+    cloud = Simulator(chain.scene(plane, air=dense, klux=0.0), first).render(seed=1)
+    assert (cloud.status == Status.WEATHER).all()
+    assert {cloud.class_names[one] for one in cloud.class_id} == {"fog"}
+    assert (cloud.body == -1).all()
+    assert cloud.range_m.max() < 10.0
+    # At a lower threshold the comparator would still be high from the fog when the wall's echo comes.
+    last = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.keep='last'", "tdc.threshold_to_noise=300")
+    behind = of_centre(Simulator(chain.scene(plane, air=dense, klux=0.0), last).render(seed=1))
+    clear = of_centre(Simulator(chain.scene(plane, klux=0.0), last).render(seed=1))
+    assert behind.status[0] == Status.ECHO
+    alpha = dense.extinction_at_per_m(905e-9)
+    (fog,) = dense.weather.media(905e-9)
+    fwhm_s = last.laser.pulse_fwhm_s
+    before = soft_target.share_before_surface(
+        range_m=30.0, surface_m=30.0, extinction_per_m=alpha, fwhm_s=fwhm_s
+    )
+    own = (
+        1.0645 * soft_target.pulse_length_m(fwhm_s=fwhm_s) * fog.backscatter_per_m_sr * before / (0.1 / np.pi)
+    )
+    assert 0.01 < own < 0.1
+    # The peak of the sum is not where the wall is, and the air's course is a table: a part in a hundred.
+    assert behind.snr[0] == pytest.approx(clear.snr[0] * np.exp(-2.0 * alpha * 30.0) * (1.0 + own), rel=0.01)
+
+
+@pytest.mark.parametrize("rate_mm_h", [0.5, 2.0])
+def test_rain_trips_as_often_as_drops_by_brute_force(rate_mm_h):
+    """Reference: all drops above 0.2 mm of 3000 pulses, drawn one by one in the beam, and their pulses added up.
+
+    Tolerance: five deviations of the two counts, and 2 % for drops smaller than that and for the noise at the
+    threshold, which is 1/8 of it and even in the mean.
+    """
+    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.threshold_to_noise=8", "tdc.stops=3")
+    air = Air(transmittance=1.0, weather=Weather(rain_mm_h=rate_mm_h))
+    summary = Summary()
+    scene = chain.scene(chain.facing(range_m=40.0, size_m=100.0), air=air, klux=0.0)
+    cloud = Simulator(scene, sensor).render(seed=5, summary=summary)
+    drops = cloud.select(cloud.status == Status.WEATHER)
+    assert {drops.class_names[one] for one in drops.class_id} == {"rain"}
+    assert summary.weather == len(drops)
+    assert (drops.true_range_m < 80.0).all()
+    share = len(np.unique(drops.time_s)) / summary.beams
+
+    pulses = 3000
+    expected = np.mean(_trips(sensor, air, pulses))
+    spread = np.sqrt(expected * (1.0 - expected) * (1.0 / pulses + 1.0 / summary.beams))
+    assert 0.05 < expected < 0.95
+    assert share == pytest.approx(expected, abs=5.0 * spread + 0.02)
+
+
+def _trips(sensor, air, pulses):
+    """Whether the light of all drops in each pulse comes over the threshold. Beyond 12 m no drop does."""
+    (rain,) = air.weather.media(905e-9)
+    point = sensor.working_point(np.zeros(1))
+    least_w = float(point.power_w(sensor.threshold(point))[0])
+    overlap = overlap_of(sensor)
+    random = np.random.default_rng(11)
+    farthest, widest = 12.0, np.pi * (0.005**2 + (0.0015 * 12.0) ** 2)
+    slope, smallest = rain.sizes.slope_per_m, 2e-4
+    density = rain.sizes.intercept_per_m4 / slope * np.exp(-slope * smallest)
+    sent = sensor.laser.peak_power_w * sensor.optics.efficiency_laser * sensor.optics.aperture_m2
+    at = np.arange(0.0, farthest, 0.05)
+    found = []
+    for count in random.poisson(density * widest * farthest, pulses):
+        r, d = random.uniform(0.0, farthest, count), smallest + random.exponential(1.0 / slope, count)
+        area = np.pi * (0.005**2 + (0.0015 * r) ** 2)
+        inside = random.uniform(size=count) < area / widest
+        r, d, area = r[inside], d[inside], area[inside]
+        seen = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
+        watts = seen * rain.particle_m2_sr(diameter_m=d)
+        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (at[:, None] - r)
+        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts
+        found.append(course.max() > least_w)
+    return found
+
+
+def test_keep_and_dead_time_act_with_one_ray():
+    """A false alarm before the echo: "first" with one stop reports it, "strongest" the echo."""
+    noisy = ["tdc.threshold_to_noise=3"]
+    scene = chain.scene(chain.facing(range_m=20.0, size_m=30.0))
+    shares = {}
+    for keep in ("first", "strongest"):
+        sensor = chain.sensor("table1-apd", *COARSE, *noisy, f"tdc.keep='{keep}'")
+        cloud = Simulator(scene, sensor).render(seed=2)
+        on_wall = np.isfinite(cloud.true_range_m)
+        shares[keep] = np.mean(cloud.status[on_wall] == Status.ECHO)
+    assert shares["strongest"] > 0.999 > shares["first"]

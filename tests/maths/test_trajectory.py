@@ -1,0 +1,169 @@
+"""Trajectories: closed forms, finite differences, and SciPy's rotations."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.motions import BEND, MOTIONS, SPLINE, START, TIMES, WAY, pose
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Spline, States, _exp, _log, pose_at
+
+STEP_S = 1e-4
+
+
+def turning(rotation: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """(n, 3) angular velocity w of R' = [w] R."""
+    skew = rate @ rotation.transpose(0, 2, 1)
+    return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_velocities_are_the_derivatives_of_the_pose(name: str) -> None:
+    """Central differences over 2e-4 s. Tolerance: third derivatives are below 1e4 m/s3, so h^2/6 of them is 2e-5;
+    rounding is 1e-15 of 20 m over 1e-4 s. Times stay clear of the poses, where the second derivative may jump.
+    """
+    motion = MOTIONS[name]
+    time_s = np.setdiff1d(np.linspace(0.01, 2.49, 173), TIMES)
+    before, now, after = (motion.at(time_s + shift) for shift in (-STEP_S, 0.0, STEP_S))
+    velocity = (after.position_m - before.position_m) / (2 * STEP_S)
+    np.testing.assert_allclose(now.velocity_m_s, velocity, atol=2e-5)
+    rate = (after.rotation - before.rotation) / (2 * STEP_S)
+    np.testing.assert_allclose(now.turning_rad_s, turning(now.rotation, rate), atol=2e-5)
+    np.testing.assert_allclose(now.rotation @ now.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * now.rotation,
+                               atol=1e-13)  # fmt: skip
+
+
+def test_a_course_is_an_arc() -> None:
+    """Radius v/w about a centre to the left, at constant speed; to rounding. The added velocity comes on top."""
+    arc = Course(start=START, speed_m_s=12.0, yaw_rate_rad_s=0.7)
+    time_s = np.linspace(-3.0, 5.0, 41)
+    states = arc.at(time_s)
+    centre = START.apply(np.array([[0.0, 12.0 / 0.7, 0.0]]))
+    np.testing.assert_allclose(np.linalg.norm(states.position_m - centre, axis=1), 12.0 / 0.7, rtol=1e-14)
+    np.testing.assert_allclose(states.velocity_m_s, 12.0 * states.rotation[:, :, 0], atol=1e-13)
+    expected = Rotation.from_matrix(START.rotation) * Rotation.from_rotvec([[0, 0, 0.7 * t] for t in time_s])
+    np.testing.assert_allclose(states.rotation, expected.as_matrix(), atol=1e-14)
+    moved = BEND.at(time_s).position_m - states.position_m
+    np.testing.assert_allclose(moved, time_s[:, None] * [0.5, -0.25, 0.125], atol=1e-13)
+
+
+@pytest.mark.parametrize("rate_rad_s", [0.0, 1e-300, 1e-12, -1e-9, 1e-6])
+def test_a_course_that_hardly_turns_is_a_line(rate_rad_s: float) -> None:
+    """Aside by v w t^2 / 2, which no cancellation spoils: to 1e-12 of it, and the way ahead to rounding."""
+    states = Course(speed_m_s=30.0, yaw_rate_rad_s=rate_rad_s).at(np.array([0.0, 2.0]))
+    np.testing.assert_allclose(states.position_m[1], [60.0, 60.0 * rate_rad_s, 0.0], rtol=1e-11, atol=1e-320)
+    assert not states.position_m[0].any()
+
+
+def test_twists_are_scipys() -> None:
+    """exp is the matrix exponential of 4 by 4, log its inverse, at angles of 0 to 179 degrees.
+
+    Tolerances: rounding of angles near 180 degrees, whose sine is 0.017, is 60 times that of 1 rad.
+    """
+    rng = np.random.default_rng(1)
+    axes = rng.normal(size=(12, 3))
+    angles = [0.0, 1e-12, 1e-8, 9e-5, 1.1e-4, 1e-3, 0.1, 1.0, 2.0, 3.0, math.radians(170), math.radians(179)]
+    turns = axes / np.linalg.norm(axes, axis=1, keepdims=True) * np.array(angles)[:, None]
+    twists = np.concatenate([rng.normal(0, 5, (12, 3)), turns], axis=1)
+    rotation, place = _exp(twists)
+    for twist, r, p in zip(twists, rotation, place, strict=True):
+        generator = np.zeros((4, 4))
+        generator[:3, :3] = np.cross(np.eye(3), twist[3:])
+        generator[:3, 3] = twist[:3]
+        expected = expm(generator)
+        np.testing.assert_allclose(r, expected[:3, :3], atol=2e-14)
+        np.testing.assert_allclose(p, expected[:3, 3], atol=5e-13)
+    np.testing.assert_allclose(_log(rotation, place), twists, atol=2e-12)
+
+
+def test_a_spline_goes_through_its_poses() -> None:
+    states = SPLINE.at(TIMES)
+    np.testing.assert_allclose(states.position_m, [p.position_m for p in WAY], atol=1e-12)
+    np.testing.assert_allclose(states.rotation, [p.rotation for p in WAY], atol=1e-13)
+
+
+def test_a_spline_has_no_kinks() -> None:
+    """Velocities from either side of a pose differ by what the acceleration, below 1e3, makes of 2e-9 s."""
+    for inner in TIMES[1:-1]:
+        states = SPLINE.at(np.array([inner - 1e-9, inner + 1e-9]))
+        np.testing.assert_allclose(states.velocity_m_s[0], states.velocity_m_s[1], atol=1e-5)
+        np.testing.assert_allclose(states.turning_rad_s[0], states.turning_rad_s[1], atol=1e-5)
+
+
+def test_a_constant_twist_is_met_exactly() -> None:
+    """A screw: an arc that climbs, given by poses at uneven times. To rounding of 50 m."""
+    climbing = Course(start=START, speed_m_s=15.0, yaw_rate_rad_s=-0.9)
+    times = np.array([0.0, 0.4, 0.5, 1.7, 2.0])
+    spline = Spline(time_s=times, poses=tuple(pose_at(climbing, t) for t in times))
+    time_s = np.linspace(0.0, 2.0, 101)
+    came, expected = spline.at(time_s), climbing.at(time_s)
+    np.testing.assert_allclose(came.position_m, expected.position_m, atol=1e-12)
+    np.testing.assert_allclose(came.rotation, expected.rotation, atol=1e-13)
+    np.testing.assert_allclose(came.velocity_m_s, expected.velocity_m_s, atol=1e-11)
+    np.testing.assert_allclose(came.turning_rad_s, expected.turning_rad_s, atol=1e-11)
+
+
+def test_without_turns_it_is_the_hermite_cubic_through_points() -> None:
+    """Second road: the cubic with the same velocities at its ends, which for pure translations this must be."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    places = np.array([[0, 0, 0], [2, 1, 0], [3, 5, 1], [9, 4, 0], [9, 9, 2.0]])
+    spline = Spline(time_s=TIMES, poses=tuple(Pose(position_m=p) for p in places))
+    h, rates = np.diff(TIMES), np.diff(places, axis=0) / np.diff(TIMES)[:, None]
+    inner = (h[1:, None] * rates[:-1] + h[:-1, None] * rates[1:]) / (h[1:] + h[:-1])[:, None]
+    cubic = CubicHermiteSpline(TIMES, places, np.vstack([rates[:1], inner, rates[-1:]]))
+    time_s = np.linspace(0.0, 2.5, 61)
+    np.testing.assert_allclose(spline.at(time_s).position_m, cubic(time_s), atol=1e-12)
+    np.testing.assert_allclose(spline.at(time_s).velocity_m_s, cubic(time_s, 1), atol=1e-11)
+
+
+def test_it_is_the_same_in_any_frame() -> None:
+    """Moving all poses moves the spline: no axis of the world is special."""
+    moved = Spline(time_s=TIMES, poses=tuple(START @ p for p in WAY))
+    time_s = np.linspace(0.0, 2.5, 31)
+    came, own = moved.at(time_s), SPLINE.at(time_s)
+    np.testing.assert_allclose(came.position_m, START.apply(own.position_m), atol=1e-12)
+    np.testing.assert_allclose(came.velocity_m_s, own.velocity_m_s @ START.rotation.T, atol=1e-11)
+
+
+def test_beyond_its_ends_it_stands_at_them() -> None:
+    assert SPLINE.span_s == (0.0, 2.5)
+    np.testing.assert_array_equal(
+        SPLINE.at(np.array([-9.0, 99.0])).position_m, SPLINE.at(TIMES[[0, -1]]).position_m
+    )
+    np.testing.assert_array_equal(pose_at(SPLINE, -9.0).rotation, SPLINE.at(TIMES[:1]).rotation[0])
+    assert pose_at(BEND).position_m.tolist() == START.position_m.tolist()
+
+
+def test_a_turn_of_170_degrees_is_the_largest() -> None:
+    """Shortest way round: 165 degrees to the right, not 195 to the left."""
+    spline = Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=195)))
+    middle = spline.at(np.array([0.5]))
+    assert math.degrees(math.atan2(middle.rotation[0, 1, 0], middle.rotation[0, 0, 0])) == pytest.approx(
+        -82.5
+    )
+    with pytest.raises(ValueError, match="turn between two poses must be <= 170 degrees, got 171"):
+        Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=171)))
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.0], [1.0, 0.0], [0.0, np.nan], [0.0, 1.0, 2.0]])
+def test_times_must_rise(times: list[float]) -> None:
+    with pytest.raises(ValueError, match="two poses or more, at rising times"):
+        Spline(time_s=np.array(times), poses=(Pose(), Pose())[: len(times)])
+
+
+def test_states_of_a_fixed_frame() -> None:
+    """What is fixed on a turning vehicle moves with v + w x r."""
+    states = States(
+        position_m=np.array([[1.0, 2.0, 3.0]]), rotation=START.rotation[None],
+        velocity_m_s=np.array([[4.0, 5.0, 6.0]]), turning_rad_s=np.array([[0.0, 0.0, 2.0]]),
+    )  # fmt: skip
+    child = pose(0, 0, 1, roll=90)
+    seen = states @ child
+    arm = START.rotation[:, 2]
+    np.testing.assert_allclose(seen.position_m[0] - arm, [1, 2, 3], atol=1e-15)
+    np.testing.assert_allclose(seen.velocity_m_s[0], [4 - 2 * arm[1], 5 + 2 * arm[0], 6], atol=1e-15)
+    np.testing.assert_allclose(seen.pose().rotation, START.rotation @ child.rotation, atol=1e-15)

@@ -1,0 +1,83 @@
+"""`render --waveforms` and `--ambient`: what the files hold, frame by frame, and mistakes."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.command_line import BEAMS, COARSE, Run
+from PIL import Image
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+
+def test_waveforms_of_chosen_pulses(run: Run, wall: str, tmp_path: Path) -> None:
+    """Pulse 115 of the coarse raster is on the wall, 10 m off; pulse 0 in the sky."""
+    options = ("--waveforms", "w.npz", "--pulses", "115,0,2-4", "--json")
+    ran = run("render", wall, "-o", "a.npz", *options, *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    assert json.loads(ran.out)["waveforms"] == "w.npz"
+    with np.load(tmp_path / "w.npz") as archive:
+        found = dict(archive)
+    assert found["pulse"].tolist() == [0, 2, 3, 4, 115]
+    assert found["power_w"].shape == found["signal"].shape == (5, len(found["time_s"]))
+    peak = found["signal"].argmax(axis=1)
+    # A sample is 0.056 m long.
+    assert found["range_m"][peak[4]] == pytest.approx(10.0, abs=0.06)
+    assert found["signal"][4].max() > found["threshold"][4]
+    assert not found["power_w"][0].any()
+    assert str(found["unit"]) == "A"
+
+
+def test_a_few_pulses_of_each_frame(run: Run, wall: str, tmp_path: Path) -> None:
+    wide = ("--rays", "3", "--set", "laser.divergence_mrad=0.1")
+    ran = run("render", wall, "-o", "d", "--frames", "2", "--waveforms", "w.npz", *wide, *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    for number in (0, 1):
+        with np.load(tmp_path / f"w_000{number}.npz") as archive:
+            pulse = archive["pulse"]
+        assert len(pulse) == 9
+        assert pulse[0] == number * BEAMS
+        assert pulse[-1] == (number + 1) * BEAMS - 1
+
+
+def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
+    """The image is the counts by ring and azimuth, the picture the image in steps."""
+    for name in ("a.npz", "a.png"):
+        ran = run("render", wall, "-o", "c.npz", "--ambient", name, "--background-rays", "4", *COARSE)
+        assert (ran.code, ran.err) == (0, "")
+    with np.load(tmp_path / "a.npz") as archive:
+        found = dict(archive)
+    assert found["pulse"].tolist() == list(range(BEAMS))
+    assert found["image"].shape == (11, 21)
+    assert sorted(found["image"].ravel()) == sorted(found["counts"])
+    row = np.searchsorted(-found["elevation_deg"], -np.degrees(found["elevation_rad"])) - 1
+    column = np.searchsorted(-found["azimuth_deg"], -np.degrees(found["azimuth_rad"])) - 1
+    np.testing.assert_array_equal(found["image"][row, column], found["counts"])
+    picture = Image.open(io.BytesIO((tmp_path / "a.png").read_bytes()))
+    step = int(picture.info["Description"].split()[3])
+    np.testing.assert_array_equal(np.asarray(picture), np.minimum(np.rint(found["image"] / step), 65535))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--waveforms", "w.csv"], "--waveforms w.csv: a name that ends in .npz was expected"),
+        (["--ambient", "a.jpg"], "--ambient a.jpg: a name that ends in .png or .npz was expected"),
+        (["--pulses", "3"], "--pulses goes with --waveforms"),
+        (["--waveforms", "w.npz", "--pulses", "231"], "pulses: 0 to 230 was expected"),
+        (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, were expected, 9-3 came"),
+        (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "0-99999999999 came"),
+        (["--waveforms", "w.npz", "--pulses", "x"], "x came"),
+        (
+            ["--background-rays", "0"],
+            "argument --background-rays: must be a whole number from 1 to 1024, got 0",
+        ),
+    ],
+)
+def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
+    ran = run("render", wall, "-o", "a.ply", *options, *COARSE)
+    assert (ran.code, ran.out) == (2, "")
+    assert message in ran.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [wall]

@@ -1,0 +1,196 @@
+"""`lidarscene.record` from Python: the files of the command `render`, byte for byte, and mistakes in Python's words."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BEAMS, COARSE, Run
+from helpers.walls import LEFT_AND_RIGHT
+
+import lidarscene
+from lidarscene import (
+    FrameOptions,
+    InputError,
+    Outputs,
+    TraceOptions,
+    load_rig,
+    load_scene,
+    load_sensor,
+    record,
+)
+from lidarscene.errors import OptionWarning
+
+SETS = tuple(one.removeprefix("--set=") for one in COARSE)
+MOVING = """
+[ego]
+speed_m_s = 20
+
+[[bodies]]
+name = "wall"
+primitive = "box"
+class = "car"
+size_m = [1, 4, 4]
+material = "concrete"
+position_m = [10, 0, 0]
+
+[bodies.motion]
+velocity_m_s = [-10, 2, 0]
+"""
+
+
+@pytest.fixture
+def moving(run: Run, tmp_path: Path) -> str:
+    """A car and a sensor that move, and a rig of two sensors, in the folder where the command runs."""
+    (tmp_path / "moving.toml").write_text(MOVING)
+    (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
+    return "moving.toml"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+
+
+EVERY = {
+    "picture": "{}/p.png", "missed": "{}/m.npz", "ambient": "{}/a.png", "range_image": "{}/r.png",
+    "waveforms": "{}/w.npz", "deskew": True, "labels": "kitti", "pulses": (3, 100),
+}  # fmt: skip
+EVERY_ASKED = (
+    "--picture", "{}/p.png", "--keep-missed", "{}/m.npz", "--ambient", "{}/a.png", "--range-image", "{}/r.png",
+    "--waveforms", "{}/w.npz", "--deskew", "--labels", "kitti", "--pulses", "3,100",
+)  # fmt: skip
+
+CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
+    "every file": ("{}/a.ply", EVERY, {"seed": 3, "begin_s": 0.1}, (*EVERY_ASKED, "--seed", "3", "--begin", "0.1")),
+    "frames of text": ("{}", {"ascii": True, "truth": False}, {"frames": 2, "coordinates": "vehicle"},
+                       ("--frames", "2", "--ascii", "--no-truth", "--coordinates", "vehicle")),
+    "laz": ("{}/a.laz", {"labels": "semantickitti"}, {"chunk": 50}, ("--labels", "semantickitti", "--chunk", "50")),
+    "whole": ("{}/a.npz", {}, {"coordinates": "sensor", "rays": 3, "background_rays": 2},
+              ("--frame", "sensor", "--rays", "3", "--background-rays", "2", "--set=laser.divergence_mrad=3")),
+    "data set": ("{}", {"dataset": "semantickitti", "deskew": True}, {"frames": 2},
+                 ("--dataset", "semantickitti", "--deskew", "--frames", "2")),
+    "rig": ("{}", {"format": "pcd", "missed": "{}/m.npz"}, {"frames": 2},
+            ("--rig", "rig.toml", "--format", "pcd", "--keep-missed", "{}/m.npz", "--frames", "2")),
+    "merged": ("{}/a.ply", {"merge": True, "deskew": True, "labels": "nuscenes", "picture": "{}/p.png"},
+               {"interactions": 0}, ("--rig", "rig.toml", "--merge", "--deskew", "--labels", "nuscenes", "--picture",
+                                     "{}/p.png", "--interactions", "0")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_python_writes_the_files_of_the_command(mi, run: Run, moving: str, tmp_path: Path, case: str) -> None:
+    path, files, options, argv = CASES[case]
+    files = {key: one.format("api") if isinstance(one, str) else one for key, one in files.items()}
+    sets = [*SETS, *(one.removeprefix("--set=") for one in argv if one.startswith("--set="))]
+    subject: dict[str, Any] = {"overrides": sets}
+    if "--rig" in argv:
+        subject = {"sensor": load_rig("rig.toml", overrides=sets)}
+    done = record(moving, **subject, outputs=Outputs(path.format("api"), **files), **options)
+    ran = run("render", moving, "-o", path.format("cli"), *(one.format("cli") for one in argv), *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    written = contents(tmp_path / "api")
+    assert len(written) >= len(done.files) > 0
+    assert set(done.files) <= {Path("api") / name for name in written}
+    assert written == contents(tmp_path / "cli")
+    assert done.summary.beams == len(done.clouds) * BEAMS * (2 if "--merge" in argv else 1)
+
+
+def test_objects_do_as_well_as_files(mi, run: Run, moving: str, tmp_path: Path) -> None:
+    scene = load_scene(moving, overrides=["sun.illuminance_klux=1"])
+    sensor = load_sensor(scene.sensor_name, overrides=SETS)
+    frame, trace = FrameOptions(seed=5, number=2), TraceOptions(interactions=1)
+    record(scene, sensor, outputs=Outputs(tmp_path / "api" / "a.ply"), frame=frame, trace=trace)
+    record(
+        moving, outputs=Outputs(tmp_path / "loose" / "a.ply"), seed=5, number=2, interactions=1, overrides=SETS,
+        scene_overrides=["sun.illuminance_klux=1"],
+    )  # fmt: skip
+    cloud = lidarscene.render(scene, sensor, frame=frame, trace=trace)
+    (tmp_path / "whole").mkdir()
+    cloud.save(tmp_path / "whole" / "a.ply")
+    assert contents(tmp_path / "api") == contents(tmp_path / "loose") == contents(tmp_path / "whole")
+    assert contents(tmp_path / "api") != {}
+
+
+def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path) -> None:
+    """Frame 1 of two is frame 1 alone, where its name says so."""
+    for folder, first, count in (("two", 0, 2), ("one", 1, 1)):
+        record(moving, outputs=Outputs(folder), frames=count, number=first, overrides=SETS)
+    two, one = contents(tmp_path / "two"), contents(tmp_path / "one")
+    assert list(one) == ["frame_0001.ply"]
+    assert one["frame_0001.ply"] == two["frame_0001.ply"] != two["frame_0000.ply"]
+
+
+def test_progress_is_that_of_the_run(mi, moving: str) -> None:
+    """Of two frames of two sensors, in chunks; what is done only grows, and ends with all."""
+    told: list[tuple[int, int]] = []
+    record(
+        moving, load_rig("rig.toml", overrides=SETS), outputs=Outputs("out"), frames=2, chunk=100,
+        progress=lambda done, pulses: told.append((done, pulses)),
+    )  # fmt: skip
+    done = [one for one, _ in told]
+    assert {pulses for _, pulses in told} == {4 * BEAMS}
+    assert done == sorted(set(done))
+    assert (len(done), done[-1]) == (12, 4 * BEAMS)
+
+
+@pytest.mark.parametrize(
+    ("files", "options", "told"),
+    [
+        (("a.ply",), {"frames": 2}, "path a.ply: with frames a folder was expected"),
+        (("out",), {}, "path out: a name that ends in one of .ply, "),
+        (("a.laz", {"ascii": True}), {}, "ascii: ply and pcd can be text"),
+        (("a.ply", {"merge": True}), {}, "merge goes with rig"),
+        (("out",), {"frames": 0}, "frames: must be a whole number from 1 to 10000, got 0"),
+        (("a.ply",), {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
+        (("a.ply",), {"sed": 1}, "unknown option 'sed'; known here: rays, "),
+        (("a.ply",), {"progress": 1}, "progress: must be a function, got 1"),
+        (("moving.toml", {"format": "ply"}), {}, "path moving.toml: is an input of this run, another name was exp"),
+        (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: 0 to 230 was expected"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_in_the_words_of_python(
+    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], told: str
+) -> None:
+    before = contents(tmp_path)
+    path, *more = files
+    with pytest.raises(InputError) as caught:
+        record(moving, outputs=Outputs(path, **dict(*more)), overrides=SETS, **options)
+    assert str(caught.value).startswith(told)
+    assert contents(tmp_path) == before
+
+
+def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_path: Path) -> None:
+    rig = load_rig("rig.toml")
+    (tmp_path / "way.ply").write_text("")
+    with pytest.raises(InputError, match=r"path way.ply: is an input of this run"):
+        record(
+            moving, replace(rig, files=(*rig.files, Path("way.ply"))), outputs=Outputs("way.ply", merge=True)
+        )
+    assert rig.files == (Path("rig.toml"),)
+
+
+def test_overrides_are_for_files(run: Run, moving: str) -> None:
+    """A rig that is loaded does not change; silence would hide it."""
+    with pytest.raises(InputError, match=r"^overrides: go with the name or file of a sensor, a Rig came$"):
+        record(moving, load_rig("rig.toml"), outputs=Outputs("out"), overrides=SETS)
+
+
+def test_rays_without_a_width_are_warned_of(mi, run: Run, moving: str) -> None:
+    sensor = load_sensor("table1-apd", overrides=SETS)
+    said = r"^rays 3 changes nothing: laser.divergence_mrad of 'table1-apd' is 0; a width is given by overrides laser"
+    with pytest.warns(OptionWarning, match=said) as noted:
+        record(moving, sensor, outputs=Outputs("a.ply"), rays=3)
+    assert noted[0].filename == __file__
+
+
+def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> None:
+    """The pulse of each point, as `render` tells it."""
+    simulator = lidarscene.Simulator(load_scene(moving), load_sensor("table1-apd", overrides=SETS))
+    clouds: list[lidarscene.PointCloud] = []
+    streamed, whole = list[np.ndarray](), list[np.ndarray]()
+    simulator.stream(clouds.append, points=lambda pulse, _: streamed.append(pulse), chunk=100)
+    simulator.render(points=lambda pulse, _: whole.append(pulse))
+    assert len(streamed) == 3
+    np.testing.assert_array_equal(np.concatenate(streamed), np.concatenate(whole))
+    assert sum(map(len, clouds)) == len(whole[0]) > 0

@@ -1,0 +1,255 @@
+"""`render` writes its files while the frame is traced: the same bytes, the same summary, no chunk kept."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import BEAMS, COARSE, Run
+from helpers.waiting import wait_until
+from helpers.walls import LEFT_AND_RIGHT
+
+from lidarscene import load_rig, load_scene, load_sensor
+from lidarscene.cloud import thinning
+from lidarscene.cloud.deskew import deskewed
+from lidarscene.cloud.merging import merged
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats import parquet
+from lidarscene.labels import kitti_dataset
+from lidarscene.labels.files import write_labels
+from lidarscene.rendering.rig import simulators
+from lidarscene.rendering.simulator import Simulator
+
+SENSOR = "table1-apd"
+MOVING = """
+[ego]
+speed_m_s = 20
+
+[[bodies]]
+name = "wall"
+primitive = "box"
+class = "car"
+size_m = [1, 4, 4]
+material = "concrete"
+position_m = [10, 0, 0]
+
+[bodies.motion]
+velocity_m_s = [-10, 2, 0]
+"""
+CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
+
+
+def whole(folder: Path, name: str, *, seed: int = 0, truth: bool = True, ascii: bool = False) -> bytes:
+    """The file of the cloud that is put together first, in one chunk."""
+    overrides = [one.removeprefix("--set=") for one in COARSE]
+    scene = load_scene(folder / "wall.toml")
+    cloud = Simulator(scene, load_sensor(SENSOR, overrides=overrides)).render(seed=seed)
+    assert 0 < len(cloud) < BEAMS
+    (cloud if truth else cloud.without_truth()).save(folder / f"whole_{name}", ascii=ascii)
+    return (folder / f"whole_{name}").read_bytes()
+
+
+@pytest.fixture
+def streamed_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may ask for a whole cloud."""
+
+    def refused(*_: Any, **__: Any) -> None:
+        raise AssertionError("the whole cloud was asked for")
+
+    monkeypatch.setattr(Simulator, "render", refused)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.las", "a.laz", "a.parquet", "a.bin", "a.pcd.bin"])
+def test_the_file_is_that_of_the_whole_cloud(
+    run: Run, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    expected = whole(tmp_path, name)
+    monkeypatch.setattr(Simulator, "render", None)
+    ran = run("render", wall, "-o", name, "--sensor", SENSOR, *COARSE, CHUNKS)
+    assert (ran.code, ran.err) == (0, "")
+    assert (tmp_path / name).read_bytes() == expected
+
+
+def test_text_without_truth(run: Run, wall: str, tmp_path: Path) -> None:
+    expected = whole(tmp_path, "a.ply", truth=False, ascii=True)
+    asked = ("--ascii", "--no-truth", "--sensor", SENSOR)
+    assert run("render", wall, "-o", "a.ply", *asked, *COARSE, CHUNKS).code == 0
+    assert (tmp_path / "a.ply").read_bytes() == expected
+
+
+@pytest.mark.usefixtures("streamed_only")
+def test_a_frame_without_points(run: Run, tmp_path: Path) -> None:
+    """A wall far behind the window, and a threshold that no noise reaches."""
+    text = '[[bodies]]\nname = "w"\nprimitive = "plane"\nsize_m = [1, 1]\nmaterial = "concrete"\n'
+    (tmp_path / "far.toml").write_text(text + "position_m = [0, 0, -900]\n")
+    quiet = "--set=tdc.threshold_to_noise=30"
+    assert run("render", "far.toml", "-o", "a.ply", "--sensor", SENSOR, *COARSE, quiet, CHUNKS).code == 0
+    assert len(PointCloud.load(tmp_path / "a.ply")) == 0
+
+
+@pytest.fixture
+def moving(tmp_path: Path) -> str:
+    """A car and a sensor that move, in the frame's 4.6 ms by 5 and 9 cm; and two sensors."""
+    (tmp_path / "moving.toml").write_text(MOVING)
+    (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
+    return "moving.toml"
+
+
+def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
+    """Options by what they ask for, with everything put into this folder."""
+    single = (
+        "--keep-missed",
+        f"{folder}/m.npz",
+        "--ambient",
+        f"{folder}/a.npz",
+        "--range-image",
+        f"{folder}/r.npz",
+    )
+    return {
+        "single": ("-o", f"{folder}/a.ply", *single, "--picture", f"{folder}/p.png", "--deskew", "--labels", "kitti"),
+        "semantickitti": ("-o", f"{folder}/a.laz", "--labels", "semantickitti"),
+        "nuscenes": ("-o", f"{folder}/a.pcd", "--labels", "nuscenes", "--no-truth"),
+        "osi": ("-o", f"{folder}/a.parquet", "--labels", "osi"),
+        "merge": ("-o", f"{folder}/a.ply", "--rig", "rig.toml", "--merge", "--deskew", "--labels", "nuscenes",
+                  "--picture", f"{folder}/p.png"),
+        "data set": ("-o", folder, "--dataset", "semantickitti", "--deskew"),
+        "whole": ("-o", f"{folder}/a.npz"),
+    }  # fmt: skip
+
+
+ASKED = tuple(all_outputs(""))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: Path, asked: str) -> None:
+    """Pieces of 50 pulses, and all pulses at once."""
+    for folder, cut in (("pieces", (CHUNKS,)), ("whole", ())):
+        told = run("render", moving, *all_outputs(folder)[asked], *COARSE, *cut)
+        assert (told.code, told.err) == (0, "")
+    assert contents(tmp_path / "pieces") == contents(tmp_path / "whole")
+
+
+def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
+    """What Python writes of the clouds that `render` returns, put together before anything else."""
+    overrides = [one.removeprefix("--set=") for one in COARSE]
+    scene = load_scene(moving)
+    made = dict(simulators(scene, load_rig("rig.toml", overrides=overrides).sensors))
+    clouds = [one.render() for one in made.values()]
+    still = [deskewed(cloud, one.motion) for cloud, one in zip(clouds, made.values(), strict=True)]
+    for name, parts in (("a", clouds), ("a.deskewed", still)):
+        together = merged(parts, list(made))
+        together.save(tmp_path / "api" / f"{name}.ply")
+        write_labels(together, scene, tmp_path / "api" / f"{name}.ply", format="nuscenes")
+    asked = all_outputs("cli")["merge"]
+    assert run("render", moving, *asked[: asked.index("--picture")], *COARSE, CHUNKS).code == 0
+    assert contents(tmp_path / "cli") == contents(tmp_path / "api")
+
+
+def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
+    overrides = [one.removeprefix("--set=") for one in COARSE]
+    scene = load_scene(moving)
+    sensor = load_sensor(scene.sensor_name, overrides=overrides)
+    kitti_dataset.write_object_frame(tmp_path / "api", 0, Simulator(scene, sensor).render(), scene)
+    assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS).code == 0
+    assert contents(tmp_path / "cli") == contents(tmp_path / "api")
+
+
+@pytest.fixture
+def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How many chunks there were in memory at most, each when the next was handed out."""
+    known: list[weakref.ref[Any]] = []
+    most = [0]
+    stream = Simulator.stream
+
+    def watched(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
+        def take(cloud: PointCloud) -> None:
+            most[0] = max(most[0], sum(one() is not None for one in known))
+            # Whoever keeps a slice of a column keeps the array that it is of.
+            known.append(
+                weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base)
+            )
+            sink(cloud)
+
+        stream(self, take, *options)
+
+    monkeypatch.setattr(Simulator, "stream", watched)
+    return lambda: most[0] if len(known) > 3 else 10**6
+
+
+@pytest.mark.parametrize("asked", [one for one in ASKED if one != "whole"])
+def test_no_chunk_is_kept(
+    run: Run, moving: str, monkeypatch: pytest.MonkeyPatch, alive: Callable[[], int], asked: str
+) -> None:
+    """When a chunk comes no other is there, not even the one before.
+
+    A picture keeps a few points of each, and a Parquet file waits for a row group: both are made small here. A range
+    image keeps its columns of all points, and until there are two those of the first chunk itself: it is left out.
+    """
+    monkeypatch.setattr(thinning, "MOST_POINTS", 3)
+    monkeypatch.setattr(parquet, "GROUP_POINTS", 20)
+    argv = list(all_outputs("o")[asked])
+    if "--range-image" in argv:
+        at = argv.index("--range-image")
+        del argv[at : at + 2]
+    assert run("render", moving, *argv, *COARSE, CHUNKS).code == 0
+    assert alive() == 0
+
+
+def test_a_format_that_needs_the_whole_keeps_copies(run: Run, moving: str, alive: Callable[[], int]) -> None:
+    """The columns of all chunks are one array: chunks themselves are not kept there either, but the first's."""
+    assert run("render", moving, *all_outputs("o")["whole"], *COARSE, CHUNKS).code == 0
+    assert alive() <= 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) -> None:
+    """A frame of hours, killed when all its files are open; the next run clears what it left."""
+    fine = ["--set=scanner.azimuth_step_deg=0.01", "--set=scanner.elevation_step_deg=0.01"]
+    argv = ["render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *fine, "--chunk=1000"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2] / "src")}
+    with subprocess.Popen([sys.executable, "-m", "lidarscene", *argv], env=environment) as child:
+        names = ("a.laz", "a.txt", "a.deskewed.laz", "a.deskewed.txt", "m.npz")
+        begun = {f".{name}.{child.pid}.part" for name in names}
+        wait_until(lambda: begun <= _names(tmp_path / "o") or child.poll() is not None)
+        child.kill()
+        assert child.wait() == -signal.SIGKILL
+    assert _names(tmp_path / "o") == begun
+    assert run("render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *COARSE).code == 0
+    assert not [one for one in _names(tmp_path / "o") if one.startswith(".")]
+
+
+def _names(folder: Path) -> set[str]:
+    return set(os.listdir(folder)) if folder.is_dir() else set()
+
+
+def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
+    """With a picture the cloud is put together; its counts are those of the chunks."""
+    asked = ("--sensor", SENSOR, *COARSE, CHUNKS, "--json", "--keep-missed", "m.npz")
+    chunks = json.loads(run("render", wall, "-o", "a.ply", *asked).out)
+    missed = np.load("m.npz")["pulse"]
+    together = json.loads(run("render", wall, "-o", "b.ply", *asked, "--picture", "p.png").out)
+    same = set(chunks) - {"seconds", "beams_per_second", "output"}
+    assert {key: chunks[key] for key in same} == {key: together[key] for key in same}
+    assert chunks["points"] == len(PointCloud.load("a.ply"))
+    assert np.array_equal(missed, np.load("m.npz")["pulse"])
+    assert {"write"} <= set(chunks["seconds"])
+    assert "assemble" not in chunks["seconds"]
+
+
+@pytest.mark.usefixtures("streamed_only")
+def test_frames_are_streamed_too(run: Run, wall: str, tmp_path: Path) -> None:
+    asked = ("--sensor", SENSOR, *COARSE, CHUNKS, "--frames", "2")
+    assert run("render", wall, "-o", "many", *asked).code == 0
+    starts = [PointCloud.load(one).metadata["frame_number"] for one in sorted((tmp_path / "many").iterdir())]
+    assert starts == ["0", "1"]

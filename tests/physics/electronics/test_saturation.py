@@ -1,0 +1,236 @@
+"""A clipped pulse: its waveform on a fine grid against the closed forms, and what a frame makes of it."""
+
+import numpy as np
+import pytest
+from helpers import chain, trains
+from scipy.stats import norm
+
+from lidarscene.detection import multi_echo, returns
+from lidarscene.detection.returns import Outcome
+from lidarscene.physics.electronics import saturation, tdc
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
+
+FWHM_S, RECOVERY_S = 6e-9, 2e-9
+SHOTS = 20_000
+CLIPPED = "detector.saturation_ua=50"
+RISING = "tdc.edges='rising'"
+
+
+def shots(sensor, range_m, reflectivity=0.8):
+    light = plane.echoes_of_plane(sensor, Target(reflectivity=reflectivity), np.full(SHOTS, range_m))
+    return light, returns.detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
+
+
+@pytest.mark.parametrize("signal", [0.5, 0.99, 1.5, 10.0, 1e3])
+@pytest.mark.parametrize("recovery_s", [0.0, 0.5e-9, RECOVERY_S, 20e-9])
+def test_width_of_the_waveform(signal, recovery_s):
+    """Reference: time above the level on a grid of 1 ps. Tolerance: two of its steps."""
+    time = np.arange(-40e-9, 300e-9, 1e-12)
+    pulse = {"signal": np.array(signal), "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": recovery_s}
+    wave = saturation.clipped_waveform(time_s=time, **pulse)
+    assert wave.max() <= 1.0
+    for level in (0.05, 0.4, 0.9):
+        above = 1e-12 * np.count_nonzero(wave > level)
+        assert saturation.width_at_level_s(level=level, **pulse) == pytest.approx(above, abs=2e-12)
+
+
+def test_width_grows_with_the_logarithm():
+    """Ten times the overdrive, tau ln 10 longer plus what the Gaussian's own flanks add."""
+    widths = [
+        saturation.width_at_level_s(
+            level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9
+        )
+        for s in (10.0, 100.0, 1000.0)
+    ]
+    steps = np.diff(widths) - 20e-9 * np.log(10.0)
+    assert (steps > 0.0).all()
+    assert (steps < 5e-9).all()
+
+
+@pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0])
+def test_walk_bias_of_shots(range_m):
+    """Reference: the mean of a frame's ranges, through `detection.returns.detect`.
+
+    The same frame without clipping has its own small bias, from noise on a curved edge, taken off; what is left
+    is counted, four standard errors.
+    """
+    clipped, free = chain.sensor("table1-apd", CLIPPED, RISING), chain.sensor("table1-apd")
+    (light, found), (_, reference) = shots(clipped, range_m), shots(free, range_m)
+    point = clipped.working_point(light.background_power_w)
+    expected = saturation.walk_bias_m(
+        threshold=clipped.threshold(point)[0], signal=point.signal(light.peak_power_w)[0],
+        saturation=50e-6, fwhm_s=FWHM_S,
+    )  # fmt: skip
+    moved = found.stops[0].range_m - reference.stops[0].range_m
+    assert expected < -0.05
+    assert abs(moved.mean() - expected) < 4.0 * moved.std() / np.sqrt(SHOTS) + 1e-4
+    assert found.stops[0].amplitude.max() == pytest.approx(50e-6)
+
+
+def test_weak_echoes_keep_their_bits():
+    """Far below the level nothing changes, not even the last bit."""
+    (_, found), (_, reference) = (shots(chain.sensor("table1-apd", *one), 300.0) for one in ([CLIPPED], []))
+    for name in ("reported", "status", "range_m", "amplitude", "intensity"):
+        np.testing.assert_array_equal(getattr(found.stops[0], name), getattr(reference.stops[0], name))
+
+
+def test_a_threshold_above_the_level_is_never_crossed():
+    """Neither by an echo nor by noise, which would cross a threshold of 1 sigma all the time."""
+    sensor = chain.sensor("table1-apd", "detector.saturation_ua=0.3", "tdc.threshold_to_noise=1")
+    light, found = shots(sensor, 20.0)
+    assert sensor.threshold(sensor.working_point(light.background_power_w))[0] > 0.3e-6
+    assert not found.stops[0].reported.any()
+    assert (found.detection_probability == 0.0).all()
+    assert (found.outcome == Outcome.BELOW_THRESHOLD).all()
+
+
+def test_on_the_device(mi):
+    """The middle of a frame on a near wall: clipped, as numpy has it."""
+    sensor = chain.sensor("table1-apd", *chain.NARROW, CLIPPED, RISING)
+    stop = chain.run(chain.scene(chain.facing(range_m=5.0)), sensor).detection.stops[0]
+    np.testing.assert_allclose(stop.amplitude, 50e-6, rtol=1e-6)
+    assert (stop.range_m < 4.7).all()
+
+
+def test_sipm_does_not_clip():
+    sensor = chain.sensor("table1-sipm")
+    assert sensor.working_point(np.array([1e-8])).saturation is None
+
+
+def test_a_width_tells_the_peak():
+    """Solved for the peak: what `width_at_level_s` made of it, to one part in a million."""
+    signal = np.geomspace(0.2, 1e5, 40)
+    for recovery_s in (0.0, RECOVERY_S, 20e-9):
+        shape = {"level": 0.1, "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": recovery_s}
+        width_s = saturation.width_at_level_s(signal=signal, **shape)
+        assert (np.diff(width_s) > 0.0).all()
+        np.testing.assert_allclose(
+            saturation.overdrive_of_width(width_s=width_s, **shape), np.log(signal / 0.1), rtol=1e-6
+        )
+    even = saturation.width_at_level_s(
+        level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0
+    )
+    np.testing.assert_allclose(
+        saturation.overdrive_of_symmetric_width(width_s=even, fwhm_s=FWHM_S), np.log(signal / 0.1), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("recovery_ns", [None, 5.0])
+@pytest.mark.parametrize("rays", ["one sub-echo", "several"])
+@pytest.mark.parametrize("range_m", [5.0, 20.0])
+def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
+    """Rationale: what makers calibrate for. The pulse is as wide as the closed form says, and its range is right.
+
+    Reference: (T45) and the true range. Noise: five standard errors; the level is that of a mean noise, which a
+    curved edge makes wider by less than 0.5 %. Bias: the threshold's noise at TNR 5 on two curved flanks.
+    """
+    keys = [CLIPPED] + ([] if recovery_ns is None else [f"detector.recovery_ns={recovery_ns}"])
+    sensor = chain.sensor("table1-apd", *keys)
+    light = plane.echoes_of_plane(sensor, Target(reflectivity=0.8), np.full(SHOTS, range_m))
+    pulse = np.arange(SHOTS, dtype=np.uint32)
+    if rays == "several":
+        whole = trains.train(
+            range_m, light.peak_power_w[:, None] * [0.25, 0.75], background_w=light.background_power_w[0]
+        )
+        found = multi_echo.detect(whole, sensor, seed=3, pulse=pulse)
+    else:
+        found = returns.detect(light, sensor, seed=3, pulse=pulse)
+    point, stop = sensor.working_point(light.background_power_w), found.stops[0]
+    expected_s = saturation.width_at_level_s(
+        level=sensor.threshold(point)[0], signal=point.signal(light.peak_power_w)[0], saturation=50e-6,
+        fwhm_s=FWHM_S, recovery_s=0.0 if recovery_ns is None else recovery_ns * 1e-9,
+    )  # fmt: skip
+    kept = stop.reported & (stop.status == 0)
+    assert kept.mean() > 0.99
+    error_s = 5.0 * stop.width_s[kept].std() / np.sqrt(SHOTS)
+    assert stop.width_s[kept].mean() == pytest.approx(expected_s, abs=error_s + 5e-3 * expected_s)
+    assert abs(stop.range_m[kept].mean() - range_m) < 0.02
+    assert stop.amplitude[kept].max() == pytest.approx(50e-6)
+
+
+@pytest.mark.parametrize("name", ["table1-sipm", "table1-apd"])
+def test_one_sub_echo_is_several(name):
+    """The closed form and the search give each pulse the same width, and the same range after its correction."""
+    keys = [CLIPPED, "detector.recovery_ns=5"] if name == "table1-apd" else []
+    sensor = chain.sensor(name, *keys)
+    range_m = np.geomspace(2.0, 250.0, 4000)
+    light = plane.echoes_of_plane(sensor, Target(), range_m)
+    pulse = np.arange(len(range_m), dtype=np.uint32)
+    whole = trains.train(
+        range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0]
+    )
+    one = returns.detect(light, sensor, seed=5, pulse=pulse).stops[0]
+    other = multi_echo.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
+    assert (one.reported == other.reported).all()
+    here = one.reported
+    # Where an edge crosses within rounding of the peak its place is the root of 1e-16: 1e-8 of a pulse.
+    np.testing.assert_allclose(one.width_s[here], other.width_s[here], atol=2e-15)
+    np.testing.assert_allclose(one.range_m[here], other.range_m[here], atol=1e-6)
+
+
+@pytest.mark.parametrize("range_m", [3.0, 10.0, 30.0])
+def test_ranges_of_a_full_sipm(range_m):
+    """Rationale: near echoes fire all cells, whose number then tells no power. Reference: what is left by (T44),
+    where the amplitude tells half a cell less than all; and nothing, where both edges are timed.
+
+    Bias of the unsaturated flank's noise: 20 mm, one ninth of the standard deviation.
+    """
+    target, pulse = Target(reflectivity=0.8), np.arange(SHOTS, dtype=np.uint32)
+    bias_m = {}
+    for edges in ("rising", "both"):
+        sensor = chain.sensor("table1-sipm", f"tdc.edges='{edges}'")
+        light = plane.echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
+        stop = returns.detect(light, sensor, seed=3, pulse=pulse).stops[0]
+        bias_m[edges] = (stop.range_m - range_m)[stop.status == 0].mean()
+    point = sensor.working_point(light.background_power_w[:1])
+    free = 400.0 - float(point.busy[0])
+    assert point.signal(light.peak_power_w[:1])[0] > free - 0.5
+    expected = saturation.walk_bias_m(
+        threshold=point.power_w(sensor.threshold(point))[0], signal=light.peak_power_w[0],
+        saturation=-np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S,
+        fwhm_s=FWHM_S,
+    )  # fmt: skip
+    assert expected < -0.2
+    assert bias_m["rising"] == pytest.approx(expected, abs=0.02)
+    assert abs(bias_m["both"]) < 0.02
+
+
+def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
+    """Of N cells of which n are free: -ln(0.5 / n) N / PDE photons, twice the pulse's mean power; the same above."""
+    sensor = chain.sensor("table1-sipm")
+    point = sensor.working_point(np.array([2.5e-8]))
+    free = 400.0 - point.busy[0]
+    full_w = -np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S
+    for cells, power_w in ((free - 0.5, full_w), (free - 0.2, full_w), (free, full_w), (free - 1.0, None)):
+        told = point.told_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
+        expected = power_w or -np.log(1.0 / free) * full_w / -np.log(0.5 / free)
+        assert told == pytest.approx(expected, rel=1e-9)
+
+
+def test_width_of_noise_peaks():
+    """Their mean is the time above the threshold over the number of crossings (Rice), to the first order in
+    1 / TNR^2: 1 / 25 at TNR 5. And a trace of band-limited noise, crossing by crossing, to 5 %.
+    """
+    rate, tnr = 167e6, 5.0
+    heights = tnr + np.random.default_rng(1).exponential(1.0 / tnr, 200_000)
+    mean_s = tdc.excursion_width_s(height=heights, threshold=tnr, bandwidth_hz=rate).mean()
+    rice = norm.sf(tnr) / tdc.rice_rate_hz(threshold=tnr, noise=1.0, bandwidth_hz=rate)
+    assert mean_s == pytest.approx(rice, rel=1.0 / tnr**2)
+    random, samples, oversampled = np.random.default_rng(2), 1 << 22, 16
+    spectrum = np.zeros(samples // 2 + 1, complex)
+    band = samples // (2 * oversampled)
+    spectrum[1 : band + 1] = random.standard_normal(band) + 1j * random.standard_normal(band)
+    noise = np.fft.irfft(spectrum)
+    noise /= noise.std()
+    level = 3.5
+    above = noise > level
+    starts = np.flatnonzero(above[1:] & ~above[:-1]) + 1
+    ends = np.flatnonzero(above[:-1] & ~above[1:]) + 1
+    ends = ends[ends > starts[0]]
+    starts = starts[: len(ends)]
+    step_s = 1.0 / (2.0 * oversampled * rate)
+    peaks = np.array([noise[a:b].max() for a, b in zip(starts, ends, strict=True)])
+    expected = tdc.excursion_width_s(height=peaks, threshold=level, bandwidth_hz=rate)
+    assert len(peaks) > 100
+    assert expected.mean() == pytest.approx(step_s * (ends - starts).mean(), rel=0.05)

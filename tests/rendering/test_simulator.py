@@ -1,0 +1,76 @@
+"""A frame handed out chunk by chunk: the points of the whole, in memory that does not grow with it."""
+
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.clouds import assert_same
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError
+from lidarscene.formats.registry import FORMATS
+from lidarscene.rendering.simulator import Simulator, Summary
+
+CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
+CHUNK = 5_000
+
+
+def simulator(*, rows: int) -> Simulator:
+    """The car, seen by 601 pulses in each of some rows."""
+    step = f"scanner.elevation_step_deg={25.0 / (rows - 1)}"
+    return Simulator(load_scene(CAR), load_sensor("table1-apd", overrides=[step]))
+
+
+def test_pieces_are_the_whole() -> None:
+    """Also the counts: of chunks and of the cloud itself."""
+    sim, pieces = simulator(rows=40), list[PointCloud]()
+    streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
+    sim.stream(
+        pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told)
+    )
+    whole = sim.render(seed=5, summary=rendered)
+    assert len(pieces) == 5
+    assert_same(PointCloud.concatenate(pieces), whole)
+    assert streamed.points == rendered.points == len(whole)
+    assert np.array_equal(streamed.statuses, np.bincount(whole.status, minlength=len(streamed.statuses)))
+    assert np.array_equal(streamed.outcomes, rendered.outcomes)
+    assert progress[-1] == (streamed.beams, sim.sensor.scanner.pulses)
+    assert streamed.beams == sim.sensor.scanner.pulses
+
+
+def test_a_wrong_frame_is_refused_before_anything_is_handed_out() -> None:
+    pieces: list[PointCloud] = []
+    with pytest.raises(
+        InputError, match=r"^coordinates: must be 'world' or 'vehicle' or 'sensor', got 'moon'$"
+    ):
+        simulator(rows=2).stream(pieces.append, coordinates="moon")
+    assert pieces == []
+
+
+def peak(task: Callable[[], object]) -> int:
+    """Bytes that Python and numpy held at most, after a first time that fills caches."""
+    task()
+    tracemalloc.start()
+    task()
+    held = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return held
+
+
+def test_memory_does_not_grow_with_the_frame(tmp_path: Path) -> None:
+    """Eight times the pulses, in chunks of one size, to a file.
+
+    Tolerance: the last chunk of a frame is smaller than the others, and more or less of one is kept: half of what a
+    chunk takes. The cloud that `render` returns is there to show that the measure sees it.
+    """
+    small, large = simulator(rows=40), simulator(rows=320)
+
+    def to_file(sim: Simulator) -> None:
+        with FORMATS["ply"].stream(tmp_path / "a.ply") as append:
+            sim.stream(append, chunk=CHUNK)
+
+    assert peak(lambda: to_file(large)) < 1.5 * peak(lambda: to_file(small))
+    assert peak(lambda: large.render(chunk=CHUNK)) > 4.0 * peak(lambda: small.render(chunk=CHUNK))

@@ -1,0 +1,227 @@
+"""[scanner] of a sensor file: every kind, in people's units, and one clear line for each mistake."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scanners
+from helpers.scanners import DEG
+
+from lidarscene import catalog, scan
+from lidarscene.errors import InputError
+from lidarscene.files.toml import read_toml
+from lidarscene.sensor.file import sensor_from_tables
+
+SCANNERS = {
+    "spinning": {
+        "rotation_hz": -10.0, "cycle_us": 55.296, "elevation_deg": [float(e) for e in scanners.VLP16_FIRING_ORDER_DEG],
+        "firing_time_us": [2.304 * n for n in range(16)], "height_mm": list(scanners.VLP16_HEIGHT_MM),
+    },
+    "mirror": {"azimuth_turn_deg": 15.0, "elevation_turn_deg": 6.0, "pulses_per_line": 120, "lines": 41},
+    "lissajous": {
+        "azimuth_turn_deg": 12.0, "elevation_turn_deg": 8.0, "azimuth_hz": 1310.0, "elevation_hz": 1190.0,
+        "azimuth_phase_deg": 0.3 / DEG, "elevation_phase_deg": 1.2 / DEG, "frame_hz": 10.0, "incidence_deg": 0.3 / DEG,
+        "side": "left",
+    },
+    "polygon": {
+        "rotation_hz": 30.0, "facet_tilt_deg": [-4.0, -1.0, 2.0, 5.0], "duty": 0.6, "incidence_deg": 40.0,
+        "inradius_mm": 30.0,
+    },
+    "risley": {
+        "frame_hz": 10.0,
+        "wedges": [
+            {"angle_deg": 18.7481, "index": 1.51, "rotation_hz": -121.5657, "inclined_face": "out"},
+            {"angle_deg": 17.9634, "index": 1.51, "rotation_hz": 77.743, "inclined_face": "in"},
+        ],
+    },
+    "flash": {"columns": 61, "rows": 41, "pixel_pitch_um": 600.0},
+    "raster": {
+        "azimuth_fov_deg": 10.0, "elevation_fov_deg": 4.0, "azimuth_step_deg": 0.5, "elevation_step_deg": 1.0,
+    },
+}  # fmt: skip
+RATE_KHZ = {"spinning": 289.352, "lissajous": 200.0, "polygon": 150.0, "flash": 0.025}
+
+
+def read(kind, folder=None, rate_khz=None, **changes):
+    tables = read_toml(catalog.folder("sensors") / "table1-apd.toml")
+    numbers = {"type": kind} | SCANNERS.get(kind, {}) | changes
+    tables["scanner"] = {key: value for key, value in numbers.items() if value is not None}
+    tables["laser"]["repetition_rate_khz"] = rate_khz or RATE_KHZ.get(kind, 100.0)
+    tables["optics"]["aperture_radius_mm"] = 12.0
+    return sensor_from_tables(tables, where="my.toml", folder=folder)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("spinning", scanners.vlp16()),
+        ("lissajous", scanners.lissajous()),
+        ("polygon", scanners.polygon()),
+        ("risley", scanners.mid40()),
+        ("flash", scanners.flash()),
+    ],
+)
+def test_a_file_makes_the_same_scanner(kind, expected):
+    """As in scanners.py, which is in SI units."""
+    scanner = read(kind).scanner
+    assert type(scanner) is type(expected)
+    assert scanner.pulses == expected.pulses
+    assert scanner.frame_s == pytest.approx(expected.frame_s, rel=1e-12)
+    pulse = scanners.frame(expected)
+    for here, there in zip(scanner.direction(pulse), expected.direction(pulse), strict=True):
+        np.testing.assert_allclose(here, there, atol=3e-7)
+    np.testing.assert_allclose(scanner.aperture_share(pulse), expected.aperture_share(pulse), atol=1e-6)
+
+
+def test_mirrors_of_a_file():
+    one = read("mirror", mirror_radius_mm=10.0, side="right", outer="azimuth", encoder_step_deg=0.1).scanner
+    assert isinstance(one, scan.MirrorRaster)
+    assert isinstance(one.mirrors, scan.Gimbal)
+    assert (one.mirrors.side, one.mirrors.outer) == ("right", "azimuth")
+    assert one.mirrors.incidence_rad == pytest.approx(45 * DEG)
+    assert (one.mirrors.mirror_radius_m, one.mirrors.lens_radius_m) == (0.01, 0.012)
+    assert (one.columns, one.rows, one.rate_hz) == (120, 41, 100e3)
+    assert (one.fast_turn_rad, one.slow_turn_rad) == pytest.approx((15 * DEG, 6 * DEG))
+    assert one.encoder_rad == pytest.approx(0.1 * DEG)
+    two = read("mirror", mirrors="two", outer="azimuth", fast="elevation", jitter_mrad=0.5).scanner
+    assert isinstance(two, scan.MirrorRaster)
+    assert two.mirrors == scan.MirrorPair(last="azimuth")
+    assert (two.fast_turn_rad, two.slow_turn_rad) == pytest.approx((6 * DEG, 15 * DEG))
+    assert two.jitter_rad == pytest.approx(0.5e-3)
+
+
+MISTAKES = [
+    (
+        "spinning",
+        {"cycle_us": None},
+        "scanner: one of cycle_us and columns_per_turn was expected, not both or none",
+    ),
+    ("spinning", {"height_mm": [1.0]}, "scanner: height_mm has 1 entries, elevation_deg has 16"),
+    ("spinning", {"elevation_deg": []}, "scanner.elevation_deg: must be a list of at least 1, got []"),
+    ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us beyond the cycle of 30 us came"),
+    ("spinning", {"rotation_hz": 0.0}, "scanner: a rotation_hz other than 0 was expected"),
+    (
+        "spinning",
+        {"rate_khz": 300.0},
+        "laser.repetition_rate_khz = 300 came, but 16 lasers every 55.296 us fire 289.352 thousand pulses a second",
+    ),
+    (
+        "mirror",
+        {"mirrors": "two", "incidence_deg": 30.0},
+        'scanner: incidence_deg is of one mirror, mirrors = "two"',
+    ),
+    (
+        "mirror",
+        {"incidence_deg": 80.0, "elevation_turn_deg": 12.0},
+        "scanner: a mirror that always faces the beam was expected, it turns too far",
+    ),
+    ("mirror", {"azimuth_turn_deg": 50.0}, "scanner.azimuth_turn_deg: must be <= 45, got 50.0"),
+    ("mirror", {"waveform": "square"}, "scanner.waveform: must be 'sawtooth', 'triangle' or 'sine'"),
+    ("mirror", {"pulses_per_line": 2**20, "lines": 2**20}, "scanner: fewer than 2^31 pulses in a frame"),
+    ("lissajous", {"azimuth_hz": None}, "key 'scanner.azimuth_hz' is missing"),
+    ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg: must be a list of at least 3"),
+    ("polygon", {"incidence_deg": 70.0}, "scanner: facets that always face the beam were expected"),
+    ("polygon", {"rate_khz": 0.1}, "scanner: 0.5 pulses on each facet came, 1 to 2^24 were expected"),
+    (
+        "risley",
+        {"wedges": SCANNERS["risley"]["wedges"][:1]},
+        "scanner.wedges: must be a list of at least 2",
+    ),
+    (
+        "risley",
+        {"wedges": [w | {"angle_deg": 45.0} for w in SCANNERS["risley"]["wedges"]]},
+        "scanner: light is totally reflected in these wedges; smaller angle_deg were expected",
+    ),
+    ("flash", {"encoder_step_deg": 0.1}, "scanner: encoder_step_deg came, but nothing turns in a flash"),
+    (
+        "flash",
+        {"projection": "orthographic", "pixel_pitch_um": 1000.0},
+        "scanner: a pixel 1.2 focal lengths off the axis came, less than 1 was expected of a lens that is orthographic",
+    ),
+    (
+        "galvo",
+        {},
+        "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', 'risley', 'flash',",
+    ),
+    ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: must be > 0, got 0.0"),
+    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, jitter_mrad,"),
+]
+
+
+@pytest.mark.parametrize(("kind", "changes", "line"), MISTAKES)
+def test_one_clear_line_for_each_mistake(kind, changes, line):
+    with pytest.raises(InputError) as caught:
+        read(kind, **changes)
+    assert str(caught.value).startswith(f"my.toml: {line}"), caught.value
+    assert "\n" not in str(caught.value)
+
+
+# --- tables -----------------------------------------------------------------------------------------
+
+CSV = "time_us, azimuth_deg, elevation_deg, channel\n" + "".join(
+    f"{10 * n},{n},{-n},{n % 2}\n" for n in range(5)
+)
+
+
+def table(folder: Path, text: str, **changes):
+    (folder / "own.csv").write_text(text, encoding="utf-8")
+    return read("table", folder, file="own.csv", **changes).scanner
+
+
+def test_csv(tmp_path):
+    scanner = table(tmp_path, CSV)
+    assert isinstance(scanner, scan.Pattern)
+    pulse = np.arange(6, dtype=np.uint32)
+    azimuth, elevation = scanner.angles(pulse)
+    np.testing.assert_allclose(np.degrees(azimuth), [0, 1, 2, 3, 4, 0], rtol=1e-6)
+    np.testing.assert_allclose(np.degrees(elevation), [0, -1, -2, -3, -4, 0], rtol=1e-6)
+    np.testing.assert_array_equal(scanner.channel(pulse), [0, 1, 0, 1, 0, 0])
+    np.testing.assert_allclose(scanner.time_s(pulse), 1e-5 * np.arange(6), rtol=1e-12)
+    assert scanner.frame_s == pytest.approx(5e-5)
+
+
+def test_npz_and_the_length_of_a_frame(tmp_path):
+    t = np.arange(1000) * 1e-5 + 3.0
+    np.savez(
+        tmp_path / "own.npz", azimuth_rad=np.sin(t), elevation_rad=0.1 * np.cos(t), time_s=t, other=["text"]
+    )
+    scanner = read("table", tmp_path, file="own.npz", frame_ms=12.5).scanner
+    assert (scanner.pulses, scanner.frame_s) == (1000, 0.0125)
+    np.testing.assert_allclose(scanner.angles(scanners.frame(scanner))[0], np.sin(t), atol=1e-7)
+    assert scanner.time_s(np.array([0, 1000])).tolist() == [0.0, 0.0125]
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "line"),
+    [
+        ("", {}, "the first line must name the columns"),
+        ("time_s,azimuth_deg\n0,1\n", {}, "one column of elevation_deg, elevation_rad was expected, none came"),
+        ("time_s,time_ms,azimuth_deg,elevation_deg\n0,0,1,1\n", {}, "time_s and time_ms came"),
+        ("time_s,azimuth_deg,elevation_deg\n", {}, "no pulses, at least one was expected"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,nan\n", {}, "elevation_deg of pulse 1 is not a finite number"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,91\n", {}, "elevations from -90 to 90 degrees were expected"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n2,1,1\n1,1,1\n", {}, "that of pulse 3 does"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n0,x,1\n", {}, "cannot be read as CSV: could not convert"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n", {}, "all pulses are at one time, so scanner.frame_ms"),
+        (CSV, {"frame_ms": 0.01}, "pulses up to 0.04 ms came, scanner.frame_ms = 0.01 ends before"),
+        (CSV.replace(",1\n", ",1.5\n"), {}, "channels that are whole numbers below 2^24 were expected"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_tables(tmp_path, text, changes, line):
+    with pytest.raises(InputError) as caught:
+        table(tmp_path, text, **changes)
+    assert str(tmp_path / "own.csv") in str(caught.value)
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["gone.csv", "gone.npz"])
+def test_no_such_table(tmp_path, name):
+    with pytest.raises(InputError, match="no such file"):
+        read("table", tmp_path, file=name)
+
+
+def test_not_an_npz(tmp_path):
+    (tmp_path / "own.npz").write_bytes(b"no zip")
+    with pytest.raises(InputError, match="cannot be read as npz"):
+        read("table", tmp_path, file="own.npz")

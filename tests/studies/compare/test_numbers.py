@@ -1,0 +1,349 @@
+"""Comparison of sensors: its statistics by other roads, its matching, and what the scene says by closed forms."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain
+from scipy import stats
+
+from lidarscene import InputError, load_sensor
+from lidarscene.detection.returns import Status
+from lidarscene.maths.pose import Pose
+from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.scene.model import Air
+from lidarscene.studies.compare import clouds, data, numbers
+from lidarscene.studies.compare.run import Bench, fires_alike, sweep, with_beams_of
+from lidarscene.studies.ranging import plane
+
+COARSE = [
+    "scanner.azimuth_fov_deg=60", "scanner.azimuth_step_deg=0.5",
+    "scanner.elevation_fov_deg=20", "scanner.elevation_step_deg=0.5",
+]  # fmt: skip
+WEAK = "laser.peak_power_w=0.3"
+
+
+def scene():
+    """Boards of three reflectivities, far enough for a weak laser to find some of their pulses only."""
+    return chain.scene(
+        chain.facing(range_m=40.0, size_m=12.0, material="dark"),
+        chain.box(at=(15.0, 6.0, 0.0)),
+        chain.ball(at=(20.0, -5.0, 0.0), radius_m=2.0, material="bright"),
+        materials=(chain.diffuse("dark", 0.05), chain.diffuse("bright", 0.6)),
+    )
+
+
+@pytest.fixture(scope="module")
+def bench(mi):
+    return Bench(scene(), seed=3)
+
+
+@pytest.fixture(scope="module")
+def seen(bench):
+    """The scene by an APD and by a SiPM."""
+    return [bench.observe(name, chain.sensor(name, WEAK, *COARSE)) for name in ("table1-apd", "table1-sipm")]
+
+
+# --- statistics -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("found", "total"), [(0, 10), (1, 10), (5, 11), (10, 10), (65429, 71785)])
+def test_wilson_is_scipys(found: int, total: int) -> None:
+    ends = stats.binomtest(found, total).proportion_ci(0.95, method="wilson")
+    assert numbers.wilson(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
+
+
+def test_nothing_has_no_rate() -> None:
+    assert numbers.wilson(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("p", [(0.5, 0.1, 0.05), (0.8, 0.02, 0.15), (0.3, 0.3, 0.3)])
+def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
+    """Rationale: an interval of 95 % holds the true difference in 95 % of all samples.
+
+    Reference: every outcome of 60 pairs, with its multinomial probability. Tolerance: the interval is
+    approximate; in Agresti and Min's study it covers within 2 % of its level for such cases.
+    """
+    n, (_, only_a, only_b) = 60, p
+    covered = 0.0
+    rest = 1.0 - only_a - only_b
+    for b in range(n + 1):
+        for c in range(n + 1 - b):
+            low, high = numbers.paired_interval(only_a=b, only_b=c, pulses=n)
+            if low <= only_a - only_b <= high:
+                covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, rest])
+    assert covered == pytest.approx(0.95, abs=0.02)
+
+
+def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
+    rng = np.random.default_rng(seed)
+    return data.Surfaces(
+        pulse=np.sort(rng.choice(3 * n, n, replace=False)), found=rng.random(n) < 0.6,
+        snr=rng.random(n).astype(np.float32), true_range_m=rng.uniform(0.0, 130.0, n).astype(np.float32),
+        incidence_angle_rad=rng.uniform(0.0, math.pi / 2, n).astype(np.float32),
+        reflectivity=rng.choice([0.0, 0.1, 0.5, 1.0], n).astype(np.float32),
+        body=rng.integers(-1, 3, n).astype(np.int32), class_id=rng.integers(-1, 2, n).astype(np.int32),
+        probability=rng.random(n).astype(np.float32),
+    )  # fmt: skip
+
+
+def test_rates_by_brute_force() -> None:
+    """Pulse by pulse, bin by bin."""
+    of = surfaces()
+    bins = data.range_bins(130.0)
+    assert (bins.labels[0], bins.labels[-1], len(bins.labels)) == ("0 to 10", "120 to 130", 13)
+    for number, told in enumerate(numbers.rates(of, bins)):
+        inside = [i for i, r in enumerate(of.true_range_m) if 10 * number <= r < 10 * (number + 1)]
+        assert told.surfaces == len(inside)
+        assert told.found == sum(bool(of.found[i]) for i in inside)
+        assert told.expected == pytest.approx(sum(float(of.probability[i]) for i in inside) / len(inside))
+    bodies = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
+    assert [r.surfaces for r in numbers.rates(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
+
+
+def test_pairs_by_brute_force() -> None:
+    a, b = surfaces(seed=1), surfaces(seed=2)
+    of_a = dict(zip(a.pulse.tolist(), a.found.tolist(), strict=True))
+    of_b = dict(zip(b.pulse.tolist(), b.found.tolist(), strict=True))
+    both = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
+    (told,) = numbers.pairs(a, b)
+    counted = [both.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
+    assert [told.both, told.only_a, told.only_b, told.neither] == counted
+    bins = data.range_bins(130.0)
+    by_range = numbers.pairs(a, b, bins)
+    assert sum(p.only_b for p in by_range) == told.only_b
+    assert told.difference == pytest.approx((counted[1] - counted[2]) / len(both))
+
+
+@pytest.mark.parametrize(
+    ("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)]
+)
+def test_bins_hold_all(reach: float, step: float) -> None:
+    bins = data.range_bins(reach)
+    assert bins.edges is not None
+    assert bins.edges[1] == pytest.approx(step)
+    assert 1 <= len(bins.labels) <= 16
+    assert bins.edges[-1] >= reach
+
+
+def test_edges_of_bins() -> None:
+    """The upper edge belongs to the next bin, that of the last to the last; inf to none."""
+    ranges = np.array([0.0, 10.0, 130.0, 131.0, np.inf], dtype=np.float32)
+    of = dataclasses.replace(surfaces(5), true_range_m=ranges)
+    assert data.range_bins(130.0).of(of).tolist() == [0, 1, 12, -1, -1]
+
+
+# --- what the simulation hands out ------------------------------------------------------------------
+
+
+def test_observer_sees_every_surface(mi) -> None:
+    """Rationale: points and missed pulses are handed out on another way, which must tell the same."""
+    simulator = Simulator(scene(), chain.sensor("table1-apd", WEAK, *COARSE, "tdc.threshold_to_noise=3.5"))
+    pulses, columns, lost, summary = [], [], [], Summary()
+    cloud = simulator.render(
+        seed=5, chunk=1000, summary=summary, missed=lambda *told: lost.append(told),
+        points=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
+    )  # fmt: skip
+    pulse = np.concatenate(pulses)
+    assert len(columns) > 4
+    assert np.array_equal(simulator.sensor.scanner.time_s(pulse), cloud.time_s)
+    columns = [told for told in columns if told]  # a chunk of the sky has none
+    met = {name: np.concatenate([told[name] for told in columns]) for name in columns[0]}
+    assert len(met["pulse"]) == summary.hits
+    assert np.array_equal(met["pulse"][met["outcome"] == 0], np.unique(pulse[cloud.status == Status.ECHO]))
+    missed, why = (np.concatenate([one[i] for one in lost]) for i in (0, 1))
+    reason = dict(zip(missed.tolist(), why.tolist(), strict=True))
+    told = zip(met["pulse"].tolist(), met["outcome"].tolist(), strict=True)
+    assert all(reason.get(p, 0) == outcome for p, outcome in told)
+    kept = np.searchsorted(met["pulse"], pulse[cloud.status == Status.ECHO])
+    for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id", "snr"):
+        assert np.array_equal(met[name][kept], getattr(cloud, name)[cloud.status == Status.ECHO]), name
+
+
+def test_chunks_change_nothing(bench) -> None:
+    sensor = chain.sensor("table1-apd", WEAK, *COARSE)
+    whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
+    for field in dataclasses.fields(data.Surfaces):
+        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.counted, field.name)), (
+            field.name
+        )
+    assert np.array_equal(whole.pulse, parts.pulse)
+
+
+# --- matching ---------------------------------------------------------------------------------------
+
+
+def test_equal_sensors_do_not_differ(bench) -> None:
+    sensor = chain.sensor("table1-apd", WEAK, *COARSE)
+    a, b = bench.observe("a", sensor), bench.observe("b", sensor)
+    (told,) = numbers.pairs(a.counted, b.counted)
+    assert (told.only_a, told.only_b, told.difference) == (0, 0, 0.0)
+    assert 0 < told.both < told.pulses
+    apart = numbers.paired_range_difference(a, b)
+    assert apart is not None
+    assert (apart.points, apart.bias_m, apart.sigma_m) == (told.both, 0.0, 0.0)
+    cloud, kinds = numbers.difference(a, b)
+    assert len(cloud) == told.both
+    assert not kinds.any()
+
+
+def test_difference_cloud(seen) -> None:
+    """By the definition, pulse by pulse; the points of the first where both have one."""
+    a, b = seen
+    echoes = [set(one.pulse[one.is_echo].tolist()) for one in seen]
+    cloud, kinds = numbers.difference(a, b)
+    assert len(cloud) == len(echoes[0] | echoes[1])
+    counts = [len(echoes[0] & echoes[1]), len(echoes[0] - echoes[1]), len(echoes[1] - echoes[0])]
+    assert np.bincount(kinds, minlength=3).tolist() == counts
+    assert counts[0] > 0
+    assert counts[1] > 0  # in 100 klux the APD finds more
+    assert np.array_equal(cloud.range_m[kinds < 2], a.cloud.range_m[numbers.first_echoes(a)[1]])
+    assert np.all(np.diff(cloud.time_s) > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "alike"),
+    [
+        ((), True),
+        (("detector.gain=60", "tdc.threshold_to_noise=4", "laser.wavelength_nm=1550"), True),
+        (("scanner.azimuth_step_deg=0.4",), False),
+        (("laser.repetition_rate_khz=60",), False),
+        (("mounting.position_m=[0.0,0.0,1.9]",), False),
+        (("scanner.jitter_mrad=1",), False),
+    ],
+)
+def test_who_fires_alike(changes: tuple[str, ...], alike: bool) -> None:
+    first, other = load_sensor("table1-apd"), load_sensor("table1-apd", overrides=changes)
+    assert fires_alike(first, other) is alike
+    assert fires_alike(first, with_beams_of(first, other))
+
+
+def test_other_mechanisms_fire_unlike() -> None:
+    names = ("vlp-16", "livox-mid-40", "os1-128")
+    sensors = [load_sensor(name) for name in names]
+    assert [[fires_alike(a, b) for b in sensors] for a in sensors] == np.eye(3, dtype=bool).tolist()
+
+
+def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
+    """Two roads: pulse numbers of the simulation, and times and angles of the points in files."""
+    for one in seen:
+        one.cloud.save(tmp_path / f"{one.name}.ply")
+    read = clouds.read([tmp_path / f"{one.name}.ply" for one in seen])
+    (by_number,) = numbers.pairs(seen[0].counted, seen[1].counted)
+    (by_time,) = numbers.pairs(read[0].counted, read[1].counted)
+    assert by_time.neither == 0
+    assert by_time == dataclasses.replace(by_number, neither=0)
+    classes = data.groupings(read)[3]
+    assert sum(r.found for r in numbers.rates(read[1].counted, classes)) == by_time.both + by_time.only_b
+    assert clouds.disagreeing(*read) == 0.0
+
+
+def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
+    """Matched all the same, by name where numbers differ: with a body more before the others."""
+    other = chain.scene(
+        dataclasses.replace(chain.box(at=(9.0, -2.0, 0.0)), name="new"), *scene().bodies,
+        materials=tuple(scene().materials.values()),
+    )  # fmt: skip
+    cloud = Bench(other, seed=3).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
+    a, b = clouds.observations(["x", "x"], [seen[0].cloud, cloud])
+    assert (a.name, b.name) == ("x", "x (2)")
+    assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
+    assert 0.1 < clouds.disagreeing(a, b) < 0.9
+    assert "new" not in {r.group for r in numbers.rates(a.counted, data.groupings([a, b])[4]) if r.found}
+
+
+def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
+    finer = bench.observe("b", chain.sensor("table1-apd", WEAK, *COARSE, "laser.repetition_rate_khz=49"))
+    observed = clouds.observations(["a", "b"], [seen[0].cloud, finer.cloud])
+    assert all(one.surfaces is None and one.pulse is None for one in observed)
+
+
+def test_clouds_need_truth(seen, tmp_path: Path) -> None:
+    seen[0].cloud.without_truth().save(tmp_path / "a.ply")
+    with pytest.raises(InputError, match=r"a\.ply: the cloud must have ground truth"):
+        clouds.read([tmp_path / "a.ply"] * 2)
+
+
+# --- closed forms -----------------------------------------------------------------------------------
+
+DENSE = [
+    "scanner.azimuth_fov_deg=1", "scanner.azimuth_step_deg=0.01",
+    "scanner.elevation_fov_deg=1", "scanner.elevation_step_deg=0.01",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+@pytest.mark.parametrize("part", [0.9, 1.0, 1.15])
+def test_rate_on_a_plane(mi, name: str, part: float) -> None:
+    """Rationale: 10 201 pulses on a plane at about one range are so many draws with one probability.
+
+    Reference: P_d of `studies.ranging.plane`, without tracing. Tolerance: 3.9 standard deviations of the binomial, a
+    false-alarm rate of 1e-4 for each of six cases at a fixed seed; the half degree to each side makes ranges and
+    cosines differ by 8e-5, which changes P_d by less than a tenth of a standard deviation. For the expected rate that
+    part counts alone: 1e-3.
+    """
+    sensor = chain.sensor(name, *DENSE)
+    target = plane.Target()
+    limit, _ = plane.maximum_range_m(sensor, target)
+    range_m = part * float(limit)
+    one = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
+    p = float(plane.detection_probability(sensor, target, range_m)[0])
+    told = numbers.rate(one.counted)
+    assert told.surfaces == 101 * 101
+    assert told.expected == pytest.approx(p, abs=1e-3)
+    assert abs(told.found - p * told.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * told.surfaces)
+    apart = numbers.deviation(one.counted)
+    assert apart is not None
+    assert abs(apart) < 3.9
+    for grouping in data.groupings([one]):
+        (alone,) = [r for r in numbers.rates(one.counted, grouping) if r.surfaces]
+        assert (alone.surfaces, alone.found) == (told.surfaces, told.found), grouping.key
+
+
+def test_range_errors_by_hand(seen) -> None:
+    one = seen[0]
+    echo = one.cloud.status == Status.ECHO
+    error = (one.cloud.range_m - one.cloud.true_range_m)[echo].astype(np.float64)
+    (told,) = numbers.range_errors(one)
+    # float32 ranges of 40 m: differences rounded to 4 um, their mean far less.
+    assert told.points == int(echo.sum())
+    assert told.bias_m == pytest.approx(error.mean(), abs=1e-6)
+    assert told.sigma_m == pytest.approx(error.std(ddof=1), abs=1e-6)
+    by_range = numbers.range_errors(one, data.groupings(seen)[0])
+    assert sum(e.points for e in by_range) == told.points
+    assert sum(e.points * e.bias_m for e in by_range) == pytest.approx(told.points * told.bias_m)
+
+
+def test_crossing_agrees_with_the_range_analysis(mi) -> None:
+    """Rationale: at the illuminance at which two sensors reach equally far each finds a plane at that range half of the
+    time, so that over a scene of that plane alone their expected rates cross there.
+
+    Reference: `ranging.plane`, by bisection on ranges, without tracing. Tolerance: 1e-3 for probabilities in single
+    precision and the last bracket of 3e-4.
+    """
+    sensors = [(name, chain.sensor(name, *chain.NARROW)) for name in ("table1-apd", "table1-sipm")]
+    lux = plane.equal_range_illuminance_klux(*(s for _, s in sensors), plane.Target())
+    range_m = float(plane.maximum_range_m(sensors[0][1], plane.Target(illuminance_klux=lux))[0])
+    bench = Bench(chain.scene(chain.facing(range_m=range_m), air=Air(transmittance=0.98)))
+    swept = sweep(bench, sensors, (1.0, 10.0))
+    (crossing,) = swept.crossings["table1-sipm"]
+    assert crossing.illuminance_klux == pytest.approx(lux, rel=1e-3)
+    assert crossing.expected == pytest.approx(0.5, abs=2e-3)
+    assert (crossing.ahead_below, crossing.ahead_above) == ("table1-sipm", "table1-apd")
+    assert swept.on_plane_klux["table1-sipm"] == pytest.approx(lux, rel=1e-9)
+
+
+def test_equal_sensors_do_not_cross(mi) -> None:
+    sensors = [(name, chain.sensor("table1-apd", *chain.NARROW)) for name in ("a", "b")]
+    swept = sweep(Bench(chain.scene(chain.facing(range_m=60.0))), sensors, (1.0, 100.0))
+    assert swept.crossings == {"b": []}
+    assert swept.on_plane_klux == {"b": None}
+
+
+def test_the_place_may_be_another(mi) -> None:
+    """Reference: the nearest corner of the box, 9 m ahead and 4.5 m aside. Tolerance: the beams' half a degree."""
+    bench = Bench(scene(), pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0)))
+    one = bench.observe("a", chain.sensor("table1-apd", *COARSE))
+    assert float(one.counted.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)

@@ -1,0 +1,237 @@
+"""Fields of view against closed forms, other people's numbers and brute force."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.documentation import row_says, says, table
+from scipy.spatial import cKDTree
+
+from lidarscene import load_sensor, scan
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.studies.field_of_view import figures, pattern, reach
+from lidarscene.studies.field_of_view import spacing as fov_spacing
+from lidarscene.studies.field_of_view.cells import Cells, convex_outline
+from lidarscene.studies.ranging.plane import Target, maximum_range_m
+
+DEG = math.pi / 180.0
+
+
+def raster(columns=101, rows=51, step_deg=0.2, rate_hz=50e3):
+    step = step_deg * DEG
+    return scan.Raster(
+        columns=columns, rows=rows, azimuth_step_rad=step, elevation_step_rad=step, rate_hz=rate_hz
+    )
+
+
+def mid40():
+    """HELIOS++'s prisms for the Livox Mid-40."""
+    return scan.Risley.of(
+        rate_hz=100e3, frame_hz=10.0, angle_rad=[18.7481 * DEG, 17.9634 * DEG], index=[1.51, 1.51],
+        rotation_hz=[-121.5657, 77.7430], phase_rad=[0.0, 0.0], tilted=["out", "in"],
+    )  # fmt: skip
+
+
+def vlp16():
+    """VLP-16 user manual 63-9243."""
+    order = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
+    return scan.Spinning.of(
+        rotation_hz=-10.0, cycle_s=55.296e-6, cycles_per_turn=None, elevation_rad=[e * DEG for e in order],
+        azimuth_rad=[0.0] * 16, firing_s=[2.304e-6 * n for n in range(16)],
+    )  # fmt: skip
+
+
+def studied(scanner, cells, time_s, kind="outline"):
+    mask, _ = pattern.field(scanner, cells, time_s, kind=kind)
+    return pattern.maps(pattern.fired(scanner, time_s), cells, mask)
+
+
+# --- cells ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [0.28, 0.5, 7.0])
+def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
+    cells = Cells.of_size(size)
+    area = cells.square_degrees(np.arange(cells.count))
+    assert area.sum() == pytest.approx(129600.0 / math.pi, rel=1e-9)
+    _, elevation = cells.middle_deg(np.arange(cells.count))
+    assert area[np.abs(elevation) < 45.0] == pytest.approx(size**2, rel=0.02)
+
+
+def test_a_cell_holds_its_middle():
+    cells = Cells.of_size(1.7)
+    every = np.arange(cells.count)
+    np.testing.assert_array_equal(cells.of(*cells.middle_deg(every)), every)
+
+
+def test_outline_is_the_convex_hull():
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(500, 2)) * (20.0, 5.0)
+    outline = convex_outline(*points.T)
+    x, y = (np.append(a, a[0]) for a in outline.T)
+    assert np.all(np.diff(x)[:, None] * (points[:, 1] - y[:-1, None])
+                  - np.diff(y)[:, None] * (points[:, 0] - x[:-1, None]) >= -1e-9)  # fmt: skip
+    assert {tuple(p) for p in outline} <= {tuple(p) for p in points}
+
+
+# --- closed forms of a raster -----------------------------------------------------------------------
+
+
+def test_density_of_a_raster():
+    """1 / (step in azimuth times step in elevation), over cos(elevation): the density in solid angle."""
+    cells, scanner = Cells.of_size(2.0), raster(columns=401, rows=201)
+    mask = studied(scanner, cells, scanner.frame_s)
+    azimuth, elevation = cells.middle_deg(mask.cell)
+    inner = (np.abs(azimuth) < 36.0) & (np.abs(elevation) < 17.0)
+    expected = 25.0 / np.cos(elevation[inner] * DEG)
+    assert inner.sum() > 300
+    # The cells' width is no whole number of steps, so they hold a column more or less.
+    assert mask.density[inner].mean() == pytest.approx(expected.mean(), rel=2e-3)
+    assert mask.density[inner] == pytest.approx(expected, rel=0.12)
+
+
+@pytest.mark.parametrize("kind", ["outline", "reached"])
+@pytest.mark.parametrize("size", [0.2, 0.28, 1.0])
+def test_a_raster_is_covered_after_one_frame(kind, size):
+    scanner = raster()
+    found = studied(scanner, Cells.of_size(size), scanner.frame_s, kind)
+    before, after = found.coverage(np.array([0.5 * scanner.frame_s, scanner.frame_s]))
+    assert after == 1.0
+    # A row of cells that has begun counts whole.
+    assert 0.47 < before < 0.5 + size / 10.0
+
+
+def test_revisit_of_a_raster_is_a_frame():
+    """Cells as large as the step hold one pulse of each frame."""
+    scanner = raster()
+    found = studied(scanner, Cells.of_size(0.2), 3.0 * scanner.frame_s)
+    assert np.all(found.pulses % 3 == 0)
+    assert found.revisit_s == pytest.approx(scanner.frame_s, rel=1e-9)
+
+
+def test_visits_are_told_apart_by_time():
+    """Two rows of a cell are two visits, neighbouring columns are one."""
+    scanner = raster()
+    found = studied(scanner, Cells.of_size(0.41), 2.0 * scanner.frame_s)
+    line_s = 101 / 50e3
+    assert np.isclose(found.revisit_s[:, None], [scanner.frame_s, line_s]).any(axis=1).mean() < 0.5
+    # Two lines in each of two frames: three gaps between the first and the last of four visits.
+    four = (scanner.frame_s + line_s) / 3.0
+    assert np.isclose(found.revisit_s, four, rtol=1e-3).mean() > 0.8
+
+
+def test_spacing_of_a_raster():
+    spacing = fov_spacing.nearest_deg(pattern.fired(raster(), 1.0).until(raster().frame_s).direction)
+    # In a row off the horizon the columns are closer than the rows by the cosine.
+    assert spacing.max() == pytest.approx(0.2, rel=1e-4)
+    assert spacing.min() == pytest.approx(0.2 * math.cos(5.0 * DEG), rel=1e-3)
+
+
+# --- other people's numbers -------------------------------------------------------------------------
+
+TIMES_S = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4])
+
+
+def test_coverage_of_the_mid40_prisms():
+    """docs/fov.md: HELIOS++'s prisms at 0.28 degrees, by another program with another mask."""
+    covered = 100.0 * studied(mid40(), Cells.of_size(0.28), 1.4).coverage(TIMES_S)
+    others = np.array([19.7, 36.1, 49.0, np.nan, 69.8, 83.8, 88.3, 92.7])
+    assert np.nanmax(np.abs(covered - others)) < 2.0
+    # The maker's published curve, of the real prisms: until the model's phases nearly repeat.
+    published = np.array([20.0, 35.0, 48.0, 59.0, 68.0, 81.5, 92.5, 98.0])
+    assert np.max(np.abs(covered - published)) < 5.0
+    here, other, maker = table("fov.md", "time (s)")
+    row_says(here[1:], *covered)
+    row_says(other[1:], *others[np.isfinite(others)])
+    row_says(maker[1:], *published)
+    above, away = covered - others, covered - published
+    says("fov.md", "Ours is {} to {} points above the other", np.nanmin(above), np.nanmax(above))
+    says("fov.md", "up to {} points above until 0.7 s and up to {} below after", away.max(), -away.min())
+
+
+def test_coverage_of_the_mid40_does_not_hang_on_the_mask():
+    outline, reached = (
+        studied(mid40(), Cells.of_size(0.28), 1.4, k).coverage(TIMES_S) for k in ("outline", "reached")
+    )
+    assert outline == pytest.approx(reached, abs=0.005)
+
+
+def test_point_rate_and_plateau_of_the_vlp16():
+    """289 352 points a second by the manual; 16 lines plateau at about 14 % by Livox."""
+    assert pattern.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
+    first, last = studied(vlp16(), Cells.of_size(0.28), 1.0).coverage(np.array([0.101, 1.0]))
+    assert last == first
+    assert first == pytest.approx(0.14, abs=0.015)
+    says("fov.md", "{} % covered at {} degrees, where Livox", 100.0 * first, 0.28)
+
+
+# --- nearest neighbours -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scanner", [mid40(), vlp16(), raster()], ids=["mid40", "vlp16", "raster"])
+def test_nearest_neighbours_are_a_trees(scanner):
+    direction = pattern.fired(scanner, 0.1).direction
+    lanes = np.unique(np.linspace(0, len(direction) - 1, 3000).astype(int))
+    away = cKDTree(direction).query(direction[lanes], k=2)[0][:, 1]
+    np.testing.assert_allclose(
+        fov_spacing.nearest_deg(direction, queries=3000), np.degrees(2.0 * np.arcsin(0.5 * away)), atol=1e-9
+    )
+
+
+def test_nearest_neighbours_at_the_limits():
+    assert len(fov_spacing.nearest_deg(np.array([[1.0, 0.0, 0.0]]))) == 0
+    assert fov_spacing.nearest_deg(np.array([[1.0, 0, 0], [1.0, 0, 0]])) == pytest.approx([0.0, 0.0])
+    assert fov_spacing.nearest_deg(np.array([[1.0, 0, 0], [-1.0, 0, 0]])) == pytest.approx([180.0, 180.0])
+
+
+# --- range ------------------------------------------------------------------------------------------
+
+
+def equipped(scanner, **changes):
+    from dataclasses import replace
+
+    return replace(load_sensor("table1-apd"), scanner=scanner, **changes)
+
+
+def test_range_map_is_the_range_at_each_cells_aperture():
+    sensor = equipped(mid40())
+    found = studied(sensor.scanner, Cells.of_size(0.5), 1.0)
+    limit = reach.range_map_m(sensor, found, Target())
+    seen = np.flatnonzero(np.isfinite(found.share))
+    for place in seen[:: len(seen) // 5]:
+        expected, _ = maximum_range_m(sensor, Target(aperture_share=float(found.share[place])))
+        assert limit[place] == pytest.approx(expected, rel=1e-4)
+    assert np.array_equal(np.isnan(limit), found.pulses == 0)
+    azimuth, elevation = Cells.of_size(0.5).middle_deg(found.cell)
+    away = np.hypot(azimuth, elevation)
+    assert np.nanmin(limit[away < 3.0]) > np.nanmax(limit[away > 18.0])
+
+
+def test_ground_around_a_spinning_head():
+    """Blind below -15 degrees: nearer than height / tan 15 deg; two of the same see the same."""
+    sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
+    cells = Cells.of_size(0.28)
+    found = studied(sensor.scanner, cells, 0.2)
+    lying = equipped(vlp16())
+    view = reach.ground([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
+    assert view.nearest_blind_m() == pytest.approx(1.9 / math.tan(15.0 * DEG), abs=0.2)
+    assert set(np.unique(view.count)) == {0, 2}
+    assert view.square_metres[2] == 0.0
+
+
+# --- the rest ---------------------------------------------------------------------------------------
+
+
+def test_an_image_shows_each_cell():
+    cells = Cells.of_size(1.0)
+    found = studied(raster(), cells, 0.2)
+    shown, outside, (left, right, low, high) = figures.image(cells, found.cell, found.cell.astype(float))
+    assert set(np.unique(shown[~outside]).astype(int)) == set(found.cell.tolist())
+    assert left < -10.0 < 10.0 < right
+    assert low < -5.0 < 5.0 < high
+
+
+def test_too_many_pulses_are_refused():
+    with pytest.raises(InputError, match="--time: 1000 s of this scanner are"):
+        pattern.fired(mid40(), 1000.0)

@@ -1,0 +1,158 @@
+"""`statistics = "time_domain"`: the table that `render` interpolates, and where (27) is off by it."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain
+
+from lidarscene.physics.electronics import sipm, sipm_response
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
+from lidarscene.studies.sipm_events.cells import CellArray, Light
+from lidarscene.studies.sipm_events.table import (
+    GRID_BACKGROUND,
+    GRID_PULSE_TO_DEAD_TIME,
+    GRID_SIGNAL,
+    error_of_published_snr,
+    published_snr,
+    response_by_equation,
+    response_by_events,
+    where_published_is_off,
+)
+from lidarscene.studies.sipm_events.working_point import measure
+
+PAGE = Path(__file__).parents[3] / "docs" / "sipm.md"
+
+
+def working_point(sensor, *, background, signal):
+    """A sensor's working point under photons of (23), and the power that makes photons of (24)."""
+    photon = sensor.laser.photon_energy_j
+    point = sensor.working_point(np.asarray(background) * photon / sensor.detector.dead_time_s)
+    return point, np.asarray(signal) * 2.0 * photon / sensor.laser.pulse_fwhm_s
+
+
+@pytest.mark.parametrize("fwhm_ns", [0.5, 3.0, 6.0, 11.0, 40.0])
+def test_table_against_the_equation(fwhm_ns):
+    """Interpolation and step together: 0.5 % of the signal, from half a photon to saturation."""
+    sensor = chain.sensor(
+        "table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}"
+    )
+    background = np.array([0.0, 13.0, 170.0, 686.093, 3000.0, 15000.0])
+    signal = np.array([0.5, 7.0, 90.0, 800.0, 5000.0, 40000.0])
+    exact = response_by_equation(
+        CellArray.of(sensor.detector), background_photons=background, signal_photons=signal,
+        pulse_fwhm_s=fwhm_ns * 1e-9, steps=max(96, math.ceil(400 / fwhm_ns)),
+    )  # fmt: skip
+    point, power = working_point(sensor, background=background[:, None], signal=signal[None, :])
+    np.testing.assert_allclose(point.signal(power), exact.mean - exact.before[:, None], rtol=5e-3)
+    np.testing.assert_allclose(point.noise[:, 0], exact.noise, rtol=1e-12)
+    peak = exact.mean - exact.before[:, None]
+    variance = point.noise**2 + point.kappa_1 * peak + point.kappa_2 * peak**2
+    np.testing.assert_allclose(variance, exact.variance, rtol=1e-9, atol=1e-9)
+
+
+def test_power_is_the_inverse_of_signal():
+    """1 % up to 90 % of the free cells, 2 % up to 95 %: the amplitude of a saturated SiPM tells no power."""
+    for fwhm_ns in (0.6, 6.0, 25.0):
+        sensor = chain.sensor(
+            "table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}"
+        )
+        point, power = working_point(
+            sensor,
+            background=np.array([0.0, 100.0, 686.0, 3000.0])[:, None],
+            signal=np.geomspace(0.1, 1e5, 60)[None, :],
+        )
+        signal = point.signal(power)
+        free = 400 - point.busy
+        off = np.abs(point.power_w(signal) / power - 1.0)
+        for share, allowed in ((0.9, 0.01), (0.95, 0.02)):
+            known = signal < share * free
+            assert known.sum() > 100
+            assert off[known].max() < allowed
+        assert np.isfinite(point.power_w(1.5 * free)).all()
+        assert (np.diff(signal, axis=1) > -1e-2).all()
+
+
+def test_limits_of_the_table():
+    """A flash is (24) with all of its photons; a long pulse is followed at x / (1 + x)."""
+    state = {"busy_share": 0.25, "pde": 0.22, "cells": 400.0}
+    flash = sipm_response.peak_photons(photons=500.0, pulse_to_dead_time=1e-9, **state)
+    assert flash == pytest.approx(500.0, rel=1e-6)
+    slow = sipm_response.peak_photons(photons=500.0, pulse_to_dead_time=1e9, **state)
+    share = sipm.fired_share(photons=slow, pde=0.22, cells=400.0)
+    x, added = 1 / 3, 500.0 * 0.22 / 400
+    assert 0.75 * share == pytest.approx((x + added) / (1 + x + added) - 0.25, rel=2e-3)
+    halved = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=0.533)
+    assert halved == pytest.approx(1.0, abs=1e-3)
+
+
+def test_table_1_against_events():
+    """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 2 %."""
+    sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'")
+    light = plane.echoes_of_plane(sensor, Target(), 100.0)
+    point = sensor.working_point(light.background_power_w)
+    background = sipm.background_photons(
+        power_w=light.background_power_w[0], dead_time_s=6e-9, photon_energy_j=sensor.laser.photon_energy_j
+    )
+    arriving = sipm.signal_photons(
+        peak_power_w=light.peak_power_w[0], pulse_fwhm_s=6e-9, photon_energy_j=sensor.laser.photon_energy_j
+    )
+    assert (background, arriving) == (pytest.approx(686.093, rel=1e-5), pytest.approx(2660.31, rel=1e-5))
+    shown = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
+    shots = 20_000
+    found = measure(CellArray.of(sensor.detector), shown, shots=shots, seed=21)
+    signal = point.signal(light.peak_power_w)[0]
+    assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
+    assert found.noise == pytest.approx(point.noise[0], rel=0.02)
+    assert found.snr == pytest.approx(24.23, abs=0.5)
+    assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
+    # (27) has a third less light in it at long range, and a shorter reach.
+    assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
+
+
+def test_published_error_by_events():
+    """The table of docs/sipm.md at some of its points by events: 3 points in 100."""
+    array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
+    grid = {"background_photons": [50.0, 2000.0], "signal_photons": [2660.31, 10000.0]}
+    for ratio in (0.5, 1.9):
+        table = response_by_events(array, **grid, pulse_fwhm_s=ratio * 6e-9, shots=10_000, seed=30)
+        exact = response_by_equation(array, **grid, pulse_fwhm_s=ratio * 6e-9)
+        by_events = error_of_published_snr(array, table)
+        np.testing.assert_allclose(by_events, error_of_published_snr(array, exact), atol=0.03)
+    assert published_snr(array, background_photons=[686.093], signal_photons=[2660.31])[
+        0, 0
+    ] == pytest.approx(22.7009, abs=1e-3)
+
+
+@pytest.mark.parametrize("own_photons", [True, False])
+def test_the_page_shows_the_table(own_photons):
+    heading, rows = where_published_is_off(own_photons=own_photons)
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    text = PAGE.read_text(encoding="utf-8")
+    assert heading in text
+    assert "\n".join(lines) in text
+    assert len(rows) == len(GRID_BACKGROUND) * len(GRID_PULSE_TO_DEAD_TIME)
+    assert len(rows[0]) == 2 + len(GRID_SIGNAL)
+
+
+def test_only_light_per_cell_matters():
+    """Ten times the cells and the light: the same table, which is why it is shown for 400 cells alone."""
+    small = response_by_equation(
+        CellArray(cells=400, pde=0.22, dead_time_s=6e-9),
+        background_photons=[100.0], signal_photons=[300.0], pulse_fwhm_s=4e-9,
+    )  # fmt: skip
+    large = response_by_equation(
+        CellArray(cells=4000, pde=0.44, dead_time_s=3e-9),
+        background_photons=[500.0], signal_photons=[1500.0], pulse_fwhm_s=2e-9,
+    )  # fmt: skip
+    np.testing.assert_allclose(large.mean, 10 * small.mean, rtol=1e-12)
+    np.testing.assert_allclose(large.snr, math.sqrt(10) * small.snr, rtol=1e-12)
+
+
+def test_no_equation_for_cells_with_memory():
+    array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, crosstalk=0.1)
+    with pytest.raises(ValueError, match=re.escape("box shape without recovery")):
+        response_by_equation(array, background_photons=[1.0], signal_photons=[1.0], pulse_fwhm_s=6e-9)
