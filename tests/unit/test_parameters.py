@@ -13,23 +13,11 @@ SOURCE = Path(lidarscene.__file__).parent
 MOST = 7
 
 TOO_MANY = {
-    "detection/comparator.py": ("trailing_level", "width_s", "reported_s"),
-    "detection/interference.py": ("assigned",),
     "figures/intervals.py": ("save_snr",),
     "figures/pictures.py": ("perspective_picture", "frame_picture"),
     "kernel/rays/columns.py": ("columns",),
     "kernel/rays/relit.py": ("light_of",),
     "kernel/rays/trace.py": ("trace",),
-    "light/pulse_train.py": ("together",),
-    "physics/electronics/apd.py": ("noise_without_echo_a",),
-    "physics/electronics/range_limit.py": ("maximum_range_apd_m", "maximum_range_sipm_m"),
-    "physics/optics/radiometry.py": ("lambertian_sun_power_w",),
-    "physics/weather/particles.py": ("strengths",),
-    "scan/lissajous.py": ("Lissajous.of",),
-    "scan/polygon.py": ("Polygon.of",),
-    "scan/raster.py": ("Raster.from_field_of_view",),
-    "scan/risley.py": ("Risley.of",),
-    "scan/spinning.py": ("Spinning.of",),
     "sensor/overlap.py": ("Overlap.of",),
     "studies/compare/study.py": ("of_sensors",),
 }
