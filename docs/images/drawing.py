@@ -1,6 +1,5 @@
 """What the pictures have in common: dark figures, a frame of a scene, small files."""
 
-import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -50,10 +49,9 @@ def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH
     """A shipped scene as its own view has it, with range images below."""
     scene = lidarscene.load_scene(SCENES / f"{name}.toml")
     cloud = lidarscene.render(scene, overrides=overrides)
-    view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.png"
-        frame_picture(cloud, path, **picture, **view)
+        frame_picture(cloud, path, **picture, view=scene.view)
         store(Image.open(path), f"{name}.png", colours=colours, width=width)
 
 

@@ -1,6 +1,5 @@
 """Pictures of panes and leaves: what is behind them, what they throw back and what they let through."""
 
-import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -21,10 +20,11 @@ def glass() -> None:
     """The glass scene, by how many panes and mirrors were on the way; below it two pulses, one with the glint."""
     scene = lidarscene.load_scene(SCENES / "glass.toml")
     cloud = lidarscene.render(scene, overrides=FINER)
-    view = dataclasses.asdict(scene.view) if scene.view else {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "glass.png"
-        frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), **view)
+        frame_picture(
+            cloud, path, colour_by="interactions", strips=("range", "interactions"), view=scene.view
+        )
         frame = Image.open(path).convert("RGB")
         glint(scene).savefig(path, facecolor=BACKGROUND)
         below([frame, Image.open(path).convert("RGB")], "glass.png", width=900, colours=96)

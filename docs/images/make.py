@@ -15,6 +15,7 @@ import lidarscene
 from lidarscene import PointCloud
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.studies.compare import study
+from lidarscene.studies.compare.run import Bench
 
 sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
 from chromium import Chromium, executable
@@ -54,7 +55,7 @@ def compare() -> None:
         for name in ("table1-apd", "table1-sipm")
     ]
     with tempfile.TemporaryDirectory() as folder:
-        study.of_sensors(scene, sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
+        study.of_sensors(Bench(scene), sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
         top, left, right = (
             Image.open(Path(folder) / f"{name}.png").convert("RGB")
             for name in ("difference-table1-sipm", "rate-range", "illuminance")

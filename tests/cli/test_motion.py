@@ -204,7 +204,7 @@ def test_the_view_rides_with_the_vehicle(
     from lidarscene.figures import pictures
 
     seen: list[dict] = []
-    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **view: seen.append(view))
+    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **options: seen.append(options))
     (tmp_path / "drive.toml").write_text(
         "[picture]\neye_m = [-5, 0, 3]\ntarget_m = [10, 0, 0]\n"
         + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)
@@ -213,8 +213,8 @@ def test_the_view_rides_with_the_vehicle(
         ran(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
         came = seen.pop()
         assert came["colour_by"] == "intensity"
-        np.testing.assert_allclose(came["eye_m"], eye, atol=1e-12) if eye else None
-        assert ("eye_m" in came) == (eye is not None)
+        assert (came["view"] is None) == (eye is None)
+        np.testing.assert_allclose(came["view"].eye_m, eye, atol=1e-12) if eye else None
     ran(run, drive, "--rig", "two.toml", "--merge", "-o", "a.ply", "--picture", "p.png")
     assert seen[0]["colour_by"] == "sensor_index"
-    np.testing.assert_allclose(seen[0]["eye_m"], (0, -5, 3), atol=1e-12)
+    np.testing.assert_allclose(seen[0]["view"].eye_m, (0, -5, 3), atol=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 from lidarscene import Scene, Sensor, load_sensor
 from lidarscene.detection import returns
 from lidarscene.kernel.device import transfer
-from lidarscene.kernel.rays.trace import trace
+from lidarscene.kernel.rays.trace import Firing, trace
 from lidarscene.kernel.world.build import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
@@ -105,7 +105,7 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glint
     )
     if glints:
         shape = transfer.opaque(footprint(equipped.laser, 1))
-        tracing["aim"] = aim(rays, shape, profile=equipped.laser.profile, rotation=rotation)
+        tracing["firing"] = Firing(aim=aim(rays, shape, profile=equipped.laser.profile, rotation=rotation))
     sun = transfer.opaque(tuple(float(x) for x in described.sun.direction))
     ways = trace(world, rays, sun=sun, **tracing)
     ambient = transfer.opaque(ambient_of(described, equipped))

@@ -1,5 +1,6 @@
 """One scanner of each kind, as a sensor file would make it."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -16,6 +17,12 @@ VLP16_HEIGHT_MM = (
 """The user manual has those of lasers 7 to 15; the others by their symmetry."""
 
 
+def part(kind, numbers):
+    """Of flat numbers, those of a part of a scanner; they are taken out."""
+    names = {field.name for field in dataclasses.fields(kind)} & numbers.keys()
+    return kind(**{name: numbers.pop(name) for name in names})
+
+
 def vlp16(**changes):
     """VLP-16 user manual 63-9243: a laser every 2.304 us, a cycle every 55.296 us."""
     numbers = {
@@ -24,15 +31,19 @@ def vlp16(**changes):
         "firing_s": [2.304e-6 * n for n in range(16)],
         "start_m": ([0.0] * 16, [0.0] * 16, [1e-3 * h for h in VLP16_HEIGHT_MM]),
     }  # fmt: skip
-    return scan.Spinning.of(**(numbers | changes))
+    numbers |= changes
+    return scan.Spinning.of(bank=part(scan.Bank, numbers), **numbers)
 
 
 def encoder_clocked():
     """Lasers in no order, fired in groups of two, clocked by the encoder."""
     return scan.Spinning.of(
         rotation_hz=20.0, cycle_s=None, cycles_per_turn=1024,
-        elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
-        firing_s=[3e-6, 0.0, 3e-6, 0.0], start_azimuth_rad=PI,
+        bank=scan.Bank(
+            elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
+            firing_s=[3e-6, 0.0, 3e-6, 0.0],
+        ),
+        start_azimuth_rad=PI,
     )  # fmt: skip
 
 
@@ -51,7 +62,8 @@ def mirror(**changes):
 def lissajous(**changes):
     numbers = {
         "rate_hz": 200e3, "frame_hz": 10.0, "mirrors": gimbal(incidence_rad=0.3, side="left"),
-        "frequency_hz": (1310.0, 1190.0), "phase_rad": (0.3, 1.2), "turn_rad": (12 * DEG, 8 * DEG),
+        "azimuth": scan.Swing(frequency_hz=1310.0, phase_rad=0.3, turn_rad=12 * DEG),
+        "elevation": scan.Swing(frequency_hz=1190.0, phase_rad=1.2, turn_rad=8 * DEG),
     }  # fmt: skip
     return scan.Lissajous.of(**(numbers | changes))
 
@@ -61,7 +73,8 @@ def polygon(**changes):
         "rate_hz": 150e3, "rotation_hz": 30.0, "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
         "duty": 0.6, "incidence_rad": 40 * DEG, "side": "left", "inradius_m": 0.03, "lens_radius_m": 0.012,
     }  # fmt: skip
-    return scan.Polygon.of(**(numbers | changes))
+    numbers |= changes
+    return scan.Polygon.of(facets=part(scan.Facets, numbers), **numbers)
 
 
 def mid40(**changes):
@@ -71,7 +84,13 @@ def mid40(**changes):
         "index": [1.51, 1.51], "rotation_hz": [-121.5657, 77.7430], "phase_rad": [0.0, 0.0],
         "tilted": ["out", "in"],
     }  # fmt: skip
-    return scan.Risley.of(**(numbers | changes))
+    numbers |= changes
+    lists = {name: numbers.pop(name) for name in ("angle_rad", "index", "rotation_hz", "phase_rad", "tilted")}
+    wedges = [
+        scan.Wedge.of(rate_hz=numbers["rate_hz"], **dict(zip(lists, values, strict=True)))
+        for values in zip(*lists.values(), strict=True)
+    ]
+    return scan.Risley.of(wedges=wedges, **numbers)
 
 
 def six_beams():

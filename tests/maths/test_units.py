@@ -12,7 +12,7 @@ from pydantic import Field
 from lidarscene.errors import InputError
 from lidarscene.files.table import Table
 from lidarscene.files.toml import validated
-from lidarscene.maths.units import UNITS, Key, Quantity, si
+from lidarscene.maths.units import UNITS, Key, Part, Quantity, si
 from lidarscene.scene import file as _scene  # noqa: F401 all tables are known once it is
 from lidarscene.sensor import file as _sensor  # noqa: F401
 
@@ -135,6 +135,34 @@ def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -
     assert str(error.value) == told
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Street:
+    name: Annotated[Literal["high", "low"], Key()] = "high"
+    lamp: Annotated[Lamp, Part()]
+    length_m: Annotated[float, Quantity("km", gt=0)]
+
+
+class StreetFile(Table[Street]):
+    """The keys of a lamp between those of a street."""
+
+
+def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
+    whole = list(StreetFile.model_fields)
+    assert whole == [
+        "name",
+        "width_ns",
+        "power_w",
+        "radius_mm",
+        "tilt_deg",
+        "cells",
+        "count",
+        "form",
+        "length_km",
+    ]
+    found = validated(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
+    assert found == Street(lamp=Lamp(width_s=3.0 * 1e-9, inner=1.0), length_m=2000.0)
+
+
 def test_a_name_with_another_unit_is_refused() -> None:
     with pytest.raises(TypeError, match="width_s: a name that ends in _m was expected of a number in mm"):
         Quantity("mm").of("width_s")
@@ -154,7 +182,9 @@ def tables() -> list[type[Table[Any]]]:
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
 def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
     """To the last bit; a default that the file writes in another unit comes back from there."""
-    parameters = inspect.signature(getattr(table.made, "of", table.made)).parameters
+    parameters = dict(inspect.signature(getattr(table.made, "of", table.made)).parameters)
+    for part in table.parts.values():
+        parameters |= inspect.signature(part).parameters
     for field, (name, key) in table.keys.items():
         info = table.model_fields[name]
         if not info.is_required() and parameters[field].default is not inspect.Parameter.empty:

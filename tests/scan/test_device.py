@@ -65,7 +65,9 @@ CHANGED = {
         columns=99, rows=7, fast_turn_rad=0.1, line_duty=0.5, mirrors=scanners.gimbal(incidence_rad=0.2)
     ),
     "lissajous": lambda: scanners.lissajous(
-        frequency_hz=(900.0, 77.0), phase_rad=(0.0, 0.0), mirrors=scanners.gimbal(side="left")
+        azimuth=scan.Swing(frequency_hz=900.0, phase_rad=0.0, turn_rad=12 * DEG),
+        elevation=scan.Swing(frequency_hz=77.0, phase_rad=0.0, turn_rad=8 * DEG),
+        mirrors=scanners.gimbal(side="left"),
     ),
     "polygon": lambda: scanners.polygon(tilt_rad=[0.01] * 6, rotation_hz=50.0, side="right", duty=0.4),
     "mid40": lambda: scanners.mid40(index=[1.6, 1.7], rotation_hz=[10.0, -3.0], angle_rad=[0.1, 0.2]),

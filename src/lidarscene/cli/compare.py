@@ -80,6 +80,7 @@ def _sensors(arguments: argparse.Namespace) -> str:
     from ..rendering.options import DEFAULT_CHUNK
     from ..scene.file import load_scene
     from ..studies.compare import study
+    from ..studies.compare.run import Bench
     from ..studies.ranging.axes import CONDITIONS
     from ..studies.ranging.subjects import subjects
 
@@ -93,9 +94,11 @@ def _sensors(arguments: argparse.Namespace) -> str:
         CONDITIONS["illuminance"].require("--illuminance", value)
     scene = load_scene(arguments.inputs[0])
     sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
+    bench = Bench(
+        scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK
+    )
     return study.of_sensors(
-        scene, sensors, arguments.output, seed=arguments.seed or 0, pose=arguments.pose,
-        chunk=arguments.chunk or DEFAULT_CHUNK, same_beams=bool(arguments.same_beams),
+        bench, sensors, arguments.output, same_beams=bool(arguments.same_beams),
         illuminances_klux=arguments.illuminance, as_json=arguments.json,
     )  # fmt: skip
 

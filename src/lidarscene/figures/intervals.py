@@ -100,20 +100,32 @@ def save_named(
     save_drawn(path, draw, title, 1.4 + 0.3 * max(len(names), 2))
 
 
-def save_snr(
-    path: str | os.PathLike[str], a: Numbers, b: Numbers, kind: Numbers, *, kinds: Sequence[str],
-    x_label: str, y_label: str, levels: tuple[float | None, float | None], title: str,
-) -> None:  # fmt: skip
-    """SNR of B over SNR of A, both axes logarithmic, a colour for each kind. Raises OutputError.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pairs:
+    """SNR of the same pulses for two sensors, A and B.
 
-    kind    (n,) index into ``kinds`` of each point
-    levels  thresholds of the two comparators, drawn as lines; None: none
+    kind    (n,) index into ``kinds`` of each pulse
+    levels  thresholds of the two comparators; None: none
     """
+
+    a: Numbers
+    b: Numbers
+    kind: Numbers
+    kinds: Sequence[str]
+    levels: tuple[float | None, float | None]
+
+
+def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_label: str, title: str) -> None:
+    """SNR of B over SNR of A, both axes logarithmic, a colour for each kind, lines at the thresholds.
+
+    Raises OutputError.
+    """
+    a, b, kind = pairs.a, pairs.b, pairs.kind
 
     def draw(_: Any, axes: Any) -> None:
         taken = slice(None, None, max(len(a) // _SCATTERED, 1))
         shades = (GREY, COLOURS[0], COLOURS[1], "#c9c9c9")
-        for number, label in enumerate(kinds):
+        for number, label in enumerate(pairs.kinds):
             own = kind[taken] == number
             axes.scatter(
                 a[taken][own], b[taken][own], s=5, alpha=0.5, linewidths=0, rasterized=True, color=shades[number],
@@ -123,7 +135,7 @@ def save_snr(
         axes.set_yscale("log")
         low, high = float(min(a.min(), b.min())), float(max(a.max(), b.max()))
         axes.plot([low, high], [low, high], color=INK, linewidth=0.7, linestyle=(0, (5, 2.2)), zorder=1)
-        for level, line in zip(levels, (axes.axvline, axes.axhline), strict=True):
+        for level, line in zip(pairs.levels, (axes.axvline, axes.axhline), strict=True):
             if level is not None:
                 line(level, color=INK, linewidth=0.7, linestyle=(0, (1.2, 1.8)), zorder=1)
         axes.set_xlabel(x_label, fontsize=10, color=INK)

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.pixels import Camera, Cells, Vector, camera_for, cells_of, coloured, lit, splat
+from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, splat
 from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..formats.columns import COLUMNS, STATUS_NAMES
 from ..maths.arrays import Numbers
+from ..scene.model import View
 
 Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure
 
@@ -38,19 +39,17 @@ def perspective_picture(
     path: str | os.PathLike[str],
     *,
     colour_by: str = "intensity",
-    eye_m: Vector | None = None,
-    target_m: Vector | None = None,
-    fov_deg: float = 60.0,
+    view: View | None = None,
     highlight_false_alarms: bool = True,
     size_px: tuple[int, int] = (1920, 1080),
 ) -> None:
-    """Draw the cloud as seen from ``eye_m`` towards ``target_m``, in the coordinates of the points.
+    """Draw the cloud as the camera ``view`` sees it, which is in the coordinates of the points.
 
-    Without these: from above and behind the sensor, towards what is near. ``fov_deg`` is across.
+    Without one: from above and behind the sensor, towards what is near.
     """
     figure, whole = _figure(size_px), Thinned.of(cloud)
     cloud = whole.cloud()
-    camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
+    camera = _camera(cloud, view)
     shades = _Shades(cloud, colour_by)
     _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), whole, shades, camera, alarms=highlight_false_alarms)
     _save(figure, path)
@@ -77,9 +76,7 @@ def frame_picture(
     path: str | os.PathLike[str],
     *,
     colour_by: str = "intensity",
-    eye_m: Vector | None = None,
-    target_m: Vector | None = None,
-    fov_deg: float = 60.0,
+    view: View | None = None,
     strips: tuple[str, ...] = ("range", "intensity"),
     size_px: tuple[int, int] = (1920, 1600),
 ) -> None:
@@ -98,7 +95,7 @@ def frame_picture(
     strip, foot = 0.165, 0.055 if images else 0.0
     rest = foot + strip * len(images)
     shades = _Shades(cloud, colour_by)
-    camera = camera_for(cloud, eye_m=eye_m, target_m=target_m, fov_deg=fov_deg)
+    camera = _camera(cloud, view)
     _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), whole, shades, camera, alarms=True)
     own_axes = len(parts) > 1  # sensors look in different directions, so their strips share no axis
     for i, (part, name, label) in enumerate(reversed(images)):
@@ -107,6 +104,13 @@ def frame_picture(
             figure, box, cells_of(part), _Shades(part, name), labels=own_axes or i == 0, name=label
         )
     _save(figure, path)
+
+
+def _camera(cloud: PointCloud, view: View | None) -> Camera:
+    """The camera of a view; without one, what is near decides."""
+    if view is None:
+        return camera_for(cloud)
+    return camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
 
 
 def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
+from dataclasses import fields
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
 from pydantic import ConfigDict, Field
 
-from ..maths.units import Key, Quantity
+from ..maths.units import Key, Part, Quantity
 from .toml import FileModel
 
 Made = TypeVar("Made")
+Note = TypeVar("Note")
 
 
 class Table(FileModel, Generic[Made]):
     """Base of ``class LaserFile(Table[Laser])``: each field of Laser with a `Key` is a key here, in the file's unit.
 
     Of a class that is made by its method `of`, the parameters of that. A key that is written out in the table, or in
-    a base of it, takes the place of a declared one. With ``only``, the other fields are no keys.
+    a base of it, takes the place of a declared one. With ``only``, the other fields are no keys. A field that is a
+    `Part` has its own fields here, in its place.
     """
 
     model_config = ConfigDict(defer_build=True)  # start-up: most tables are only parts of a whole file
@@ -29,6 +32,8 @@ class Table(FileModel, Generic[Made]):
     """Laser."""
     keys: ClassVar[dict[str, tuple[str, Key]]]
     """Its fields to the keys of the file, and how they are declared."""
+    parts: ClassVar[dict[str, type[Any]]]
+    """Its fields that are parts."""
 
     def __init_subclass__(cls, only: Container[str] | None = None, **options: Any) -> None:
         """Add the declared keys to the annotations, from which pydantic then makes a model."""
@@ -38,13 +43,10 @@ class Table(FileModel, Generic[Made]):
         )
         if made is None:
             return
-        cls.made, cls.keys = made, {}
+        cls.made, cls.keys, cls.parts = made, {}, {}
         written, declared = cls.__annotations__, {}
-        maker = _maker(made)
-        hints = typing.get_type_hints(maker, include_extras=True)
-        for field, parameter in inspect.signature(maker).parameters.items():
-            hint = hints[field]
-            key = next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Key)), None)
+        for field, hint, parameter in _parameters(_maker(made), cls.parts):
+            key = _noted(hint, Key)
             if key is None or (only is not None and field not in only):
                 continue
             name = key.of(field)
@@ -58,8 +60,13 @@ class Table(FileModel, Generic[Made]):
         cls.__annotations__ = tag | declared | written
 
     def in_si(self, **more: Any) -> Made:
-        """What the table is of, in SI units; ``more`` are its other fields."""
-        made: Made = _maker(self.made)(**(self.values_in_si() | more))
+        """What the table is of, in SI units; ``more`` are its other fields, and those of its parts."""
+        values = self.values_in_si() | more
+        for name, part in self.parts.items():
+            values[name] = part(
+                **{one.name: values.pop(one.name) for one in fields(part) if one.name in values}
+            )
+        made: Made = _maker(self.made)(**values)
         return made
 
     def values_in_si(self) -> dict[str, Any]:
@@ -81,6 +88,25 @@ def _maker(made: type[Any]) -> Callable[..., Any]:
     """What makes such an object: its method `of`, or the class itself."""
     maker: Callable[..., Any] = getattr(made, "of", made)
     return maker
+
+
+def _parameters(
+    maker: Callable[..., Any], parts: dict[str, type[Any]]
+) -> Iterator[tuple[str, Any, inspect.Parameter]]:
+    """Name, type and declaration of each parameter, in place of a part those of its fields; parts go to ``parts``."""
+    hints = typing.get_type_hints(maker, include_extras=True)
+    for name, parameter in inspect.signature(maker).parameters.items():
+        hint = hints[name]
+        if _noted(hint, Part):
+            parts[name] = hint.__origin__
+            yield from _parameters(hint.__origin__, {})
+        else:
+            yield name, hint, parameter
+
+
+def _noted(hint: Any, kind: type[Note]) -> Note | None:
+    """The note of this kind in ``Annotated[type, note]``."""
+    return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
 
 def _type_in_file(hint: Any, key: Key) -> Any:

@@ -156,9 +156,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
     if sensor.optics.overlap is not None:
         return sensor.optics.overlap
     return Overlap.of(
-        profile=sensor.laser.profile,
-        half_divergence_rad=0.5 * sensor.laser.mean_divergence_rad,
-        exit_radius_m=0.5 * (sensor.laser.exit_diameter_m or 0.0),
+        sensor.laser.spot,
         aperture_radius_m=float(sensor.optics.aperture_radius_m),
         field_rad=float(sensor.detector.radius_m / sensor.optics.focal_length_m),
     )

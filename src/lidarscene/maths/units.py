@@ -57,6 +57,11 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
+class Part:
+    """That a field is a dataclass whose own fields can be given in the file, in the same table."""
+
+
+@dataclass(frozen=True, slots=True)
 class Quantity(Key):
     """That a number can be given in a file.
 

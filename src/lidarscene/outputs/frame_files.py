@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -145,8 +144,7 @@ class FrameFiles:
         own = self._view(picture.cloud().frame_start_s)
         # Of several sensors, who sees what: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
-        view = dataclasses.asdict(own) if own else {}
-        frame_picture(picture, self.files["picture"], colour_by=colour_by, **view)
+        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own)
 
     def _view(self, start_s: float) -> View | None:
         """The scene's view as it is in the frame of the points; None where it does not belong to what is seen."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..detection.returns import Detection, Outcome
 from ..kernel.device import transfer
+from ..kernel.rays.columns import Staged
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
@@ -37,6 +38,10 @@ class Chunk:
     goes_on: Any = None
     order: Order | None = None
     twice: bool = False
+
+    def staged(self, rays: int) -> Staged:
+        """What columns are made of, with this many rays to a pulse."""
+        return Staged(pulse=self.pulse, paths=self.paths, rays=rays, detection=self.detection)
 
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""

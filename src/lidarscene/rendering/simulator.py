@@ -307,18 +307,14 @@ class Simulator:
             return None
         lane, stop, count = found
         columns = collect.columns(
-            world=self.world, sensor=self._stages.sensor, pulse=part.pulse, paths=part.paths, rays=self.trace.rays,
-            detection=part.detection, air_classes=self._air_classes, lanes=(lane, stop),
-            turn=placing.turn, shift=placing.shift,
+            world=self.world, sensor=self._stages.sensor, staged=part.staged(self.trace.rays),
+            air_classes=self._air_classes, lanes=(lane, stop), turn=placing.turn, shift=placing.shift,
         )  # fmt: skip
         return columns, count
 
     def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
         """`collect.surfaces` of a chunk; empty without any."""
-        found = collect.surfaces(
-            world=self.world, pulse=part.pulse, paths=part.paths, rays=self.trace.rays, detection=part.detection,
-            twice=part.twice,
-        )  # fmt: skip
+        found = collect.surfaces(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
         if found is None:
             return {}
         columns, count = found

@@ -13,7 +13,7 @@ from ..detection import multi_echo, returns
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import columns
-from ..kernel.rays.trace import trace
+from ..kernel.rays.trace import Firing, trace
 from ..kernel.world.build import World
 from ..light import beams, echoes
 from ..light.air_light import AirLight, air_light
@@ -117,11 +117,13 @@ class Stages:
         aimed = None
         if self.world.speculars is not None and shape is self.footprint:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
+        firing = Firing(
+            seed=seed, ray=0 if ray is None else ray, aim=aimed,
+            velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
+        )  # fmt: skip
         return rays, trace(
-            self.world, rays, sun=self.sun, placements=movers,
-            sensor_velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
-            interactions=self.interactions, survey=survey, seed=seed, ray_number=0 if ray is None else ray,
-            aim=aimed,
+            self.world, rays, sun=self.sun, placements=movers, interactions=self.interactions, survey=survey,
+            firing=firing,
         )  # fmt: skip
 
     def _background(self, places: Places, pulse: Any, seed: Any, shape: Footprint) -> Any:

@@ -21,12 +21,15 @@ aperture       how much of the receiver is left off the axis
 from .base import Scanner as Scanner
 from .flash import Flash as Flash
 from .lissajous import Lissajous as Lissajous
+from .lissajous import Swing as Swing
 from .mirror_optics import Gimbal as Gimbal
 from .mirror_optics import MirrorPair as MirrorPair
 from .mirror_raster import MirrorRaster as MirrorRaster
 from .pattern import Pattern as Pattern
+from .polygon import Facets as Facets
 from .polygon import Polygon as Polygon
 from .raster import Raster as Raster
 from .risley import Risley as Risley
 from .risley import Wedge as Wedge
+from .spinning import Bank as Bank
 from .spinning import Spinning as Spinning

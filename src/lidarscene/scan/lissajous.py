@@ -22,6 +22,15 @@ from .mirror_optics import Mirrors
 from .turns import Turns
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Swing:
+    """One turn of a mirror: its frequency, its phase and its mechanical amplitude, zero to peak."""
+
+    frequency_hz: float
+    phase_rad: float
+    turn_rad: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lissajous(Mechanism):
     """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `of`.
@@ -44,21 +53,20 @@ class Lissajous(Mechanism):
         rate_hz: float,
         frame_hz: Annotated[float, Quantity(gt=0)],
         mirrors: Mirrors,
-        frequency_hz: tuple[float, float],
-        phase_rad: tuple[float, float],
-        turn_rad: tuple[float, float],
+        azimuth: Swing,
+        elevation: Swing,
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Lissajous:
-        """From frequencies, phases and amplitudes, each of azimuth and elevation."""
-        azimuth, elevation = (
-            Turns.per_pulse(frequency_hz=f, rate_hz=rate_hz, start_rad=p)
-            for f, p in zip(frequency_hz, phase_rad, strict=True)
-        )
+        """From the two turns."""
+        turns = [
+            Turns.per_pulse(frequency_hz=one.frequency_hz, rate_hz=rate_hz, start_rad=one.phase_rad)
+            for one in (azimuth, elevation)
+        ]
         return cls(
             pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, mirrors=mirrors,
-            azimuth=azimuth, elevation=elevation,
-            azimuth_turn_rad=turn_rad[0], elevation_turn_rad=turn_rad[1],
+            azimuth=turns[0], elevation=turns[1],
+            azimuth_turn_rad=azimuth.turn_rad, elevation_turn_rad=elevation.turn_rad,
             jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 

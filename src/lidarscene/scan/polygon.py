@@ -24,10 +24,39 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, Table, xp
-from ..maths.units import Key, Quantity
+from ..maths.units import Key, Part, Quantity
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
 from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facets:
+    """The facets of a polygon, and how the beam meets them; as in `Polygon`."""
+
+    tilt_rad: Annotated[
+        Sequence[float],
+        Quantity(
+            "deg",
+            name="facet_tilt_deg",
+            ge=-40,
+            le=40,
+            least=3,
+            about="of each facet against the axis, in the order in which they pass; positive looks up",
+        ),
+    ]
+    duty: Annotated[float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")] = 1.0
+    incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0)
+    side: Annotated[Literal["left", "right"], Key()] = "left"
+    inradius_m: Annotated[
+        float | None,
+        Quantity(
+            "mm",
+            gt=0,
+            about="from the axis to the facets; without it the facets cut nothing off the aperture",
+        ),
+    ] = None
+    lens_radius_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,48 +89,24 @@ class Polygon(Mechanism):
         *,
         rate_hz: float,
         rotation_hz: Rotation,
-        tilt_rad: Annotated[
-            Sequence[float],
-            Quantity(
-                "deg",
-                name="facet_tilt_deg",
-                ge=-40,
-                le=40,
-                least=3,
-                about="of each facet against the axis, in the order in which they pass; positive looks up",
-            ),
-        ],
-        duty: Annotated[
-            float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")
-        ] = 1.0,
-        incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0),
-        side: Annotated[Literal["left", "right"], Key()] = "left",
-        inradius_m: Annotated[
-            float | None,
-            Quantity(
-                "mm",
-                gt=0,
-                about="from the axis to the facets; without it the facets cut nothing off the aperture",
-            ),
-        ] = None,
-        lens_radius_m: float | None = None,
+        facets: Annotated[Facets, Part()],
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Polygon:
         """One facet for each tilt; pulses leave during ``duty`` of a facet's time."""
-        facets = len(tilt_rad)
+        count = len(facets.tilt_rad)
         return cls(
-            facets=facets,
-            columns=max(1, int(rate_hz * duty / (abs(rotation_hz) * facets) + 1e-6)),
+            facets=count,
+            columns=max(1, int(rate_hz * facets.duty / (abs(rotation_hz) * count) + 1e-6)),
             rate_hz=rate_hz,
             rotation_hz=rotation_hz,
             turn_rad=2.0 * math.pi * rotation_hz / rate_hz,
-            incidence_rad=incidence_rad,
-            side=1.0 if side == "left" else -1.0,
-            tilt_rad=Table(np.asarray(tilt_rad, dtype=np.float64)),
-            half_facet=math.tan(math.pi / facets),
-            inradius_m=inradius_m,
-            lens_radius_m=lens_radius_m,
+            incidence_rad=facets.incidence_rad,
+            side=1.0 if facets.side == "left" else -1.0,
+            tilt_rad=Table(np.asarray(facets.tilt_rad, dtype=np.float64)),
+            half_facet=math.tan(math.pi / count),
+            inradius_m=facets.inradius_m,
+            lens_radius_m=facets.lens_radius_m,
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,
         )

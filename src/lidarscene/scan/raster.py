@@ -28,22 +28,19 @@ class Raster(GivenAngles):
     def from_field_of_view(
         cls,
         *,
-        azimuth_fov: float,
-        elevation_fov: float,
-        azimuth_step: float,
-        elevation_step: float,
+        fov: tuple[float, float],
+        step: tuple[float, float],
         unit_rad: float,
         rate_hz: float,
         jitter_rad: float | None = None,
         encoder_rad: float | None = None,
     ) -> Raster:
-        """From full angles and steps in one angular unit of ``unit_rad`` radians."""
+        """From full angles and steps, azimuth and elevation, in one angular unit of ``unit_rad`` radians."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
-        columns = int(azimuth_fov / azimuth_step + 1e-6) + 1
-        rows = int(elevation_fov / elevation_step + 1e-6) + 1
+        columns, rows = (int(whole / one + 1e-6) + 1 for whole, one in zip(fov, step, strict=True))
         return cls(
             columns=columns, rows=rows, rate_hz=rate_hz,
-            azimuth_step_rad=azimuth_step * unit_rad, elevation_step_rad=elevation_step * unit_rad,
+            azimuth_step_rad=step[0] * unit_rad, elevation_step_rad=step[1] * unit_rad,
             jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 

@@ -43,6 +43,21 @@ class Wedge:
     turns: Turns
     tilted: str
 
+    @classmethod
+    def of(
+        cls,
+        *,
+        rate_hz: float,
+        angle_rad: float,
+        index: float,
+        rotation_hz: float,
+        phase_rad: float,
+        tilted: str,
+    ) -> Wedge:
+        """A prism that turns at a constant rate, from y (left) to z (up) if positive; ``rate_hz`` is that of pulses."""
+        turns = Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)
+        return cls(angle_rad=angle_rad, index=index, turns=turns, tilted=tilted)
+
     def bend(self, direction: Vector, phase_rad: Lanes) -> tuple[Vector, Lanes]:
         """The beam behind the wedge, and the widening of its cross-section."""
         ops = xp(phase_rad, self.angle_rad)
@@ -75,11 +90,7 @@ class Risley(Mechanism):
         *,
         rate_hz: float,
         frame_hz: Annotated[float, Quantity(gt=0)],
-        angle_rad: Sequence[float],
-        index: Sequence[float],
-        rotation_hz: Sequence[float],
-        phase_rad: Sequence[float],
-        tilted: Sequence[str],
+        wedges: Sequence[Wedge],
         beam_elevation_rad: Annotated[
             Sequence[float] | None,
             Quantity(
@@ -93,16 +104,9 @@ class Risley(Mechanism):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Risley:
-        """From lists over the wedges, the one next to the laser first. Positive rotation: from y (left) to z (up)."""
-        wedges = tuple(
-            Wedge(
-                angle_rad=a, index=n, tilted=t,
-                turns=Turns.per_pulse(frequency_hz=f, rate_hz=rate_hz, start_rad=p),
-            )
-            for a, n, f, p, t in zip(angle_rad, index, rotation_hz, phase_rad, tilted, strict=True)
-        )  # fmt: skip
+        """From the wedges, the one next to the laser first."""
         return cls(
-            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=wedges,
+            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=tuple(wedges),
             beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
             beam_elevation_rad=(
                 None if beam_elevation_rad is None else Table(np.asarray(beam_elevation_rad, dtype=np.float64))

@@ -17,12 +17,37 @@ import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, Table, xp
 from ..maths.pose import direction_from_angles
-from ..maths.units import Quantity
+from ..maths.units import Part, Quantity
 from ..maths.vectors import Vector
 from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bank:
+    """The lasers of a head, in any order.
+
+    azimuth_rad  of each laser, from the head's own; None: all 0
+    firing_s     after the cycle's start; None: all at once
+    start_m      (x, y, z) of each laser's exit in the head; None: all in the origin
+    """
+
+    elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
+    azimuth_rad: Annotated[
+        Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)
+    ] = None
+    firing_s: Annotated[
+        Sequence[float] | None,
+        Quantity(
+            "us",
+            name="firing_time_us",
+            ge=0,
+            about="after the start of the cycle; all at once if left out",
+        ),
+    ] = None
+    start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,30 +87,17 @@ class Spinning(Mechanism):
                 about="cycles in a turn, if clocked by the encoder",
             ),
         ] = None,
-        elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)],
-        azimuth_rad: Annotated[
-            Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)
-        ] = None,
-        firing_s: Annotated[
-            Sequence[float] | None,
-            Quantity(
-                "us",
-                name="firing_time_us",
-                ge=0,
-                about="after the start of the cycle; all at once if left out",
-            ),
-        ] = None,
-        start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None,
+        bank: Annotated[Bank, Part()],
         start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Spinning:
-        """From the lists of the lasers, in any order; numbers of `channel` are places in these lists.
+        """From the bank of lasers; numbers of `channel` are places in its lists.
 
         One of ``cycle_s`` and ``cycles_per_turn`` is None; with the latter frames close exactly.
         """
-        azimuth_rad = azimuth_rad or (0.0,) * len(elevation_rad)
-        firing_s = firing_s or (0.0,) * len(elevation_rad)
+        azimuth_rad = bank.azimuth_rad or (0.0,) * len(bank.elevation_rad)
+        firing_s, start_m = bank.firing_s or (0.0,) * len(bank.elevation_rad), bank.start_m
         period_s = 1.0 / abs(rotation_hz)
         if cycles_per_turn is not None:
             cycle_s = period_s / cycles_per_turn
@@ -105,7 +117,7 @@ class Spinning(Mechanism):
             cycle_s=cycle_s,
             firing_s=np.asarray(firing_s, dtype=np.float64)[order],
             head=Turns.of_fraction(step, start_rad=start_azimuth_rad),
-            elevation_rad=table(elevation_rad),
+            elevation_rad=table(bank.elevation_rad),
             azimuth_rad=table(azimuth_rad),
             lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
             lasers_by_place=table(np.arange(len(order))),

@@ -15,7 +15,7 @@ from ..maths.units import Key, Quantity
 from ..physics.optics import radiometry
 from ..scan import Scanner
 from .detectors import Detector, WorkingPoint
-from .overlap import Overlap
+from .overlap import Overlap, Spot
 
 MOST_STOPS = 16
 
@@ -80,6 +80,15 @@ class Laser:
     def mean_divergence_rad(self) -> float:
         """Of a round beam that stands for an elliptical one."""
         return 0.5 * (self.divergence_rad + (self.divergence_elevation_rad or self.divergence_rad))
+
+    @property
+    def spot(self) -> Spot:
+        """Of that round beam."""
+        return Spot(
+            profile=self.profile,
+            half_divergence_rad=0.5 * self.mean_divergence_rad,
+            exit_radius_m=0.5 * (self.exit_diameter_m or 0.0),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

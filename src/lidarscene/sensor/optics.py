@@ -143,9 +143,7 @@ class OverlapFile(FileModel):
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
         """The share of the spot in the field of view, by range."""
         return Overlap.of(
-            profile=laser.profile,
-            half_divergence_rad=0.5 * laser.mean_divergence_rad,
-            exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
+            laser.spot,
             aperture_radius_m=float(optics.aperture_radius_m),
             field_rad=float(detector_radius_m / optics.focal_length_m),
             offset_m=si(math.hypot(*self.transmitter_offset_mm), "mm"),

@@ -14,6 +14,19 @@ _PLACES = 1025  # linear between them: 1e-5 where the share changes within a thi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """How wide the laser's spot is.
+
+    profile        of the beam: "gaussian" or "top_hat"
+    exit_radius_m  where the beam leaves, at its waist
+    """
+
+    profile: str
+    half_divergence_rad: float
+    exit_radius_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Overlap:
     """Share of the spot's light that reaches the detector, by range.
 
@@ -27,10 +40,8 @@ class Overlap:
     @classmethod
     def of(
         cls,
+        spot: Spot,
         *,
-        profile: str,
-        half_divergence_rad: float,
-        exit_radius_m: float,
         aperture_radius_m: float,
         field_rad: float,
         offset_m: float = 0.0,
@@ -39,20 +50,21 @@ class Overlap:
     ) -> Overlap:
         """From the optics, as `physics.optics.receiver` has them.
 
-        profile     of the beam: "gaussian" or "top_hat"
         field_rad   r_PD / f
         offset_m    from the receiver's axis to the transmitter's, at the sensor
         crossing_m  range at which the axes meet; inf: side by side
         focus_m     range at which the receiver is in focus
         """
-        scale = (offset_m + aperture_radius_m + exit_radius_m) / (field_rad + half_divergence_rad)
+        scale = (offset_m + aperture_radius_m + spot.exit_radius_m) / (field_rad + spot.half_divergence_rad)
         place = np.linspace(0.0, 1.0, _PLACES)
         with np.errstate(divide="ignore"):
             ranges = np.maximum(scale * (1.0 / place - 1.0), 1e-9 * scale)
         share = receiver.spot_share(
-            profile=profile,
+            profile=spot.profile,
             spot_rad=receiver.spot_radius_rad(
-                exit_radius_m=exit_radius_m, half_divergence_rad=half_divergence_rad, range_m=ranges
+                exit_radius_m=spot.exit_radius_m,
+                half_divergence_rad=spot.half_divergence_rad,
+                range_m=ranges,
             ),
             off_axis_rad=receiver.parallax_rad(offset_m=offset_m, crossing_m=crossing_m, range_m=ranges),
             field_rad=field_rad,

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ..files.table import Made, Table
 from ..maths.units import si
-from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner
+from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner, Swing
 
 Positive = Annotated[float, Field(gt=0)]
 Turn = Annotated[float, Field(ge=0, le=45)]
@@ -123,7 +123,12 @@ class LissajousFile(_MirrorsFile[Lissajous]):
         """In SI units."""
         return self.in_si(
             rate_hz=around.rate_hz, mirrors=self.mirrors_for(around),
-            frequency_hz=(self.azimuth_hz, self.elevation_hz),
-            phase_rad=(math.radians(self.azimuth_phase_deg), math.radians(self.elevation_phase_deg)),
-            turn_rad=(math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)),
+            azimuth=Swing(
+                frequency_hz=self.azimuth_hz, phase_rad=math.radians(self.azimuth_phase_deg),
+                turn_rad=math.radians(self.azimuth_turn_deg),
+            ),
+            elevation=Swing(
+                frequency_hz=self.elevation_hz, phase_rad=math.radians(self.elevation_phase_deg),
+                turn_rad=math.radians(self.elevation_turn_deg),
+            ),
         )  # fmt: skip

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files.toml import FileModel
 from ..maths.units import si
-from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning
+from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
 from .pattern import read_pattern
 from .scanner_tables import (
@@ -51,8 +51,8 @@ class RasterFile(ScannerFile[Raster]):
     def build(self, around: Surroundings) -> Raster:
         """In SI units."""
         return Raster.from_field_of_view(
-            azimuth_fov=self.azimuth_fov_deg, elevation_fov=self.elevation_fov_deg,
-            azimuth_step=self.azimuth_step_deg, elevation_step=self.elevation_step_deg,
+            fov=(self.azimuth_fov_deg, self.elevation_fov_deg),
+            step=(self.azimuth_step_deg, self.elevation_step_deg),
             unit_rad=math.pi / 180.0, rate_hz=around.rate_hz, **self.values_in_si(),
         )  # fmt: skip
 
@@ -145,6 +145,13 @@ class WedgeFile(FileModel):
     )
     inclined_face: Literal["in", "out"] = Field(description="out is towards the scene")
 
+    def build(self, rate_hz: float) -> Wedge:
+        """In SI units."""
+        return Wedge.of(
+            rate_hz=rate_hz, angle_rad=math.radians(self.angle_deg), index=self.index,
+            rotation_hz=self.rotation_hz, phase_rad=math.radians(self.phase_deg), tilted=self.inclined_face,
+        )  # fmt: skip
+
 
 class RisleyFile(ScannerFile[Risley]):
     """[scanner] type = "risley": two or three rotating wedges."""
@@ -155,12 +162,7 @@ class RisleyFile(ScannerFile[Risley]):
     def build(self, around: Surroundings) -> Risley:
         """In SI units."""
         scanner = self.in_si(
-            rate_hz=around.rate_hz,
-            angle_rad=[math.radians(w.angle_deg) for w in self.wedges],
-            index=[w.index for w in self.wedges],
-            rotation_hz=[w.rotation_hz for w in self.wedges],
-            phase_rad=[math.radians(w.phase_deg) for w in self.wedges],
-            tilted=[w.inclined_face for w in self.wedges],
+            rate_hz=around.rate_hz, wedges=tuple(one.build(around.rate_hz) for one in self.wedges)
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):

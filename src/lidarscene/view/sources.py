@@ -185,7 +185,7 @@ class Live:
         count = sensor.scanner.pulses
         light = light_of(
             world, sensor, ambient, sun=scene.sun.direction,
-            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), first=0, count=count,
+            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), pulses=range(count),
             seed=self.asked.seed,
         )  # fmt: skip
         pulse = pulses_of(cloud, sensor.scanner)

@@ -418,7 +418,7 @@ def test_a_single_pulse_that_meets_glass_is_told_once():
         seen = []
         cloud = simulator.render(
             seed=1, chunk=chunk, pose=Pose.from_degrees(pitch_deg=0.5),
-            observer=lambda *all_of, seen=seen: seen.append(all_of),
+            points=lambda *all_of, seen=seen: seen.append(all_of),
         )  # fmt: skip
         pulse = np.concatenate([every["pulse"] for _, every in seen])
         assert sum(cloud.interactions > 0) == 1

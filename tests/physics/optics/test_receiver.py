@@ -9,7 +9,7 @@ from scipy.stats import ncx2
 
 from lidarscene.errors import InputError
 from lidarscene.physics.optics import receiver
-from lidarscene.sensor.overlap import Overlap
+from lidarscene.sensor.overlap import Overlap, Spot
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -112,7 +112,7 @@ def test_rays_through_a_thin_lens(range_m):
     on_detector = [a + image * ((a - b) / range_m - a / f) for a, b in ((u, x), (v, y))]
     counted = np.mean(np.hypot(*on_detector) <= r_pd)
     overlap = Overlap.of(
-        profile="gaussian", half_divergence_rad=half, exit_radius_m=w0, aperture_radius_m=r_a,
+        Spot(profile="gaussian", half_divergence_rad=half, exit_radius_m=w0), aperture_radius_m=r_a,
         field_rad=r_pd / f, offset_m=offset, crossing_m=crossing, focus_m=focus,
     )  # fmt: skip
     share = float(overlap.share(np.array([range_m]))[0])
@@ -125,8 +125,8 @@ def test_table_against_the_formula():
     ranges = np.geomspace(0.05, 1000.0, 3001)
     for offset, crossing in ((0.0, math.inf), (0.02, math.inf), (0.02, 10.0)):
         overlap = Overlap.of(
-            profile="gaussian", aperture_radius_m=0.015, field_rad=1.7e-3, offset_m=offset,
-            crossing_m=crossing, **optics,
+            Spot(profile="gaussian", **optics), aperture_radius_m=0.015, field_rad=1.7e-3, offset_m=offset,
+            crossing_m=crossing,
         )  # fmt: skip
         exact = receiver.spot_share(
             profile="gaussian",
@@ -153,7 +153,7 @@ def test_blind_below():
     blind = receiver.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
     assert blind == pytest.approx(0.045 / 3.2e-3)
     overlap = Overlap.of(
-        profile="top_hat", half_divergence_rad=1.5e-3, aperture_radius_m=0.015, exit_radius_m=0.0,
+        Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0), aperture_radius_m=0.015,
         field_rad=1.7e-3, offset_m=0.06,
     )  # fmt: skip
     near, far = overlap.share(np.array([0.98 * blind, 1.1 * blind]))

@@ -102,6 +102,21 @@ def kept_lanes(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Staged:
+    """What the stages left on the device of some pulses.
+
+    pulse  (n,) pulse number of each lane
+    paths  Hits of each way of the light, lane = pulse lane * rays + ray
+    rays   number of rays to a pulse
+    """
+
+    pulse: Any
+    paths: Sequence[Hits]
+    rays: int
+    detection: Detection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Ends:
     """The surfaces from which some returns come.
 
@@ -117,7 +132,7 @@ class _Ends:
     found: Any
 
     @classmethod
-    def of(cls, paths: Sequence[Hits], rays: int, lane: Any, source: Any) -> _Ends:
+    def of(cls, staged: Staged, lane: Any, source: Any) -> _Ends:
         """Find the surfaces of these pulse lanes.
 
         source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, way by way
@@ -125,7 +140,7 @@ class _Ends:
         """
         import drjit as dr
 
-        mi = mitsuba()
+        mi, paths, rays = mitsuba(), staged.paths, staged.rays
         if source is None:
             return cls(paths=paths, index=lane, path=None, found=dr.full(mi.Mask, True, dr.width(lane)))
         found = (source >= 0) & (source < rays * len(paths))
@@ -158,10 +173,7 @@ def columns(
     *,
     world: World,
     sensor: Sensor,
-    pulse: Any,
-    paths: Sequence[Hits],
-    rays: int,
-    detection: Detection,
+    staged: Staged,
     air_classes: Any,
     lanes: tuple[Any, Any],
     turn: tuple[Lanes, ...],
@@ -173,8 +185,6 @@ def columns(
     if the sensor measures no widths.
 
     sensor       its numbers opaque
-    pulse        (n,) pulse numbers of the chunk's lanes
-    paths, rays  Hits of each way, lane = pulse lane * rays + ray
     air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
     lanes        lanes and stop numbers, from `kept_lanes`
     turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
@@ -183,6 +193,7 @@ def columns(
 
     mi = mitsuba()
     lane, stop = lanes
+    paths, rays, detection = staged.paths, staged.rays, staged.detection
     stops = len(detection.stops)
 
     def of_lane(values: Any) -> Any:
@@ -196,9 +207,9 @@ def columns(
         """Values of the return; with one echo to a pulse the pulse has them."""
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
-    of_pulse, range_m = of_lane(pulse), of_stop("range_m")
+    of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
     source = None if detection.source is None else of_stop("source")
-    ends = _Ends.of(paths, rays, lane, source)
+    ends = _Ends.of(staged, lane, source)
     face, status = ends.face, of_stop("status")
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
@@ -298,9 +309,7 @@ def _merged(pulses: Sequence[Numbers]) -> list[Numbers]:
     return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])
 
 
-def surfaces(
-    *, world: World, pulse: Any, paths: Sequence[Hits], rays: int, detection: Detection, twice: bool
-) -> tuple[dict[str, Any], int] | None:
+def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
     Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes`.
@@ -310,6 +319,7 @@ def surfaces(
     """
     import drjit as dr
 
+    detection = staged.detection
     lane = dr.compress(detection.outcome != int(Outcome.NO_SURFACE))
     count = dr.width(lane) // (2 if twice else 1)
     if count == 0:
@@ -320,10 +330,10 @@ def surfaces(
         return dr.gather(type(values), values, lane)
 
     source = None if detection.source is None else of_lane(detection.source)
-    ends = _Ends.of(paths, rays, lane, source)
+    ends = _Ends.of(staged, lane, source)
     body = _where_known(world.face_body, ends.face)
     columns = {
-        "pulse": of_lane(pulse),
+        "pulse": of_lane(staged.pulse),
         "outcome": of_lane(detection.outcome),
         "snr": of_lane(detection.snr),
         "detection_probability": of_lane(detection.detection_probability),

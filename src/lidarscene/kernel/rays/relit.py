@@ -15,7 +15,7 @@ from ...maths.paths import Placement
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..world.build import World
-from .trace import trace
+from .trace import Firing, trace
 
 COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
 
@@ -27,11 +27,10 @@ def light_of(
     *,
     sun: Numbers,
     placements: tuple[Placement, Sequence[Placement] | None],
-    first: int,
-    count: int,
+    pulses: range,
     seed: int,
 ) -> Echoes:
-    """Return the light of ``count`` pulses from ``first`` on, on the beam's first path; no pulses of other lidars.
+    """Return the light of the pulses of these numbers, step 1, on the beam's first path; no pulses of other lidars.
 
     sun         (3,) unit vector towards the sun
     placements  of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
@@ -40,12 +39,13 @@ def light_of(
     place, movers = placements
     equipment = transfer.opaque(sensor)
     rays = beams.fire(
-        equipment, pulse=transfer.counter(first, count), origin_m=place.origin_m, rotation=place.rotation,
+        equipment, pulse=transfer.counter(pulses.start, len(pulses)), origin_m=place.origin_m, rotation=place.rotation,
         seed=transfer.opaque_uint32(seed),
     )  # fmt: skip
     towards = transfer.opaque(tuple(float(x) for x in sun))
     air = transfer.opaque(ambient)
-    ways = trace(world, rays, sun=towards, placements=movers, seed=transfer.opaque_uint32(seed))
+    firing = Firing(seed=transfer.opaque_uint32(seed))
+    ways = trace(world, rays, sun=towards, placements=movers, firing=firing)
     light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}
     transfer.start(list(columns.values()))  # together, or each would be traced for itself

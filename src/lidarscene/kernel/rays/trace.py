@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ...light.beams import Beams
@@ -32,19 +33,31 @@ from .meeting import Meeting, Moment
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Firing:
+    """What rays have besides where they start and where they go.
+
+    seed          of the frame: random numbers of the gaps
+    ray           (n,) number of each ray within its pulse, for the same; 0 if it is the only one
+    velocity_m_s  of the point from which each ray leaves; None: it stands still
+    aim           axes and widths of the beams, for specular returns; None: there are none
+    """
+
+    seed: Lanes = 0
+    ray: Lanes = 0
+    velocity_m_s: Vector | None = None
+    aim: Aim | None = None
+
+
 def trace(
     world: World,
     beams: Beams,
     *,
     sun: Vector,
-    coherent: bool = True,
     placements: Sequence[Placement] | None = None,
-    sensor_velocity_m_s: Vector | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
-    seed: Lanes = 0,
-    ray_number: Lanes = 0,
-    aim: Aim | None = None,
+    firing: Firing | None = None,
 ) -> tuple[Hits, ...]:
     """Return the surface at the end of each ray's paths, one `Hits` for each path, on the device.
 
@@ -52,27 +65,25 @@ def trace(
     there is a second path: it is reflected at the first pane that the first path meets, and goes on in the same way.
     If there is no such pane it carries no light.
 
-    sun                  (x, y, z) unit vector towards the sun
-    coherent             whether neighbouring rays are neighbours in angle
-    placements           of each of the world's movers when each ray leaves; None: as at time 0
-    sensor_velocity_m_s  of the point from which each ray leaves; None: it stands still
-    interactions         largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path
-                         ends without an echo; the next porous surface counts as solid
-    survey               end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in
-                         full: rays that meet a pane, mirror or porous surface, or whose sunlight comes through one. A
-                         kernel that follows all paths costs every ray its queries, and few rays meet glass
-    seed, ray_number     of the frame, and of each ray within its pulse: random numbers of the gaps
-    aim                  axes and widths of the beams, for specular returns; None: there are none
+    sun           (x, y, z) unit vector towards the sun
+    placements    of each of the world's movers when each ray leaves; None: as at time 0
+    interactions  largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path ends
+                  without an echo; the next porous surface counts as solid
+    survey        end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in full:
+                  rays that meet a pane, mirror or porous surface, or whose sunlight comes through one. A kernel that
+                  follows all paths costs every ray its queries, and few rays meet glass
+    firing        None: one ray to a pulse, from a sensor at rest, without specular returns, seed 0
     """
     mi = mitsuba()
+    firing = firing or Firing()
     if placements is None:
         placements = [mover.rest for mover in world.movers]
     moment = Moment(
-        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=coherent,
-        draws=Draws(seed=seed, pulse=beams.pulse, ray=ray_number), aim=aim,
+        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=True,
+        draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray), aim=firing.aim,
     )  # fmt: skip
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
-    first = Way(ray=ray, receding_m_s=_receding(sensor_velocity_m_s, beams.direction))
+    first = Way(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
     if world.speculars is None:
         survey = False
     if survey:

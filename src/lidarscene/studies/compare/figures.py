@@ -176,8 +176,9 @@ def snr(
         "dashed line is equality" + (", dotted lines are the thresholds." if any(levels) else ".")
     )
     draw = partial(
-        intervals.save_snr, a=of_a, b=of_b, kind=kind, kinds=kinds, x_label=f"SNR, {a.name}",
-        y_label=f"SNR, {b.name}", levels=(levels[0], levels[1]), title="Each point is a pulse",
+        intervals.save_snr,
+        pairs=intervals.Pairs(a=of_a, b=of_b, kind=kind, kinds=kinds, levels=(levels[0], levels[1])),
+        x_label=f"SNR, {a.name}", y_label=f"SNR, {b.name}", title="Each point is a pulse",
     )  # fmt: skip
     step = max(len(kind) // _SHOWN_SNR, 1)
     rows = [

@@ -193,10 +193,7 @@ def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[
 
 
 def _picture(cloud: PointCloud, path: Path, view: View, *, colour_by: str) -> None:
-    plots.perspective_picture(
-        cloud, path, colour_by=colour_by, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg,
-        size_px=_PICTURE_PX,
-    )  # fmt: skip
+    plots.perspective_picture(cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX)
 
 
 def _view(cloud: PointCloud, view: View | None) -> View:

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...errors import InputError
-from ...maths.pose import Pose
-from ...rendering.options import DEFAULT_CHUNK
 from ...scene.model import Scene
 from . import clouds
 from .data import groupings
@@ -26,17 +24,16 @@ _INTERVALS = (
 
 
 def of_sensors(
-    scene: Scene, sensors: Sequence[Named], folder: Path, *, seed: int = 0, pose: Pose | None = None,
-    chunk: int = DEFAULT_CHUNK, same_beams: bool = False, illuminances_klux: Sequence[float] | None = None,
-    as_json: bool = False,
+    bench: Bench, sensors: Sequence[Named], folder: Path, *, same_beams: bool = False,
+    illuminances_klux: Sequence[float] | None = None, as_json: bool = False,
 ) -> str:  # fmt: skip
-    """Render the scene with each sensor and write the report; returns the text to print.
+    """Render the bench's scene with each sensor and write the report; returns the text to print.
 
     same_beams  all sensors get the first one's scanner and mounting
 
     Raises InputError, OutputError, BackendError.
     """
-    first = sensors[0][1]
+    scene, first = bench.scene, sensors[0][1]
     if same_beams:
         sensors = [(name, with_beams_of(first, sensor)) for name, sensor in sensors]
     matched = all(fires_alike(first, sensor) for _, sensor in sensors[1:])
@@ -45,7 +42,6 @@ def of_sensors(
         folder,
         file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True),
     )
-    bench = Bench(scene, seed=seed, pose=pose, chunk=chunk)
     seen = tuple(bench.observe(name, sensor) for name, sensor in sensors)
     if not matched:
         seen = tuple(replace(one, pulse=None) for one in seen)
@@ -56,11 +52,15 @@ def of_sensors(
         groups=groupings(seen),
         matched=matched,
         of="the pulses that met a surface",
-        notes=(_beams_note(scene, seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
-        seed=seed,
+        notes=(
+            _beams_note(scene, bench.seed, matched=matched, same_beams=same_beams),
+            _RATES_NOTE,
+            _INTERVALS,
+        ),
+        seed=bench.seed,
         swept=sweep(bench, sensors, illuminances_klux) if illuminances_klux else None,
     )
-    return write(comparison, Output(folder, scene.view if pose is None else None), as_json=as_json)
+    return write(comparison, Output(folder, scene.view if bench.pose is None else None), as_json=as_json)
 
 
 def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
