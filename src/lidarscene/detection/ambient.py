@@ -1,4 +1,8 @@
-"""Ambient: background power in, the photons that each pulse's channel counts while it listens out."""
+"""Ambient counts: background power to the number of background events that each pulse's channel counts.
+
+Some sensors report the background as a near-infrared image. It is a count over a fixed time, so it has Poisson noise;
+in a SiPM the dead time of its cells makes this noise narrower (docs/theory.md 19).
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,13 @@ from ..sensor.model import Sensor
 
 
 def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Lanes:
-    """(n,) whole numbers: detected photons and dark counts in the sensor's ambient window, with their noise.
+    """Noisy counts of detected photons and dark events in the sensor's ambient window, (n,) whole numbers.
 
-    A near-infrared picture of the scene, as some sensors give it with every frame. Echoes are not in it.
+    Echoes are not counted (docs/theory.md 19).
 
-    seed   32-bit frame seed
-    pulse  (n,) uint32 pulse numbers
+    background_power_w  (n,) optical power on the detector
+    seed                32-bit frame seed
+    pulse               (n,) uint32 pulse numbers
     """
     rate, narrowing = sensor.detector.background_counts(
         background_power_w=background_power_w, photon_energy_j=sensor.laser.photon_energy_j

@@ -1,4 +1,13 @@
-"""Comparator: a peak and its noise in, whether and where it trips, how high it looks, when it is reported."""
+"""Comparator: does a noisy pulse trip it, at which time, with which amplitude and width; and its false alarms.
+
+Noise moves an edge in time and can lift it above the threshold or keep it below. One standard normal deviate z for
+each echo stands for the noise on its whole leading edge. It decides detection and time together, so the two cannot
+contradict each other, and no waveform has to be sampled (docs/theory.md 8). False alarms are a Poisson process
+(docs/theory.md 9).
+
+Symbols: U threshold, s signal, sigma(s) its noise, sigma_0 noise without an echo, z deviate, P_d and P_f probability of
+a detection and of a false alarm, lambda rate of false alarms, tau time in which the converter listens.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +27,20 @@ from . import interference
 from .shots import Shots
 
 NEVER_S = 1.0
-"""Later than any window."""
+"""Time of an alarm that does not happen: later than any window."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trip:
-    """What noise makes of a peak at the comparator.
+    """An echo at the comparator, with the noise that was drawn for it; each field (n,).
 
-    signal       peak of the signal, sigma its noise
-    deviate      of the edge, and of_peak another of the peak, standard normal
-    level        signal at which the edge trips the comparator
-    probability  that it trips, and tripped whether it did
+    signal       peak s of the signal without noise
+    sigma        standard deviation of the noise at the peak
+    deviate      z of the leading edge, N(0, 1), theory (T24)
+    of_peak      z' of the peak, N(0, 1), independent of the first, theory (T26a)
+    level        noiseless signal at which the edge trips the comparator, theory (T25)
+    probability  P_d, theory (T22) or (T23)
+    tripped      whether the echo trips the comparator
     """
 
     signal: Lanes
@@ -41,7 +53,11 @@ class Trip:
 
 
 def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0) -> Trip:
-    """Noise on the edge: one deviate decides detection and time. ``draw`` tells the echoes of a pulse apart."""
+    """Draw the noise of an echo and compare it with the threshold (docs/theory.md 8).
+
+    peak_power_w  (n,) optical peak power
+    draw          number of the echo in its pulse: each has its own deviates
+    """
     point, threshold = shots.point, shots.threshold
     deviate, of_peak = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     signal = point.signal(peak_power_w)
@@ -49,9 +65,13 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0) -> Trip:
     sigma = tdc.noise_at_level(level=signal, **own_noise)
     probability = point.detection_probability(threshold, signal, sigma)
     level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
-    # Counted cells take the same deviate: its upper tail is uniform in (0, 1).
+    # With n(s) = z sigma(s) the noisy edge reaches U where s + z sigma(s) = U. That is `level`, so the echo trips if
+    # its peak is at least that high. P(s + z sigma(s) >= U) is (T22): the same z gives P_d and the crossing time.
+    # Counted cells are not Gaussian and have P_d of (T23). Q(z) is uniform in (0, 1), so comparing it with P_d keeps
+    # that probability and the one deviate: a large z still means an early crossing and a likely detection.
     tripped = normal_tail(deviate) < probability if point.exact else signal >= level
     if point.saturation is not None:
+        # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.saturation)
     return Trip(
         signal=signal, sigma=sigma, deviate=deviate, of_peak=of_peak,
@@ -60,7 +80,7 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0) -> Trip:
 
 
 def probability(shots: Shots, signal: Lanes) -> Lanes:
-    """P_d of a peak signal, (T22) or (T23)."""
+    """P_d of a peak signal, (n,); theory (T22) or (T23)."""
     point = shots.point
     own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **own_noise)
@@ -68,8 +88,13 @@ def probability(shots: Shots, signal: Lanes) -> Lanes:
 
 
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
-    """Measured peak: the edge's noise ``lag_s`` later, and the peak's own for what has been forgotten by then."""
+    """Measured peak in signal units, (n,); at least the threshold (docs/theory.md 8).
+
+    lag_s  (n,) time between the crossing and the peak, of either sign
+    """
     ops = xp(trip.signal)
+    # (T26a): noise of bandwidth B_w keeps the share r of the edge's deviate until the peak; the rest is fresh. At the
+    # threshold crossing and peak coincide, r = 1, and both share one deviate.
     kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
     peak_noise = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * trip.of_peak
     return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold))
@@ -78,10 +103,13 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
 def trailing_level(
     shots: Shots, trip: Trip, *, threshold: Lanes | None = None, lag_s: Lanes, draw: Lanes = 0
 ) -> Lanes:
-    """Signal at which the falling edge, ``lag_s`` after the rising one, leaves a level: a deviate of its own, but for
-    what is left of the first.
+    """Noiseless signal at which the falling edge leaves a level, (n,); theory (T25) and (T26a).
 
-    threshold  that level; the comparator's own if None
+    The falling edge has a deviate of its own, correlated with that of the rising edge.
+
+    threshold  (n,) the level; None: the comparator's threshold
+    lag_s      (n,) time between the two edges, of either sign
+    draw       number of the echo in its pulse
     """
     ops, point = xp(trip.signal), shots.point
     words = shots.words(Stage.TRAILING_EDGE, draw)
@@ -96,13 +124,18 @@ def trailing_level(
 
 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
-    """Time over the threshold of a lone Gaussian pulse whose rising edge crossed at ``early_s`` before its peak."""
+    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory.md 20).
+
+    early_s  (n,) crossing time of the rising edge relative to the peak: negative
+    """
     ops, point, fwhm = xp(trip.signal), shots.point, shots.sensor.laser.pulse_fwhm_s
+    # The pulse is symmetric: without noise the falling edge crosses as long after the peak as the rising edge before.
     level = trailing_level(shots, trip, lag_s=2.0 * early_s)
     below = trip.tripped & (level < trip.signal)
     share = ops.where(below, point.power_w(level) / peak_power_w, 1.0)
     fall = -pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     if point.saturation is not None and point.recovery_s is not None:
+        # A clipped pulse drains from the moment when the light has fallen back to the clipping level (T45).
         signal = ops.where(below, trip.signal, point.saturation)
         released = -pulse_shape.leading_edge_time_s(level=point.saturation / signal, fwhm_s=fwhm)
         fall = saturation.held_until(
@@ -112,18 +145,22 @@ def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) ->
     return fall - early_s
 
 
-def alarm_width_s(shots: Shots, amplitude: Lanes, *, theirs: Mask | None) -> Lanes:
-    """Time over the threshold of a false alarm: of a noise peak, or of another lidar's pulse, taken as long as ours.
+def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -> Lanes:
+    """Time over the threshold of a false alarm, (n,) s.
 
-    theirs  whether it is another lidar's; None where there is no other lidar
+    A noise peak is a parabola around its top (T45a). A pulse of another lidar is assumed to be as long as the sensor's
+    own.
+
+    amplitude    (n,) peak of the alarm, in signal units
+    interfering  (n,) bool, whether the alarm is another lidar's pulse; None without other lidars
     """
     sensor, threshold = shots.sensor, shots.threshold
     own = tdc.excursion_width_s(height=amplitude, threshold=threshold, bandwidth_hz=sensor.tdc.bandwidth_hz)
-    if theirs is None:
+    if interfering is None:
         return own
     share = shots.point.power_w(threshold) / shots.point.power_w(amplitude)
     pulse = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.laser.pulse_fwhm_s)
-    return xp(threshold, amplitude).where(theirs, pulse, own)
+    return xp(threshold, amplitude).where(interfering, pulse, own)
 
 
 def reported_s(
@@ -135,13 +172,25 @@ def reported_s(
     true_power_w: Lanes,
     draw: Lanes = 0,
 ) -> Lanes:
-    """Time that the converter gives a crossing: less the walk, with its own jitter and step."""
+    """Time that the converter reports for a crossing, (n,) s: without the walk, with its jitter and rounding.
+
+    crossing_s    (n,) time at which the comparator trips
+    measured      (n,) measured amplitude, in signal units
+    width_s       (n,) time over the threshold, or None: not measured
+    true_power_w  (n,) optical peak power without noise
+    draw          number of the echo in its pulse
+    """
     walk = walk_s(shots, measured=measured, width_s=width_s, true_power_w=true_power_w)
     return converted(shots, crossing_s - walk, draw=draw)
 
 
 def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w: Lanes) -> Lanes:
-    """How much earlier than its peak an echo is thought to have crossed (negative), to be taken off."""
+    """Walk correction, (n,) s: the assumed crossing time relative to the peak, negative or 0 (docs/theory.md 8).
+
+    The caller subtracts it from the crossing time. ``tdc.walk`` chooses it: "raw" makes no correction, "none" takes
+    the walk of the true power, "corrected" that of the power inferred from the amplitude or, of a saturated pulse,
+    from the width.
+    """
     sensor, point, threshold = shots.sensor, shots.point, shots.threshold
     if sensor.tdc.walk == "raw":
         return 0.0
@@ -153,7 +202,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
 
 
 def converted(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
-    """The converter's own jitter and step; no time before the pulse."""
+    """A time with the converter's jitter, rounded to its step, (n,) s; never before the pulse."""
     ops, converter = xp(time_s), shots.sensor.tdc
     jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
     jittered = ops.maximum(time_s + converter.jitter_s * jitter, 0.0)
@@ -161,40 +210,50 @@ def converted(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
 
 
 def listening(sensor: Sensor, crossing_s: Lanes) -> Mask:
-    """Whether the converter takes a crossing at this time at all.
+    """Whether the converter accepts a crossing at this time, (n,) bool: after blanking and within the window.
 
-    Without blanking also one before time 0: an echo from right before the sensor begins before its pulse's middle.
+    Blanking ignores crossings and not levels: an echo that crosses while blanked gives no point, even if it is still
+    above the threshold when blanking ends (docs/theory.md 9).
     """
+    # Time 0 is the middle of the outgoing pulse. An echo from just in front of the sensor crosses before that, and
+    # without blanking it counts.
     blanking = sensor.tdc.blanking_s
     return ((crossing_s >= blanking) | (blanking <= 0.0)) & (crossing_s < sensor.tdc.window_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """A crossing without an echo of ours.
+    """A crossing that no echo of the sensor's own pulse causes; each field (n,).
 
-    theirs  whether it is another lidar's pulse; None where there is no other lidar
+    time_s       crossing time; `NEVER_S` where there is no alarm
+    amplitude    peak, in signal units
+    interfering  whether it is another lidar's pulse; None without other lidars
     """
 
     time_s: Lanes
     amplitude: Lanes
-    theirs: Mask | None
+    interfering: Mask | None
 
 
 Alarms = Callable[[Lanes, Lanes], tuple[Lanes, Alarm]]
-"""Alarms of a kind, those that the converter rather keeps first: number of an alarm, and how far the process has come
-before it, to how far it has come and the alarm. It begins at 0 with alarm 0; after one beyond the window all are."""
+"""Generator of the alarms of one kind, in the order in which the converter prefers them.
+
+``alarms(number, elapsed) -> (elapsed, alarm)`` makes alarm ``number`` (0, 1, ...) from the Poisson process' progress
+before it, 0 at first, and returns the progress at it. Once an alarm is beyond the window, all later ones are."""
 
 
 def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms]:
-    """Crossings of each pulse without an echo of ours, by kind.
+    """Generators of each pulse's false alarms (docs/theory.md 9 and 19).
 
-    Noise crossings are a Poisson process whose rate leaves M comparisons quiet with (1 - P_f)^M, in either direction
-    of time. Where none can come the time is far beyond any window. Crossings while the converter is blind are passed
-    over: the process begins when it begins to listen.
+    One generator for all alarms in order of time; with ``keep = "strongest"`` one for noise and one for each source.
+
+    sources  pulses of other lidars on the detector
     """
     converter = shots.sensor.tdc
     others = interference.crossings(shots, sources)
+    # (T28): M = B_w t comparisons stay quiet with (1 - P_f)^M = exp(-lambda t) for every t. A Poisson process of rate
+    # lambda does the same in continuous time. It has no memory, so it may begin when blanking ends, or run backwards
+    # from the end of the window.
     p_false = shots.point.false_alarm_probability(shots.threshold)
     noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=converter.bandwidth_hz)
     crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, others=others)
@@ -205,10 +264,13 @@ def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Crossings:
-    """What the alarms of some pulses depend on.
+    """The Poisson processes of crossings of some pulses.
 
-    noise_rate_hz  (n,) of crossings by noise
-    others         crossings by each other lidar's pulses
+    Every random number is keyed by (seed, stage, pulse, draw), and the draw is computed from the alarm's number. So an
+    alarm does not depend on chunks or threads, and no state of a generator is carried along.
+
+    noise_rate_hz  (n,) rate lambda of crossings by noise
+    others         crossings by the pulses of each other lidar
     """
 
     shots: Shots
@@ -216,7 +278,11 @@ class _Crossings:
     others: tuple[interference.Crossings, ...]
 
     def in_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
-        """Of all sources, first or last first; ``elapsed`` in units of the mean wait."""
+        """Alarm ``number`` in order of time, from any source; in reverse order with ``keep = "last"``.
+
+        number   (n,) of the alarm, from 0
+        elapsed  (n,) time of the alarm before it, in units of the mean wait 1 / rate
+        """
         shots, converter, threshold, point = (
             self.shots,
             self.shots.sensor.tdc,
@@ -226,6 +292,8 @@ class _Crossings:
         ops = xp(threshold)
         rate = sum((one.rate_hz for one in self.others), self.noise_rate_hz)
         never = rate <= 0.0
+        # Waits of a Poisson process are exponential: their sum is the alarm's time in units of the mean wait. Alarm i
+        # takes draw 2 i for its wait and 2 i + 1 for its height.
         elapsed = elapsed + random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number))
         time_s: Lanes = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
         if converter.keep == "last":
@@ -238,23 +306,26 @@ class _Crossings:
             # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
             amplitude = threshold + height * point.noise * point.noise / threshold
             if not self.others:
-                return interference.Assigned(amplitude=amplitude, theirs=None)
+                return interference.Assigned(amplitude=amplitude, interfering=None)
             return interference.assigned(
                 shots, self.others, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude, draw=number
             )
 
+        # Heights cost more than times, and few pulses have an alarm: only those draw one.
         in_window = time_s < converter.window_s
         nothing = interference.Assigned(
-            amplitude=threshold + 0.0 * time_s, theirs=in_window & False if self.others else None
+            amplitude=threshold + 0.0 * time_s, interfering=in_window & False if self.others else None
         )
         found = ops.where_any(in_window, crossing, nothing)
         time_s = ops.minimum(time_s, NEVER_S)
-        return elapsed, Alarm(time_s=time_s, amplitude=found.amplitude, theirs=found.theirs)
+        return elapsed, Alarm(time_s=time_s, amplitude=found.amplitude, interfering=found.interfering)
 
-    def by_height(self, source: int, number: Lanes, higher: Lanes) -> tuple[Lanes, Alarm]:
-        """The highest crossings of noise (source 0) or of another lidar, at any time of the window.
+    def by_height(self, source: int, number: Lanes, gamma: Lanes) -> tuple[Lanes, Alarm]:
+        """Alarm ``number`` of one source in falling order of height, at a random time of the window (T53).
 
-        Ordered by height, the expected number of crossings that are as high is a Poisson process of rate one, too.
+        source  0: noise; 1, 2, ...: another lidar
+        number  (n,) of the alarm, from 0
+        gamma   (n,) Gamma of the alarm before it: expected number of crossings that are higher
         """
         shots, converter, threshold, point = (
             self.shots,
@@ -267,27 +338,30 @@ class _Crossings:
         rate_hz = self.noise_rate_hz if other is None else other.rate_hz
         expected = rate_hz * converter.listening_s
         stage = Stage.FALSE_ALARM if other is None else Stage.INTERFERENCE
-        at = 2 * (max(source - 1, 0) * converter.stops + number)
-        higher = higher + random.exponential(shots.words(stage, at))
-        place = random.open_uniform(shots.words(stage, at + 1)[0])
-        there = higher < expected
-        share = ops.where(there, higher / ops.where(there, expected, 1.0), 1.0)
+        # Other lidars share a stage: each has a block of two draws for every stop.
+        draw = 2 * (max(source - 1, 0) * converter.stops + number)
+        # Crossings ordered by height, counted by how many are expected to be higher, are a Poisson process of rate
+        # one. It ends at the expected number of all crossings, lambda tau; Gamma / (lambda tau) is the upper tail.
+        gamma = gamma + random.exponential(shots.words(stage, draw))
+        uniform = random.open_uniform(shots.words(stage, draw + 1)[0])
+        exists = gamma < expected
+        share = ops.where(exists, gamma / ops.where(exists, expected, 1.0), 1.0)
         if other is None:
             amplitude: Lanes = threshold - ops.log(share) * point.noise * point.noise / threshold
         else:
             amplitude = interference.amplitude_of(shots, other, uniform=share)
-        theirs = None
+        interfering = None
         if self.others:
-            theirs = there if other is not None else there & False
-        time_s = ops.where(there, converter.blanking_s + place * converter.listening_s, NEVER_S)
-        return higher, Alarm(time_s=time_s, amplitude=amplitude, theirs=theirs)
+            interfering = exists if other is not None else exists & False
+        time_s = ops.where(exists, converter.blanking_s + uniform * converter.listening_s, NEVER_S)
+        return gamma, Alarm(time_s=time_s, amplitude=amplitude, interfering=interfering)
 
 
 def first_of(alarms: Alarms, count: int) -> list[Alarm]:
-    """So many alarms."""
+    """The first ``count`` alarms of a generator."""
     found: list[Alarm] = []
-    come: Lanes = 0.0
+    elapsed: Lanes = 0.0
     for number in range(count):
-        come, alarm = alarms(number, come)
+        elapsed, alarm = alarms(number, elapsed)
         found.append(alarm)
     return found

@@ -1,4 +1,9 @@
-"""Intensity: an amplitude and its range in, the number that the sensor's maker would report out."""
+"""Intensity: an amplitude and its range to the number that the sensor's maker would report.
+
+Makers do not report the amplitude itself but a calibrated number, often a reflectivity from 0 to 255. The sensor knows
+its own optics and background, so it can compute the power from the amplitude; it knows neither the air nor the angle of
+the surface, so neither is corrected (docs/theory.md 21).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,7 @@ from ..physics.electronics import intensity as formulas
 from .shots import Shots
 
 _LEAST_OVERLAP = 1e-3
-"""Where less of the spot is seen the makers' correction would be noise; echoes from there count as dark."""
+"""Least share of the spot that the correction assumes: below it, it would amplify noise, so nearer echoes read dark."""
 
 
 def reported(
@@ -19,10 +24,11 @@ def reported(
     width_s: Lanes | None,
     range_m: Lanes,
 ) -> Lanes:
-    """(n,) the amplitude itself (raw), watts (range_corrected) or 0 to 255 (reflectivity).
+    """Reported intensity, (n,): the amplitude (raw), watts (range_corrected) or 0 to 255 (reflectivity), theory (T46).
 
-    The sensor knows its own optics and what background it stands in, so that the amplitude gives the power (of a
-    saturated pulse its width, if that is known); not the air, nor the angle of the surface.
+    amplitude  (n,) in signal units
+    width_s    (n,) time over the threshold, which gives the power of a saturated pulse; None: not measured
+    range_m    (n,) reported range
     """
     sensor = shots.sensor
     scale = sensor.intensity

@@ -1,4 +1,10 @@
-"""Interference: light of other lidars and a comparator's level in, which of the alarms are theirs out."""
+"""Interference: the false alarms that pulses of other lidars cause.
+
+Another lidar's pulses arrive at random times with peaks that spread widely. Those that reach the threshold are one more
+Poisson process of crossings beside that of noise (docs/theory.md 19).
+
+Symbols: U threshold, P_U optical power that reaches it, nu rate of the other lidar's pulses, q share that trips.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +20,11 @@ from .shots import Shots
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossings:
-    """Pulses of one other lidar that trip the comparator, per pulse of ours.
+    """Pulses of one other lidar that trip the comparator, for each pulse of the sensor.
 
-    rate_hz       (n,) of the Poisson process
-    probability   (n,) that one of its pulses trips
-    source        whose pulses they are
+    rate_hz       (n,) nu q, rate of the Poisson process
+    probability   (n,) q, that one of its pulses trips, theory (T43)
+    source        light of the other lidar
     """
 
     rate_hz: Lanes
@@ -28,14 +34,21 @@ class Crossings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assigned:
-    """Height of an alarm, and whether it is another lidar's; None where there is no other lidar."""
+    """An alarm with its source; each field (n,).
+
+    amplitude    peak, in signal units
+    interfering  whether it is another lidar's pulse; None without other lidars
+    """
 
     amplitude: Lanes
-    theirs: Mask | None
+    interfering: Mask | None
 
 
 def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossings, ...]:
-    """What of each lidar's pulses trips; the receiver's own noise is small against the spread of their peaks."""
+    """The crossings that each other lidar causes.
+
+    The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory.md 19).
+    """
     needed = shots.point.power_w(shots.threshold)
     found = []
     for source in sources:
@@ -49,25 +62,32 @@ def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossing
 def assigned(
     shots: Shots, others: tuple[Crossings, ...], *, noise_rate_hz: Lanes, noise_amplitude: Lanes, draw: Lanes
 ) -> Assigned:
-    """Whether an alarm is another lidar's, and its amplitude.
+    """Choose the source of an alarm at random, and with it the amplitude.
 
-    Alarms of several Poisson processes together are one, of the sum of their rates, and each is of one of them with
-    a chance in proportion to its rate, whenever it comes.
+    noise_rate_hz    (n,) rate of crossings by noise
+    noise_amplitude  (n,) amplitude that the alarm has if noise causes it
+    draw             number of the alarm
     """
+    # Several Poisson processes together are one, with the sum of their rates. Each of its alarms comes from one of
+    # them with a probability in proportion to that one's rate, whatever its time. So the rates are laid end to end,
+    # noise first, and a uniform place on them chooses the source. The loop keeps the last source that begins before it.
     ops = xp(shots.threshold)
     which, height = shots.words(Stage.INTERFERENCE, draw)
     place = random.open_uniform(which) * sum((one.rate_hz for one in others), noise_rate_hz)
-    theirs, amplitude = place > noise_rate_hz, noise_amplitude
+    interfering, amplitude = place > noise_rate_hz, noise_amplitude
     before = noise_rate_hz
     for one in others:
         own = amplitude_of(shots, one, uniform=random.open_uniform(height))
         amplitude = ops.where(place > before, own, amplitude)
         before = before + one.rate_hz
-    return Assigned(amplitude=amplitude, theirs=theirs)
+    return Assigned(amplitude=amplitude, interfering=interfering)
 
 
 def amplitude_of(shots: Shots, one: Crossings, *, uniform: Lanes) -> Lanes:
-    """Peak of a pulse that trips; ``uniform`` is the share of those that trip and are at least as high."""
+    """Peak of another lidar's pulse that trips, (n,) in signal units.
+
+    uniform  (n,) share of the tripping pulses that are at least as high
+    """
     point, threshold = shots.point, shots.threshold
     power = formulas.tripping_power_w(
         uniform=uniform, probability=one.probability,

@@ -1,7 +1,10 @@
-"""Multi-echo: an EchoTrain in, what the comparator and the TDC report of its waveform out.
+"""Multi-echo: what the comparator and the TDC report of pulses with several sub-echoes.
 
-Every rise of the waveform has its own deviate, as `returns` has one for its single echo. The waveform is nowhere
-sampled: rises are visited one after the other (`rises`), crossings are roots.
+The sub-echoes of a pulse overlap and add up to a waveform. The comparator sees its rises: from a valley to a peak. Each
+rise has its own deviate, as the single echo has in `returns`, and the same formulas hold for it. The waveform is not
+sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory.md 23).
+
+Symbols: P power over time, z deviate of a rise, P_d probability that it trips, sigma_p width of the laser pulse.
 """
 
 from __future__ import annotations
@@ -21,20 +24,23 @@ from .samplers import read
 from .shots import Received
 
 _EMPTY = -1e30
-"""Key of a stop that nothing uses yet."""
+"""Key of an unused stop: below every other key."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stop:
-    """A stop of the converter and the crossing that it holds.
+    """A stop of the converter and the crossing that it holds; each field (n,).
 
-    key         the larger, the rather the crossing is kept; `_EMPTY` if the stop is unused
-    crossing_s  when the comparator tripped
-    reported_s  time, amplitude and width as the sampler has them
-    snr, probability  of the rise
-    source      number of the sub-echo that gives most of it, -1: the air
-    true_range_m  mean range of the light at the peak
-    status      a `Status`; None while there are echoes alone
+    key           sort key: crossings with larger keys are kept first; `_EMPTY` if the stop is unused
+    crossing_s    time at which the comparator tripped
+    reported_s    time that the sampler reports
+    amplitude     peak that the sampler reports, in signal units
+    width_s       time over the threshold that the sampler reports
+    snr           peak signal of the rise over the noise without an echo
+    probability   P_d of the rise
+    source        number of the sub-echo that caused the crossing, -1 for the even light of the air
+    true_range_m  true range of the light that caused it
+    status        a `Status`; None while all stops hold echoes
     """
 
     key: Lanes
@@ -50,9 +56,9 @@ class _Stop:
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """Crossings of every pulse's waveform, and false alarms: those that the converter keeps, in order of time.
+    """What each stop of the converter reports of every pulse, in order of time (docs/theory.md 23).
 
-    seed   32-bit frame seed
+    seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
     """
     point = sensor.working_point(pulse_train.background_power_w)
@@ -60,6 +66,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(pulse_train, sensor),
         seed=seed, pulse=pulse, surfaces=pulse_train.surfaces,
     )  # fmt: skip
+    # Echoes first: they alone know of the dead time. Then false alarms compete with them for the stops.
     found = converter.search()
     strongest = converter.strongest()
     stops = converter.with_alarms(found.stops, pulse_train.interference, *strongest)
@@ -70,14 +77,15 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """What the search knows of each pulse.
+    """State of the search over the rises of each pulse; each field (n,).
 
-    high       whether the comparator was tripped by the rise before
-    tripped    whether any rise tripped it
-    in_window  whether any crossing was taken
-    last       place of the last crossing that was taken
-    highest    place of the highest peak, and its power
-    stops      the crossings that the converter keeps, so far
+    high       whether the rise before tripped the comparator
+    tripped    whether any rise has tripped it
+    in_window  whether the converter has taken any crossing
+    last       place of the last crossing that it took
+    highest    place of the highest peak
+    highest_w  power there
+    stops      crossings that the converter keeps so far, best first
     """
 
     high: Mask
@@ -90,11 +98,14 @@ class _Found:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Coming:
-    """The next alarm of each pulse.
+class _NextAlarm:
+    """The next false alarm of each pulse; each field (n,).
 
-    number      of it
-    elapsed     how far the process of alarms has come
+    number     how many alarms have been drawn, this one included
+    elapsed    progress of the Poisson process at this alarm
+    time_s     crossing time
+    amplitude  peak, in signal units
+    status     `Status.FALSE_ALARM` or `Status.INTERFERENCE`
     """
 
     number: Lanes
@@ -106,11 +117,11 @@ class _Coming:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Brightest:
-    """Of some sub-echoes at a place.
+    """Some sub-echoes at a place of the waveform; each field (n,).
 
-    number  of the brightest
-    slope   how steeply the light of all of them rises
-    mean    their mean place by light
+    number  of the sub-echo with the most light there
+    slope   derivative of the sum of their light
+    mean    mean of their centres, weighted by their light there
     """
 
     number: Lanes
@@ -120,19 +131,19 @@ class _Brightest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Converter(Received):
-    """Comparator and TDC over the waveforms of some pulses.
+    """Comparator and TDC at work on the waveforms of some pulses.
 
-    surfaces  how many sub-echoes, the first ones, are of surfaces
+    surfaces  number of sub-echoes that are of surfaces; they come before those of the air
     """
 
     surfaces: int
 
     def key(self, time_s: Lanes, amplitude: Lanes) -> Lanes:
-        """The larger, the rather a crossing is kept."""
+        """Sort key, (n,): crossings with larger keys are kept first."""
         return {"first": -time_s, "last": time_s, "strongest": amplitude}[self.sensor.tdc.keep]
 
     def search(self) -> _Found:
-        """All rises, and the best crossings of each pulse."""
+        """Visit all rises and keep the best crossings of each pulse."""
         ops, like = self.ops, self.wave.origin_m
         nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = _Stop(
@@ -148,17 +159,20 @@ class _Converter(Received):
         return replace(found, stops=tuple(replace(stop, status=status) for stop in found.stops))
 
     def _visit(self, rise: Rise, found: _Found) -> _Found:
-        """One rise: does it trip, is the comparator ready for it, is it worth a stop?"""
+        """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
         trip = comparator.trip(self, peak_w, draw=rise.number)
-        # The comparator falls in the valley if that lies below the level, which has the rise's own noise.
+        # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
+        # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
         in_valley = self.point.signal(rise.valley_w) >= trip.level
         edge = rise.found & trip.tripped & ~(found.high & in_valley)
         place = self._crossing(rise, trip, edge, in_valley)
         crossing_s = self.time_s(place)
+        # The dead time counts from the last crossing that was taken, not from every crossing.
         ready = (place - found.last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
+        # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         taken_now = taken & self._may_keep(crossing_s, found.stops)
         new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
         return _Found(
@@ -172,19 +186,26 @@ class _Converter(Received):
         )
 
     def _may_keep(self, crossing_s: Lanes, stops: tuple[_Stop, ...]) -> Mask:
-        """Whether a crossing at this time can be among the best: what is measured of others is not asked for."""
+        """Whether a crossing at this time can be among the best, (n,) bool; others need not be measured.
+
+        With ``keep = "strongest"`` the key is the amplitude, so every crossing has to be measured first.
+        """
         if self.sensor.tdc.keep == "strongest":
             return True
         return self.key(crossing_s, 0.0) > stops[-1].key
 
     def _with(self, stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-        """The best crossings so far and one behind them in time."""
+        """The best crossings so far and a later one.
+
+        Rises come in order of time, so with ``keep = "first"`` the later one goes into the first unused stop.
+        """
         return _appended(stops, new) if self.sensor.tdc.keep == "first" else _inserted(stops, new)
 
     def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask) -> Lanes:
-        """Place at which a rise trips the comparator: in the valley if it is above the level there.
+        """Place at which a rise trips the comparator, (n,): where the waveform reaches the level.
 
-        Counted cells may trip it where the waveform stays below the level: then at the peak.
+        If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
+        peak.
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)
@@ -201,7 +222,7 @@ class _Converter(Received):
         in_valley: Mask,
         crossing_s: Lanes,
     ) -> _Stop:
-        """What the converter would report of a crossing; not taken, it has the lowest key."""
+        """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `_EMPTY`."""
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
         key = ops.where(taken, self.key(crossing_s, reading.amplitude), _EMPTY)
@@ -213,32 +234,38 @@ class _Converter(Received):
         )  # fmt: skip
 
     def snr(self, signal: Lanes) -> Lanes:
-        """(19) or (27)."""
+        """Signal over the noise without an echo, (n,); (19) or (27)."""
         return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
 
     def _source(self, rise: Rise, place: Lanes, in_valley: Mask) -> tuple[Lanes, Lanes]:
-        """Number of the sub-echo that makes a crossing, and its true range; -1 for the even light of the air.
+        """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
 
-        It is of the air if the air's light rises more steeply there than that of the surfaces: fog that trips the
-        comparator may rise on to the peak of a surface far behind, and a surface may trip it on top of brighter fog.
-        Near the peak, where nothing rises any more, and in the valley what rises between them counts.
+        The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
+        would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
+        surface may trip it on top of fog that is brighter (docs/theory.md 23).
         """
         ops, wave = self.ops, self.wave
+        # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the
+        # sum of light times distance: the weighted mean of all sub-echoes is then the place of the peak itself.
         surface = self._brightest(rise.peak, 0, self.surfaces)
         if wave.volume is None:
             return surface.number, wave.range_m(surface.mean)
+        # At the peak and in the valley no light rises. A crossing there is judged by the slopes at a place on the way
+        # up: sigma_p before the peak, or half the way from the valley if that is later.
         between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
         edge = ops.where(in_valley, between, ops.minimum(place, between))
         particle = self._brightest(edge, self.surfaces, len(wave.centres))
         slope, of_surfaces = wave.at(edge)[1], self._brightest(edge, 0, self.surfaces).slope
+        # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
+        # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
         of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
         range_m = wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean))
         number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
-        # Air right before the lens trips the comparator while the pulse still leaves: no range is below 0.
+        # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
         return number, ops.maximum(range_m, 0.0)
 
     def _brightest(self, place: Lanes, first: int, end: int) -> _Brightest:
-        """Of the sub-echoes from ``first`` to before ``end``, at a place."""
+        """The sub-echoes ``first`` to ``end`` - 1 at a place."""
         ops, wave = self.ops, self.wave
         strongest, number = ops.full(place, -1.0), ops.full(place, 0)
         total: Lanes = ops.full(place, 0.0)
@@ -249,12 +276,13 @@ class _Converter(Received):
             number = ops.where(part > strongest, k, number)
             strongest = ops.maximum(part, strongest)
             total, slope = total + part, slope + part * ahead
+        # slope = sum_k p_k (u_k - u), so u + slope / total = sum_k p_k u_k / sum_k p_k: the mean weighted by light.
         lit = total > 0.0
         mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
         return _Brightest(number=number, slope=slope, mean=mean)
 
     def strongest(self) -> tuple[Array, Lanes]:
-        """Number and range of each pulse's strongest sub-echo of a surface."""
+        """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""
         ops, wave = self.ops, self.wave
         number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
         place = ops.full(wave.origin_m, 0.0)
@@ -267,9 +295,9 @@ class _Converter(Received):
     def with_alarms(
         self, stops: tuple[_Stop, ...], sources: tuple[Interference, ...], number: Array, range_m: Lanes
     ) -> tuple[_Stop, ...]:
-        """False alarms among the stops; what they show of the scene is the pulse's strongest sub-echo.
+        """Stops with the false alarms among them.
 
-        Most pulses have none in the window, and go through no loop.
+        number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
         """
         for alarms in comparator.false_alarms(self, sources):
             stops = self._merged(stops, alarms, number, range_m, others=bool(sources))
@@ -284,40 +312,46 @@ class _Converter(Received):
         *,
         others: bool,
     ) -> tuple[_Stop, ...]:
-        """Alarms of a kind among the stops; ``others``: whether some may be of other lidars."""
+        """Stops with the alarms of one generator among them.
+
+        others  whether some alarms may be of other lidars
+        """
         ops, tdc = self.ops, self.sensor.tdc
         zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
 
-        def following(draw: Lanes, elapsed: Lanes) -> _Coming:
+        # Alarms come in the order in which the converter prefers them, and at most as many as it has stops can be kept.
+        # The first is drawn before the loop: most pulses have none in the window and never enter it.
+        def following(draw: Lanes, elapsed: Lanes) -> _NextAlarm:
             elapsed, alarm = alarms(ops.uint32(draw), elapsed)
-            return _Coming(
+            return _NextAlarm(
                 number=draw + 1, elapsed=elapsed, time_s=alarm.time_s, amplitude=alarm.amplitude,
-                status=kind + alarm_status(alarm.theirs),
+                status=kind + alarm_status(alarm.interfering),
             )  # fmt: skip
 
-        def active(now: tuple[_Coming, tuple[_Stop, ...]]) -> Mask:
+        def active(now: tuple[_NextAlarm, tuple[_Stop, ...]]) -> Mask:
             return (now[0].time_s < tdc.window_s) & (now[0].number <= tdc.stops)
 
-        def step(now: tuple[_Coming, tuple[_Stop, ...]]) -> tuple[_Coming, tuple[_Stop, ...]]:
-            coming, kept = now
+        def step(now: tuple[_NextAlarm, tuple[_Stop, ...]]) -> tuple[_NextAlarm, tuple[_Stop, ...]]:
+            next_alarm, kept = now
             width_s: Lanes = zero
-            theirs = interferes(coming.status) if others else None
+            interfering = interferes(next_alarm.status) if others else None
             if self.sensor.measures_width:
-                width_s = comparator.alarm_width_s(self, coming.amplitude, theirs=theirs)
-            alarm = _Stop(
-                key=self.key(coming.time_s, coming.amplitude), crossing_s=coming.time_s, reported_s=coming.time_s,
-                amplitude=coming.amplitude, width_s=width_s, snr=zero, probability=zero,
-                source=number, true_range_m=range_m, status=coming.status,
+                width_s = comparator.alarm_width_s(self, next_alarm.amplitude, interfering=interfering)
+            stop = _Stop(
+                key=self.key(next_alarm.time_s, next_alarm.amplitude),
+                crossing_s=next_alarm.time_s, reported_s=next_alarm.time_s,
+                amplitude=next_alarm.amplitude, width_s=width_s, snr=zero, probability=zero,
+                source=number, true_range_m=range_m, status=next_alarm.status,
             )  # fmt: skip
-            kept = _inserted(kept, alarm)
-            return following(coming.number, coming.elapsed), kept
+            kept = _inserted(kept, stop)
+            return following(next_alarm.number, next_alarm.elapsed), kept
 
         return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]
 
     def detection(
         self, pulse_train: EchoTrain, found: _Found, stops: tuple[_Stop, ...], strongest: Array
     ) -> Detection:
-        """All that is known of the pulses."""
+        """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         returns = []
         kept = ops.full(self.wave.origin_m, False)
@@ -345,12 +379,13 @@ class _Converter(Received):
                     true_range_m=stop.true_range_m,
                 )
             )
+        # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
         outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
         outcome = ops.where(pulse_train.found, outcome, int(Outcome.NO_SURFACE))
-        # The power is asked for once more: no derivatives come out of the search, and none of the place is needed,
-        # since the slope of the waveform is zero there.
+        # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
+        # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         lit = found.highest_w > 0.0
         signal = self.point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
         probability = comparator.probability(self, signal)
@@ -367,8 +402,9 @@ class _Converter(Received):
 
 
 def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-    """Stops in falling order of their keys with one more among them; the last one drops out."""
+    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
     kept = []
+    # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
     for old in stops:
         better = new.key > old.key
         kept.append(chosen(better, new, old))
@@ -377,7 +413,7 @@ def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
 
 
 def _appended(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-    """The same if none of them has a lower key."""
+    """As `_inserted`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
     here, kept = new.key > _EMPTY, []
     for old in stops:
         used = old.key > _EMPTY
@@ -387,9 +423,10 @@ def _appended(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
 
 
 def _in_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
-    """The same stops, first crossing first, unused ones last."""
+    """The stops in order of their crossings; unused ones come last."""
     ops = xp(stops[0].key)
     keyed = [replace(one, key=ops.where(one.key > _EMPTY, -one.crossing_s, _EMPTY)) for one in stops]
+    # Insert them one by one into placeholders, whose key is below even that of an unused stop: all are pushed out.
     empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))
     ordered = (empty,) * len(stops)
     for one in keyed:

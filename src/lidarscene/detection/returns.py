@@ -1,4 +1,11 @@
-"""Returns: Echoes in, what the comparator and the TDC report out (docs/theory.md 7 to 9)."""
+"""Returns: detection, time and false alarms of pulses with one echo each.
+
+A single Gaussian echo has a closed form: its peak, its crossing time and its measured amplitude need no search. This
+module holds that case; `multi_echo` handles several sub-echoes, and agrees with this one pulse by pulse where there is
+one (docs/theory.md 7 to 9).
+
+Symbols: P_d probability of a detection, s signal at the peak, t time of flight.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +22,7 @@ from .shots import Shots
 
 
 class Status(enum.IntEnum):
-    """What a point is."""
+    """What caused a point."""
 
     ECHO = 0
     FALSE_ALARM = 1
@@ -26,10 +33,10 @@ class Status(enum.IntEnum):
 class Outcome(enum.IntEnum):
     """What became of a pulse's echo."""
 
-    KEPT = 0
-    NO_SURFACE = 1  # the ray left the scene
-    BELOW_THRESHOLD = 2  # light may have come back, the comparator did not trip
-    OUT_OF_WINDOW = 3  # the echo came while the converter did not listen: too early or too late
+    KEPT = 0  # reported as a point
+    NO_SURFACE = 1  # no ray met a surface
+    BELOW_THRESHOLD = 2  # light may have returned, but the comparator did not trip
+    OUT_OF_WINDOW = 3  # the echo crossed too early or too late: the converter did not listen
     HIDDEN = 4  # false alarms had used up the converter's stops
 
 
@@ -51,15 +58,15 @@ class Returns:
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
     intensity  (n,) on the maker's scale, `detection.intensity.reported`
-    width_s    (n,) time over the threshold, or None: the sensor does not measure it
+    width_s    (n,) time over the threshold; None: the sensor does not measure it
 
-    Of this return alone; None where one echo stands for the pulse and the `Detection` has them:
+    The following belong to this return alone. They are None if pulses have one echo: the `Detection` has them then.
 
-    snr, detection_probability  (n,) as there; 0 for a false alarm
-    source                      (n,) number of the sub-echo that makes it, -1: the air; the pulse's strongest for a
-                                false alarm
-    true_range_m                (n,) mean of its sub-echoes' ranges by their power at the peak; of the air where its
-                                light tripped the comparator
+    snr, detection_probability  (n,) as in `Detection`; 0 for a false alarm
+    source                      (n,) number of the sub-echo that caused the return, -1 for the even light of the air;
+                                for a false alarm, the pulse's strongest sub-echo
+    true_range_m                (n,) mean range of the sub-echoes, weighted by their power at the peak; the range of the
+                                air if its light tripped the comparator
     """
 
     reported: Mask
@@ -76,15 +83,15 @@ class Returns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """The electronics' view of each pulse; numpy or Dr.Jit.
+    """What the electronics make of each pulse; NumPy or Dr.Jit.
 
-    snr                    (n,) (19) or (27): peak signal over the noise without echo; 0 without an echo
-    detection_probability  (n,) that this echo trips the comparator; 0 without an echo
-                           Of several echoes the strongest counts.
+    snr                    (n,) peak signal over the noise without an echo, (19) or (27); of the highest peak; 0 without
+                           an echo
+    detection_probability  (n,) P_d, that this echo trips the comparator; of the highest peak; 0 without an echo
     outcome                (n,) int32, an `Outcome`
     ambient                (n,) background counts, `detection.ambient.counts`
     stops                  one `Returns` for each stop, first crossing first
-    source                 (n,) number of the strongest sub-echo of a surface, or None: there is only one
+    source                 (n,) number of the strongest sub-echo of a surface; None: there is only one
     """
 
     snr: Array
@@ -97,7 +104,15 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edge:
-    """The echo at the comparator: whether it trips, when, and how high it looks."""
+    """The echo behind the comparator; each field (n,).
+
+    found       whether it trips the comparator
+    crossing_s  time at which it trips it
+    reported_s  time that the converter reports
+    amplitude   measured peak, in signal units
+    width_s     time over the threshold; None: not measured
+    probability P_d, theory (T22) or (T23)
+    """
 
     found: Mask
     crossing_s: Lanes
@@ -109,7 +124,7 @@ class _Edge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Alarm:
-    """An alarm as a stop reports it; ``status`` says whose it is."""
+    """A false alarm as a stop reports it, each field (n,); ``status`` is that of noise or of another lidar."""
 
     time_s: Lanes
     amplitude: Lanes
@@ -117,7 +132,7 @@ class _Alarm:
 
 
 def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """Threshold, detection, false alarms and time of every pulse.
+    """What each stop of the converter reports of every pulse (docs/theory.md 7 to 9).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
@@ -128,15 +143,17 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     edge = _edge(shots, echoes)
     in_window = edge.found & comparator.listening(sensor, edge.crossing_s)
     alarms = [
-        _Alarm(time_s=one.time_s, amplitude=one.amplitude, status=alarm_status(one.theirs))
+        _Alarm(time_s=one.time_s, amplitude=one.amplitude, status=alarm_status(one.interfering))
         for kind in comparator.false_alarms(shots, echoes.interference)
         for one in comparator.first_of(kind, sensor.tdc.stops)
     ]
 
     echo_left = in_window
+    # Merge the alarms, which come in order of time, and the one echo: each stop takes the earliest that is left. The
+    # echo can be at another place among the alarms in every pulse, so the choice is made lane by lane.
     stops = []
     for stop in range(sensor.tdc.stops):
-        # Alarms come in order, so this stop holds the echo if it is still unreported and comes next.
+        # Alarms reported so far: all earlier stops, but for the one that holds the echo.
         used = stop - ops.where(in_window & ~echo_left, 1, 0)
         next_alarm = _nth(alarms, used)
         alarm = next_alarm.time_s < sensor.tdc.window_s
@@ -147,8 +164,8 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
         amplitude = ops.where(echo_now, edge.amplitude, next_alarm.amplitude)
         width_s = None
         if edge.width_s is not None:
-            theirs = interferes(next_alarm.status) if echoes.interference else None
-            alarm_width_s = comparator.alarm_width_s(shots, next_alarm.amplitude, theirs=theirs)
+            interfering = interferes(next_alarm.status) if echoes.interference else None
+            alarm_width_s = comparator.alarm_width_s(shots, next_alarm.amplitude, interfering=interfering)
             width_s = ops.where(echo_now, edge.width_s, alarm_width_s)
         stops.append(
             Returns(
@@ -178,14 +195,15 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
 
 
 def _edge(shots: Shots, echoes: Echoes) -> _Edge:
-    """The edge of a lone Gaussian pulse, in closed form."""
+    """The edge of a single Gaussian echo, in closed form; theory (T24) to (T26)."""
     ops, sensor = xp(echoes.range_m), shots.sensor
     fwhm = sensor.laser.pulse_fwhm_s
     own = comparator.trip(shots, echoes.peak_power_w)
     found = echoes.found & own.tripped
     power = ops.where(found, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
-    # Counted cells may trip the comparator where the Gaussian edge stays below it: then at the peak.
+    # With counted cells P_d is not Gaussian, so an echo may trip although its peak is below the level: at the peak
+    # then.
     share = ops.where(found & (own.level < own.signal), shots.point.power_w(own.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
@@ -205,20 +223,23 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     )
 
 
-def alarm_status(theirs: Mask | None) -> Lanes:
-    """Noise, or another lidar's pulse; ``theirs`` is None where there is no other lidar."""
-    if theirs is None:
+def alarm_status(interfering: Mask | None) -> Lanes:
+    """`Status` of a false alarm, (n,).
+
+    interfering  (n,) bool, whether it is another lidar's pulse; None without other lidars
+    """
+    if interfering is None:
         return int(Status.FALSE_ALARM)
-    return xp(theirs).where(theirs, int(Status.INTERFERENCE), int(Status.FALSE_ALARM))
+    return xp(interfering).where(interfering, int(Status.INTERFERENCE), int(Status.FALSE_ALARM))
 
 
 def interferes(status: Lanes) -> Mask:
-    """Whether a false alarm is another lidar's pulse."""
+    """Whether a false alarm of this `Status` is another lidar's pulse, (n,) bool."""
     return status == int(Status.INTERFERENCE)
 
 
 def _nth(alarms: list[_Alarm], index: Array) -> _Alarm:
-    """The index-th alarm of each pulse (index differs by pulse)."""
+    """Alarm number ``index`` of each pulse; the index (n,) differs from pulse to pulse."""
     found = alarms[0]
     for number, later in enumerate(alarms[1:], start=1):
         found = chosen(index >= number, later, found)

@@ -1,6 +1,10 @@
-"""Rises: a Waveform in, its peaks one after the other, each with the valley before it, to whoever visits them.
+"""Rises: the peaks of a waveform in order of time, each with the valley before it.
 
-No bins: the search steps over places where a peak can be, and jumps over the rest of the window.
+A sum of Gaussian pulses has fewer peaks than pulses, and their places are not known in closed form. Sampling the whole
+window would cost thousands of evaluations for each pulse. The search evaluates the waveform only where it can have a
+peak, jumps over the rest, and finds peaks and valleys as roots (docs/theory.md 23).
+
+Symbols: P power over time, sigma_p standard deviation of the laser pulse and unit of all places.
 """
 
 from __future__ import annotations
@@ -13,28 +17,31 @@ from ..maths.arrays import Array, Lanes, Mask, S, xp
 from ..physics.electronics.pulse_sums import Shape, highest_between, lowest_between
 
 STEP = 1.0
-"""Longest step of the search, in sigma_p: a lone pulse needs two."""
+"""Longest step of the search, in sigma_p: a single pulse takes two."""
 
 _SHORTEST = 0.1
-"""Shortest step. A peak with a valley or another peak nearer than this may be passed over: a dip of some 1e-4."""
+"""Shortest step, in sigma_p. The search may miss a valley between two peaks nearer than this: a dip of some 1e-4."""
 
 _BEYOND = 1.2
-"""Steps go this much farther than to where the slope's tangent is zero."""
+"""Steps are longer by this factor than the way to where the slope's tangent is zero, so that they pass the peak."""
 
 _BEFORE = 8.0
-"""How far in front of the first place that can be a peak the waveform counts as nothing, in sigma_p."""
+"""Distance before the first possible peak at which the waveform counts as zero, in sigma_p."""
 
 _END = 1e29
+"""Places beyond this are behind the last interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rise:
-    """A peak and what comes before it, one for each pulse.
+    """One peak of each pulse and the valley before it; each field (n,). Between the two the power only rises.
 
-    found         whether this pulse has another one; the rest means nothing where not
-    number        how many came before it, unsigned
-    valley        place of the lowest point before it, and its power
-    peak, top     place of the peak; power there, and its two derivatives
+    found     whether the pulse has this peak; if not, the other fields are undefined
+    number    how many peaks came before it, unsigned
+    valley    place of the lowest point before the peak
+    valley_w  power there
+    peak      place of the peak
+    top       power at the peak, and its first and second derivative
     """
 
     found: Mask
@@ -47,13 +54,13 @@ class Rise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _March:
-    """The search for the next peak: where it is, and what lies around it.
+    """State of the search for the next peak of each pulse; each field (n,).
 
-    left, place  two places that follow each other; once ``found`` the peak is between them
-    slope, bend  derivatives of the waveform at ``place``
-    ahead        start of the first interval that does not end before ``place``: no peak comes before that
-    low, high    the two places around the lowest point on the way
-    found        whether there is a peak at all
+    left, place  two consecutive places of the search; once ``found``, the peak is between them
+    slope, bend  first and second derivative of the waveform at ``place``
+    ahead        start of the first interval that does not end before ``place``: there is no peak before it
+    low, high    two consecutive places with the valley between them
+    found        whether the search has found a peak
     """
 
     left: Lanes
@@ -67,16 +74,16 @@ class _March:
 
 
 def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
-    """Every rise of every pulse, in order of time.
+    """Visit every rise of every pulse in order of time; returns the last state.
 
-    visit  from a rise and what is known so far to what is known after it
-    state  what is known before the first: arrays of one entry for each pulse
+    visit  ``visit(rise, state) -> state``, called once for each rise
+    state  state before the first rise: arrays of one entry for each pulse
     """
     ops = xp(wave.origin_m)
     intervals = wave.intervals()
 
     def following(place: Lanes) -> Array:
-        """Start of the first interval that does not end before this place."""
+        """Start of the first interval that ends behind this place; beyond `_END` if there is none."""
         first = ops.full(place, 2.0 * _END)
         for start, end in intervals:
             first = ops.where(end > place, ops.minimum(first, start), first)
@@ -87,10 +94,14 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
 
     def step(now: tuple[_March, Lanes, S]) -> tuple[_March, Lanes, S]:
         march, number, so_far = now
+        # The march has bracketed the peak and the valley before it; Newton's method finds both. All lanes go through
+        # the loop together, so each visit handles the j-th rise of every pulse that has one.
         peak, top = highest_between(wave.at, march.left, march.place, wanted=march.found)
         valley, lowest = lowest_between(
             wave.at, march.low, march.high, wanted=march.found & (march.high > march.low)
         )
+        # A rise begins in the valley because that is where the comparator may fall, and because the power only rises
+        # from there to the peak: a level between them is crossed exactly once.
         first = number == 0
         rise = Rise(
             found=march.found,
@@ -103,8 +114,9 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
         onward = _march(wave, following, march.place, march.slope, march.bend, march.ahead)
         return onward, number + 1, visit(rise, so_far)
 
-    # Before the first interval the waveform rises from nothing. The way to the next peak is the end of a step, not its
-    # beginning: what a visit costs is not paid once more to learn that there are no more.
+    # The waveform rises from zero before the first interval: its slope is positive there and its valley is dark. Each
+    # step ends with the march to the next peak instead of beginning with it. So the loop ends before a visit of
+    # lanes that have no further peak.
     start = following(ops.full(wave.origin_m, -_END))
     begin = ops.where(start < _END, start, 0.0)
     nothing, number = ops.full(begin, 0.0), ops.full(begin, 0)
@@ -116,16 +128,25 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
 def _march(
     wave: Waveform, following: Callable[[Lanes], Array], place: Lanes, slope: Lanes, bend: Lanes, ahead: Lanes
 ) -> _March:
-    """On to the next two places with a peak between them."""
+    """Walk on to the next pair of places with a peak between them.
+
+    following             gives the start of the first interval that ends behind a place
+    place, slope, bend    (n,) where the walk starts, and the derivatives of the waveform there
+    ahead                 (n,) ``following(place)``
+    """
     ops = xp(place, slope)
 
     def active(now: _March) -> Mask:
         return ~now.found & (now.ahead < _END)
 
     def step(now: _March) -> _March:
+        # A peak needs P' = 0 and P'' < 0. Where the slope runs towards zero its tangent says how far that is; the step
+        # goes a little farther, so that a peak falls between its ends, and never farther than sigma_p.
         turning = now.slope * now.bend < 0.0
         level_at = ops.where(turning, ops.abs(now.slope) / ops.where(turning, ops.abs(now.bend), 1.0), STEP)
         stride = ops.minimum(ops.maximum(_BEYOND * level_at, _SHORTEST), STEP)
+        # Outside the intervals the waveform is convex: it may have one valley there, but no peak. The step may jump
+        # over all of it, and its two ends still enclose that valley.
         right = ops.maximum(now.place + stride, now.ahead)
         _, slope_there, bend_there = wave.at(right)
         up = (now.slope <= 0.0) & (slope_there > 0.0)

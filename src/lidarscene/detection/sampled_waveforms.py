@@ -1,4 +1,8 @@
-"""Waveforms: chosen pulses and a road to their EchoTrains in, power and signal against time out, and into a file."""
+"""Sampled waveforms: optical power and detector signal of chosen pulses over time, without noise.
+
+The chain never samples a waveform: detection finds peaks and crossings as roots. This module samples the same light for
+users who want to see it or to feed it to a detector model of their own.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +20,27 @@ from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
 
 MOST_PULSES = 10_000
-"""Each has some ten thousand samples."""
+"""Most pulses of one call: each has some ten thousand samples."""
 
 SAMPLES_PER_FWHM = 16
-"""A Gaussian in steps this fine is a straight line between two samples to 7e-4 of its peak."""
+"""Samples in one pulse width: linear interpolation of a Gaussian is then good to 7e-4 of its peak."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waveforms:
-    """What some pulses bring back, without noise.
+    """Waveforms of some pulses, without noise.
 
-    pulse       (n,) uint32 pulse number, rising, counted from the run's first frame on as in `--keep-missed`
-    time_s      (times,) after the middle of the pulse left
-    range_m     (times,) c t / 2
-    power_w     (n, times) float32, optical, of echoes and of the air; the background is not in it
-    background_w  (n,) float32, steady
-    signal      (n, times) float32, mean of the detector's signal above that of the background
-    threshold   (n,) float32, of the comparator
-    unit        of signal and threshold: "A" (APD) or "cells" (SiPM)
-    channel     (n,) uint16; azimuth_rad, elevation_rad (n,) float32, as the sensor reports them
+    pulse         (n,) uint32 pulse numbers, rising, counted from the run's first frame as in `--keep-missed`
+    time_s        (times,) time since the middle of the pulse left
+    range_m       (times,) c t / 2
+    power_w       (n, times) float32, optical power of echoes and air, without the background
+    background_w  (n,) float32, constant optical power of the background
+    signal        (n, times) float32, mean signal of the detector above that of the background
+    threshold     (n,) float32, level of the comparator
+    unit          of signal and threshold: "A" (APD) or "cells" (SiPM)
+    channel       (n,) uint16, as the sensor reports it
+    azimuth_rad   (n,) float32, as the sensor reports it
+    elevation_rad (n,) float32, as the sensor reports it
     """
 
     pulse: Numbers
@@ -51,19 +57,22 @@ class Waveforms:
 
 
 def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Numbers:
-    """The different ones, rising. Raises InputError."""
+    """The distinct pulse numbers, rising, (n,) int64.
+
+    Raises InputError for a number that the frame does not have, and for none or more than `MOST_PULSES`.
+    """
     chosen = np.unique(np.asarray(pulses, dtype=np.int64))
     count = sensor.scanner.pulses
     wrong = chosen[(chosen < 0) | (chosen >= count)]
     if len(wrong):
-        raise InputError(f"pulses: 0 to {count - 1} was expected, the frame has no more; {wrong[0]} came")
+        raise InputError(f"pulses: must be 0 to {count - 1}, the pulses of a frame, got {wrong[0]}")
     if not 0 < len(chosen) <= MOST_PULSES:
-        raise InputError(f"pulses: 1 to {MOST_PULSES} of them were expected, {len(chosen)} came")
+        raise InputError(f"pulses: must be 1 to {MOST_PULSES} of them, got {len(chosen)}")
     return chosen
 
 
 def window_times_s(sensor: Sensor) -> Numbers:
-    """The converter's window in even steps."""
+    """Times over the converter's window in even steps, (times,) s."""
     step = float(sensor.laser.pulse_fwhm_s) / SAMPLES_PER_FWHM
     return np.asarray(step * np.arange(int(float(sensor.tdc.window_s) / step) + 1))
 
@@ -76,13 +85,16 @@ def sampled_pulses(
     *,
     first_pulse: int,
 ) -> Waveforms:
-    """Waveforms of these pulses of a frame.
+    """Waveforms of chosen pulses of a frame.
 
-    train_of     from the first and the number of pulses that follow each other to what they bring back, numpy
-    first_pulse  of the frame
+    train_of     ``train_of(first, count)`` traces consecutive pulses of the frame; its EchoTrain is NumPy
+    chosen       (n,) rising pulse numbers within the frame, from `check_pulses`
+    times_s      (times,) time since the middle of the pulse left; None: `window_times_s`
+    first_pulse  pulse number of the frame's first pulse
     """
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
     powers, signals, backgrounds = [], [], []
+    # Each run of consecutive pulses is traced in one call.
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
         pulse_train = train_of(int(together[0]), len(together))
         power, signal = sampled(pulse_train, sensor, times)

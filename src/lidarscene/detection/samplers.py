@@ -1,7 +1,11 @@
-"""Samplers: a pulse that tripped the comparator in, its time, amplitude and width as the sensor measures them out.
+"""Samplers: time, amplitude and width of a pulse that tripped the comparator, as the sensor measures them.
 
-Three kinds (X. Guo's section 2.2.3): the TDC alone, comparators at several levels, and an ADC. Which pulses there
-are is the comparator's decision in all of them.
+Sensors measure a pulse in three ways (X. Guo's section 2.2.3): with the TDC alone, with comparators at several levels,
+or with an ADC. In all of them the comparator decides which pulses there are; the sampler only measures them
+(docs/theory.md 24).
+
+Symbols: U threshold, w time over a threshold, sigma_p width of the laser pulse and unit of all places, P power,
+s_i sample i, g Gaussian pulse.
 """
 
 from __future__ import annotations
@@ -22,14 +26,15 @@ from .rises import STEP, Rise
 from .shots import Received
 
 _LONGEST = 200
-"""Steps of one sigma_p after which a pulse that stays above its level counts as over."""
+"""Most steps of one sigma_p behind a peak: a pulse that is still above its level then counts as over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What is measured of a pulse.
+    """What the sampler measures of a pulse; each field (n,).
 
-    reported_s  time, amplitude in signal units
+    reported_s  time that the converter reports
+    amplitude   peak, in signal units
     width_s     time over the threshold; 0 from a TDC that times rising edges only
     """
 
@@ -39,7 +44,11 @@ class Reading:
 
 
 def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask) -> Reading:
-    """A pulse that crosses the threshold at ``place``, by the sensor's sampler; lanes not wanted mean nothing."""
+    """Measure a pulse with the sensor's sampler.
+
+    place   (n,) place at which the pulse crosses the threshold
+    wanted  (n,) bool, lanes to measure; results of other lanes are undefined
+    """
     sampler = shots.sensor.sampler
     if isinstance(sampler, MultiLevel):
         return _by_levels(shots, sampler, rise, trip, place, wanted)
@@ -63,11 +72,13 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
 def _by_levels(
     shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, wanted: Mask
 ) -> Reading:
-    """Amplitude from the width at the highest level that tripped, walk from the width at the threshold.
+    """Reading of comparators at several levels.
 
-    One deviate for the whole leading edge, as for its foot, and one for the trailing edge, with what is left of the
-    first after the time between them.
+    The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
+    walk: the middle of both crossings is the peak of a symmetric pulse, whatever its height.
     """
+    # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
+    # first (T26a). So the levels cannot contradict each other.
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.laser.pulse_fwhm_s
     lowest, *higher = (
         _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted) for factor in sampler.levels
@@ -75,11 +86,12 @@ def _by_levels(
     highest, above = lowest, ops.full(wanted, False)
     for one in higher:
         highest, above = highest.or_if_reached(one), above | one.reached
+    # Only two levels are searched in the waveform: the lowest for the time, the highest reached for the amplitude.
     start = crossing(
         shots.wave.at, ops.where(above, point.power_w(highest.up), 1.0),
         far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
     )  # fmt: skip
-    # The waveform is not below a lower level before it is below a higher one.
+    # The waveform falls below a higher level before it falls below a lower one, so the lower search starts from there.
     end, near = _end(shots, rise, trip, highest.down, rise.peak, above)
     since = ops.where(above, near, rise.peak)
     width = ops.where(
@@ -91,12 +103,16 @@ def _by_levels(
     amplitude: Lanes = ops.where(
         highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
     )
+    # The crossing precedes the middle of both crossings by half the width: that is the walk. ``tdc.walk`` = "none"
+    # takes the walk of the leading edge at the true power instead, and "raw" takes none.
     walk: Lanes = -0.5 * width
     if shots.sensor.tdc.walk != "corrected":
         true_power = ops.where(wanted, rise.top[0], 1.0)
         walk_s = comparator.walk_s(shots, measured=amplitude, width_s=None, true_power_w=true_power)
         walk = walk_s / shots.sigma_s
-    elif point.recovery_s is not None:  # not even: the table of widths says how early it was
+    elif point.recovery_s is not None:
+        # An amplifier that drains slowly lengthens the falling edge, and the pulse is not symmetric. Then the width
+        # gives the power (T45), and the power how long before its peak the pulse crossed.
         power = point.power_of_width_w(width * shots.sigma_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
         share = point.power_w(shots.threshold) / power
         walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
@@ -109,7 +125,13 @@ def _by_levels(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Level:
-    """One of several thresholds: signals at which the edges of a pulse pass it, and whether they do."""
+    """One of several thresholds, and where the edges of a pulse pass it; each field (n,).
+
+    level    the threshold, in signal units
+    up       noiseless signal at which the leading edge passes it, theory (T25)
+    down     noiseless signal at which the trailing edge passes it
+    reached  whether both edges pass it
+    """
 
     level: Lanes
     up: Lanes
@@ -118,7 +140,7 @@ class _Level:
 
     @classmethod
     def of(cls, shots: Received, rise: Rise, trip: Trip, place: Lanes, level: Lanes, wanted: Mask) -> _Level:
-        """For a pulse that crossed the lowest one at ``place``."""
+        """A threshold for a pulse that crossed the lowest one at ``place``."""
         point = shots.point
         up = tdc.crossing_level(
             threshold=level, deviate=trip.deviate,
@@ -131,7 +153,7 @@ class _Level:
         return cls(level=level, up=up, down=down, reached=reached)
 
     def or_if_reached(self, other: _Level) -> _Level:
-        """The other level where that is reached."""
+        """The other level where the pulse reaches it, else this one."""
         ops = xp(self.up)
         return _Level(
             level=ops.where(other.reached, other.level, self.level),
@@ -142,7 +164,10 @@ class _Level:
 
 
 def _trailing(shots: Received, rise: Rise, trip: Trip, place: Lanes, threshold: Lanes) -> Lanes:
-    """Signal at which a pulse that crossed at ``place`` leaves a level behind its peak."""
+    """Noiseless signal at which a pulse that crossed at ``place`` falls below a threshold, (n,).
+
+    The lag between the edges is twice the way from the crossing to the peak, as of a symmetric pulse.
+    """
     return comparator.trailing_level(
         shots, trip, threshold=threshold, lag_s=2.0 * (rise.peak - place) * shots.sigma_s, draw=rise.number
     )
@@ -151,14 +176,19 @@ def _trailing(shots: Received, rise: Rise, trip: Trip, place: Lanes, threshold: 
 def _end(
     shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wanted: Mask
 ) -> tuple[Lanes, Lanes]:
-    """Place at which what the amplifier makes of a pulse has fallen to a signal level; the peak if it is below that.
+    """Place at which the amplifier's output falls to a signal level, (n,); the peak if the peak is below it.
 
-    Returns a second place as `_falling` does, before the amplifier.
+    level  (n,) noiseless signal
+    since  (n,) place where the waveform is still above the level: the peak, or a place behind it
+
+    Returns a second place, that of `_falling` for the light itself.
     """
     ops, point = shots.ops, shots.point
     below = wanted & (level < trip.signal)
     end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
     if point.saturation is not None and point.recovery_s is not None:
+        # A clipped amplifier drains from where the light falls back to the clipping level, and may hold the output
+        # above the level for longer than the light does (T45).
         clipped = below & (trip.signal > point.saturation)
         clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
         released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
@@ -170,11 +200,12 @@ def _end(
 
 
 def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
-    """Place behind a peak at which the waveform has fallen to a level; over further peaks that follow above it.
+    """Place behind a peak at which the waveform falls to a level, (n,).
 
-    since  where it is still above the level: the peak, or a place behind that
+    level_w  (n,) optical power
+    since    (n,) place where the waveform is still above the level: the peak, or a place behind it
 
-    Returns a second place, at most a step before the first, where it still is.
+    Returns a second place, at most a step before the first, where the waveform is still above the level.
     """
     ops = shots.ops
 
@@ -182,6 +213,8 @@ def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: 
         place = fall.place + STEP
         return _Fall(place=place, above=shots.wave.at(place)[0] > level_w, steps=fall.steps + 1)
 
+    # Walk in steps until the waveform is below the level, then find the root in the last step. Further peaks on the way
+    # belong to the same pulse if the valleys before them stay above the level.
     start = _Fall(
         place=since + ops.full(since, 0.0), above=wanted & (since == since), steps=ops.full(rise.number, 0)
     )
@@ -195,7 +228,12 @@ def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Fall:
-    """A way down behind a peak: the place, whether the waveform is still above the level there, steps so far."""
+    """State of the walk down behind a peak; each field (n,).
+
+    place  where the walk is
+    above  whether the waveform is still above the level there
+    steps  number of steps so far
+    """
 
     place: Lanes
     above: Mask
@@ -203,7 +241,10 @@ class _Fall:
 
 
 def _by_samples(shots: Received, adc: Adc, rise: Rise, place: Lanes, wanted: Mask) -> Reading:
-    """Centroid of the samples that stay above the threshold; from there the best place of a matched filter."""
+    """Reading of an ADC: the centroid of its samples, or the place where a matched filter answers most.
+
+    The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
+    """
     ops = shots.ops
     window = _Window.around(shots, adc, rise, place)
     samples = window.read(wanted)
@@ -212,7 +253,8 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, place: Lanes, wanted: Mas
     at: Lanes = ops.where(any_over, sums.moment / ops.where(any_over, sums.total, 1.0), place)
     amplitude: Lanes = sums.highest
     if adc.estimator == "matched_filter":
-        for _ in range(2):  # the centroid is near: the first step comes to its square, the second to rounding
+        # Newton's method squares the error in each step: from the centroid two steps are enough.
+        for _ in range(2):
             at, amplitude = window.matched(samples, at, wanted)
     return Reading(
         reported_s=comparator.converted(shots, shots.time_s(at), draw=rise.number),
@@ -223,11 +265,14 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, place: Lanes, wanted: Mas
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Window:
-    """The samples around a crossing.
+    """The ADC's samples around a crossing; each array (n,), places in sigma_p.
 
-    rise      what was crossed
-    crossing  place where the threshold was crossed
-    start     place of the first sample, spacing between two, both in sigma_p
+    shots     the pulses
+    adc       the converter
+    rise      the rise that crossed the threshold
+    crossing  place of the crossing
+    start     place of the first sample
+    spacing   distance between two samples
     """
 
     shots: Received
@@ -239,8 +284,10 @@ class _Window:
 
     @classmethod
     def around(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes) -> _Window:
-        """From one pulse width before a crossing on, on the clock's ticks."""
+        """The window that begins one pulse width before a crossing, on the ticks of the ADC's clock."""
         spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
+        # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
+        # tick after the window's start.
         tick = (shots.time_s(place) - shots.sensor.laser.pulse_fwhm_s) * adc.rate_hz
         late = shots.ops.floor(tick) + 1.0 - tick
         return cls(
@@ -249,22 +296,25 @@ class _Window:
         )  # fmt: skip
 
     def place(self, number: Lanes) -> Lanes:
-        """Where a sample is."""
+        """Place of a sample, (n,)."""
         return self.start + self.shots.ops.float32(number) * self.spacing
 
     def read(self, wanted: Mask) -> Array:
-        """All samples, in order of time."""
+        """Local memory with all samples of each lane, in order of time; they have noise and are quantised."""
         shots, adc, ops = self.shots, self.adc, self.shots.ops
         kept = tdc.noise_correlation(lag_s=1.0 / adc.rate_hz, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
         fresh = ops.sqrt(1.0 - kept * kept)
+        # Each rise of a pulse has a block of draws of its own, one for each sample.
         before = self.rise.number * ops.uint32(adc.samples)
-
+        # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
         comb = shots.wave.evenly(
             self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing
         )
 
         def step(number: Lanes, so_far: _Sampled) -> _Sampled:
             own = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]
+            # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
+            # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
             deviate = ops.where(number == 0, own, kept * so_far.deviate + fresh * own)
             signal = shots.point.signal(comb.power_w(self.place(number), so_far.parts))
             sample = sampling.quantised(
@@ -280,7 +330,7 @@ class _Window:
         return self._for_each(step, start, wanted).samples
 
     def _for_each(self, step: Callable[[Lanes, S], S], state: S, wanted: Mask) -> S:
-        """``step(number, state)`` over all samples in order of time."""
+        """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state."""
         samples = self.adc.samples
 
         def active(now: tuple[Lanes, S]) -> Mask:
@@ -294,10 +344,10 @@ class _Window:
         return self.shots.ops.loop(start, active, stepped)[1]
 
     def centroid(self, samples: Array, wanted: Mask) -> _Centroid:
-        """Of the first samples above the threshold.
+        """Sums over the first run of samples above the threshold.
 
-        They end where one falls below half of it, but not within sigma_p of the crossing: noise at the threshold
-        does not cut a pulse in two.
+        The run ends at the first sample below half the threshold. Noise alone should not cut a pulse in two at its
+        foot, so it cannot end within sigma_p of the crossing.
         """
         ops, threshold = self.shots.ops, self.shots.threshold
         nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
@@ -320,7 +370,12 @@ class _Window:
         return self._for_each(step, empty, wanted)
 
     def matched(self, samples: Array, at: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
-        """One step of Newton's method towards the highest correlation with the pulse, and the height there."""
+        """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
+
+        at  (n,) place from which the step is taken
+
+        Returns the next place and the height of the pulse that fits the samples best at ``at``.
+        """
         ops = self.shots.ops
         nothing = ops.full(self.start, 0.0)
 
@@ -337,19 +392,22 @@ class _Window:
 
         empty = _Correlation(slope=nothing, bend=nothing, height=nothing, power=nothing)
         found = self._for_each(step, empty, wanted)
+        # Near a maximum the second derivative is negative; ``bend`` is its negative. Where it is too small for a
+        # sensible step, and beyond half a sigma_p, the step is not trusted.
         curved = found.bend > 0.1 * ops.abs(found.height)
         newton = ops.where(curved, found.slope / ops.where(curved, found.bend, 1.0), 0.0)
+        # Least squares: the height a that minimises sum (s_i - a g_i)^2 is sum s_i g_i / sum g_i^2.
         amplitude = found.height / ops.where(found.power > 0.0, found.power, 1.0)
         return at + ops.maximum(ops.minimum(newton, 0.5), -0.5), amplitude
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sampled:
-    """Samples so far.
+    """State of reading the samples.
 
-    deviate  of the noise of the last one
-    samples  room for all
-    parts    of the waveform's pulses at the next one (`light.waveform.Comb`)
+    deviate  (n,) of the last sample's noise, N(0, 1)
+    samples  local memory for all samples of each lane
+    parts    (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
     """
 
     deviate: Lanes
@@ -359,10 +417,13 @@ class _Sampled:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Centroid:
-    """Sums over the first samples above the threshold: of the samples, of these times their places, their number.
+    """Sums over the first run of samples above the threshold; each field (n,).
 
-    highest  of them
-    closed   whether they have ended
+    total    sum of the samples
+    moment   sum of the samples times their places
+    over     number of samples
+    highest  highest sample
+    closed   whether the run has ended
     """
 
     total: Array
@@ -374,9 +435,12 @@ class _Centroid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Correlation:
-    """Of the samples with a pulse, and its first two derivatives by the pulse's place.
+    """Correlation of the samples with a pulse at some place; each field (n,).
 
-    power  of the pulse itself
+    slope   its derivative by the pulse's place
+    bend    its second derivative, with the sign changed
+    height  the correlation
+    power   sum of the pulse's squares
     """
 
     slope: Array

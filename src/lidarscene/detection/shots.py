@@ -1,7 +1,9 @@
-"""Shots: some pulses on their way through the electronics.
+"""Shots: the inputs that all steps of the electronics share.
 
-Every step from the comparator to the reported point asks for the same five things, and takes them as one `Shots`.
-The steps that follow a waveform take a `Received`, which has that too.
+Every step from the comparator to the reported point needs the same five values, so it takes them as one `Shots`.
+Steps that work on a waveform take a `Received`, which adds the waveform.
+
+Symbols: sigma_p standard deviation of the laser pulse. A place on a waveform is in units of sigma_p.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ from ..sensor.model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shots:
-    """Some pulses, and what the electronics know of each before its light comes back.
+    """Some pulses, and what is known of each before its light comes back.
 
-    sensor     that fired them
-    point      the detector's working point under the background of each pulse
-    threshold  (n,) of the comparator, in the detector's unit of signal
+    sensor     the sensor that fired the pulses
+    point      working point of the detector under each pulse's background
+    threshold  (n,) level U of the comparator, in the detector's unit of signal
     seed       32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse      (n,) uint32 pulse numbers
     """
@@ -37,32 +39,32 @@ class Shots:
     pulse: Array
 
     def words(self, stage: Stage, draw: Lanes = 0) -> tuple[Array, Array]:
-        """Two random words for each pulse; ``draw`` tells the uses of one stage apart."""
+        """Two random 32-bit words for each pulse, (n,) each; ``draw`` separates the uses of one stage."""
         return random.words(seed=self.seed, stage=stage, pulse=self.pulse, draw=draw)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Received(Shots):
-    """Some pulses and the waveform that comes back of each."""
+    """Some pulses, and the waveform that each receives."""
 
     wave: Waveform
 
     @property
     def ops(self) -> Ops:
-        """Functions for these arrays."""
+        """The array functions for these arrays, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
     @property
     def sigma_s(self) -> Lanes:
-        """Standard deviation of the laser's pulse."""
+        """sigma_p: standard deviation of the laser pulse."""
         return self.sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
 
     def time_s(self, place: Lanes) -> Lanes:
-        """Time of flight of a place of the waveform."""
+        """Time of flight at a place on the waveform, (n,)."""
         return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
 
     def noise_at(self, signal: Lanes) -> Lanes:
-        """Standard deviation of the noise at a signal level."""
+        """Standard deviation of the noise at a signal level, (n,); (T12) or (T20)."""
         point = self.point
         return tdc.noise_at_level(
             level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2

@@ -1,7 +1,11 @@
-"""Air light: what floats or falls in a scene and a sensor in, what each pulse gets back from it out.
+"""Air light: the backscatter of fog, rain and snow that each pulse receives.
 
-The many small particles together are a `Volume`, the few strong ones are sub-echoes of their own; the two make up
-the whole medium (`physics.weather.particles`).
+The many small droplets of fog together send back a smooth echo. But one raindrop close to the sensor can trip the
+comparator alone. So the strongest particles are drawn one by one as sub-echoes, and all weaker ones together are
+even light, a `Volume`. Both together are the whole medium (docs/theory.md 17, docs/weather.md).
+
+Symbols: P_t peak power, eta efficiency, A aperture, alpha extinction, beta backscatter coefficient, s strength of a
+particle: its power over P_t eta A, Lambda(s) mean number of particles stronger than s.
 """
 
 from __future__ import annotations
@@ -24,24 +28,31 @@ from ..sensor.overlap import Overlap
 from .echoes import SubEchoes, Volume, hump_of
 
 NEAREST_SHARE = 1e-3
-"""Particles are drawn from where the receiver sees this share of its beam on: nearer ones are lost in the dark."""
+"""Particles are drawn from the range on at which the receiver sees this share of its beam; it sees nearer ones barely.
+
+The share is relative to the largest one over all ranges."""
 
 _LEFT_OUT = 0.5
-"""Particles are drawn down to this share of what the comparator sees, so that two which are left to the even light do
-not reach it together. At a share of one 4 % of the points of heavy rain are missing, at a quarter 0.4 % more come."""
+"""Particles are drawn down to this share of the weakest that trips the comparator alone.
+
+Weaker ones become even light, in which single particles have no echo of their own. At a half, two of them do not reach the threshold
+together. At a share of 1, heavy rain lacks 4 % of its points; at a quarter it has 0.4 % more."""
 
 _DRAWS_APART = 1000
+"""Random draws that each kind of particle has for itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AirLight:
     """Backscatter of the air around a sensor, per unit of P_t eta A.
 
-    shape, far_m, hump_m, extinction_per_m
-                          as in `light.echoes.Volume`
-    particles             drawn one by one: tables, and the number of their medium in ``names``
-    names                 of the media: classes of the points that they cause
-    strongest             number of the medium that gives most of the rest
+    shape             as in `light.echoes.Volume`
+    far_m             as in `light.echoes.Volume`
+    hump_m            as in `light.echoes.Volume`
+    extinction_per_m  as in `light.echoes.Volume`
+    particles         particles that are drawn one by one: tables, and the name of their medium
+    names             names of the media, the classes of the points that they cause
+    strongest         name of the medium that gives most of the even light where that is brightest
     """
 
     shape: Table
@@ -58,14 +69,23 @@ class AirLight:
         return tuple(name for tables, name in self.particles for _ in range(tables.count))
 
     def volume(self, *, scale: Lanes, end_m: Lanes) -> Volume:
-        """Of pulses with this P_t eta A and fixed transmittance, whose light ends at ``end_m``."""
+        """Even light of some pulses.
+
+        scale  (n,) P_t eta A of each pulse, with the fixed transmittance of the air
+        end_m  (n,) range at which the last of its light meets a surface
+        """
         return Volume(
             shape=self.shape, far_m=self.far_m, hump_m=self.hump_m,
             scale=scale, end_m=end_m, extinction_per_m=self.extinction_per_m,
         )  # fmt: skip
 
     def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Lanes, pulse: Lanes) -> list[SubEchoes]:
-        """Drops and flakes of each pulse before its light ends."""
+        """Sub-echoes of the drops and flakes that are drawn for each pulse; power 0 behind ``end_m``.
+
+        scale, end_m  (n,) as of `volume`
+        seed          32-bit frame seed
+        pulse         (n,) uint32 pulse numbers
+        """
         found = []
         for number, (tables, _) in enumerate(self.particles):
             for range_m, strength in hits(tables, seed=seed, pulse=pulse, first_draw=number * _DRAWS_APART):
@@ -76,9 +96,9 @@ class AirLight:
 
 
 def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> AirLight | None:
-    """What this weather sends back to this sensor, or None in clear air.
+    """Backscatter that this sensor receives in this weather; None in clear air.
 
-    extinction_per_m  alpha, one way, of all that is in the air
+    extinction_per_m  alpha, one way, of everything in the air
     """
     media = weather.media(sensor.laser.wavelength_m)
     if not media:
@@ -91,6 +111,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         beam_area_m2=area, overlap=lambda range_m: np.asarray(overlap.share(range_m)),
         extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
     )  # fmt: skip
+    # A medium is drawn only if it has discrete particles and the beam has a width: in a beam of no area none would be.
     drawn = {}
     for medium in media:
         if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
@@ -100,12 +121,15 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         )
 
     def left(medium: Medium, range_m: Numbers) -> Numbers:
-        """beta of what is not drawn."""
+        """beta of the particles of a medium that are not drawn, per m sr."""
         if medium.name in drawn:
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
         return np.full_like(range_m, medium.backscatter_per_m_sr)
 
     fwhm_s = float(sensor.laser.pulse_fwhm_s)
+    # The course over range is the same for every pulse, so the convolution with the pulse is tabulated once. Pulses
+    # differ in scale and in where their light ends. The drawn particles are taken out of beta, so that none counts
+    # twice.
     grid = soft_target.range_grid_m(farthest_m=far_m, fwhm_s=fwhm_s)
     shape = Table(
         soft_target.volume_response(
@@ -114,6 +138,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
             extinction_per_m=extinction_per_m, fwhm_s=fwhm_s, nearest_m=min(nearest_m, 0.1),
         )
     )  # fmt: skip
+    # A point of even light gets the class of one medium: that which is strongest where the even light is brightest.
     at_peak = grid[[int(np.argmax(shape.values))]]
     return AirLight(
         shape=shape,
@@ -129,7 +154,11 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
 def _enough(
     least: float, sight: Sight, *, sizes: Sizes, backscatter_m2_sr: Callable[..., Lanes]
 ) -> Strengths:
-    """With as many particles for each pulse as it takes until those left out are weaker than `_LEFT_OUT` ``least``."""
+    """Tables with the fewest particles for each pulse whose weakest is below `_LEFT_OUT` times ``least``.
+
+    least  strength of the weakest particle that trips the comparator alone
+    """
+    # If even the largest number does not reach that far down, it is used all the same.
     for count in MEAN_HITS:
         found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, count=count)
         if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
@@ -138,7 +167,10 @@ def _enough(
 
 
 def _least_strength(sensor: Sensor) -> float:
-    """Strength of a particle that the comparator can see, in the dark."""
+    """Strength of the weakest particle that trips the comparator alone, without background.
+
+    Without background the threshold is lowest, so no background asks for weaker particles than this.
+    """
     point = sensor.working_point(np.zeros(1))
     seen_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
     sent = radiometry.echo_power_w(
@@ -149,9 +181,9 @@ def _least_strength(sensor: Sensor) -> float:
 
 
 def overlap_of(sensor: Sensor) -> Overlap:
-    """The sensor's own, or that of one whose axes are one and whose focus is far away.
+    """The sensor's overlap; if it has none, that of coaxial optics focused far away.
 
-    Without it the air right before the sensor would give any amount of light.
+    Without an overlap the light of the air would grow without bound towards the sensor (docs/theory.md 17).
     """
     if sensor.optics.overlap is not None:
         return sensor.optics.overlap
@@ -163,6 +195,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
 
 
 def _nearest_m(overlap: Overlap, far_m: float) -> float:
+    """Range from which on the receiver sees at least `NEAREST_SHARE` of the share that it sees at best."""
     ranges = np.geomspace(1e-2, far_m, 2000)
     share = np.asarray(overlap.share(ranges))
     seen = share >= NEAREST_SHARE * share.max()
@@ -170,7 +203,7 @@ def _nearest_m(overlap: Overlap, far_m: float) -> float:
 
 
 def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
-    """pi w^2 on the beam's two axes; 0 of a beam without a width."""
+    """Cross-section of the beam over range, pi times the radii on both axes; 0 for a beam of no width."""
     laser = sensor.laser
     waist = 0.5 * (laser.exit_diameter_m or 0.0)
     second = (

@@ -1,4 +1,10 @@
-"""Beams: a sensor and its pose in, the rays of some pulses out."""
+"""Beams: the rays along which some pulses leave a sensor.
+
+A sensor does not know its own pointing jitter. So there are two kinds of rays: those along which the light really goes
+(`fire`), and those that follow from the angles that the sensor reports (`reported`).
+
+Symbols: A(theta_r) effective receiving aperture (4).
+"""
 
 from __future__ import annotations
 
@@ -13,13 +19,13 @@ from ..sensor.model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beams:
-    """Rays in firing order, numpy or Dr.Jit, in the frame in which they are traced.
+    """Rays in firing order, in tracing coordinates, NumPy or Dr.Jit.
 
-    pulse        (n,) uint32, pulse number in the frame
-    origin_m     (x, y, z), each a scalar or (n,)
-    direction    (x, y, z), each (n,), unit length
-    aperture_m2  effective receiving aperture A(theta_r) of (4), a scalar or (n,)
-    background_aperture_m2  that goes with the detector's own field of view in (8), or None: the same
+    pulse                   (n,) uint32 pulse numbers
+    origin_m                (x, y, z), each a scalar or (n,)
+    direction               (x, y, z), each (n,), unit length
+    aperture_m2             effective receiving aperture A(theta_r) of (4), a scalar or (n,)
+    background_aperture_m2  aperture that goes with the detector's field of view in (8); None: the same
     """
 
     pulse: Lanes
@@ -37,12 +43,12 @@ def fire(
     rotation: tuple[Lanes, ...],
     seed: Lanes = 0,
 ) -> Beams:
-    """The rays of these pulses, where they really go: with the scanner's pointing jitter.
+    """The true rays of these pulses, with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
-    origin_m  position of the sensor in the tracing frame, for all pulses or, of a sensor that moves, for each
-    rotation  nine numbers, row by row: sensor frame to tracing frame; the same
-    seed      of the jitter, 32 bits
+    origin_m  (x, y, z) position of the sensor in tracing coordinates: scalars, or (n,) each if the sensor moves
+    rotation  nine numbers, row by row, sensor to tracing coordinates: scalars, or (n,) each if the sensor moves
+    seed      32-bit frame seed, for the jitter
     """
     direction = sensor.scanner.direction(pulse)
     if sensor.scanner.jitter_rad is not None:
@@ -51,7 +57,7 @@ def fire(
 
 
 def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
-    """The rays of these pulses as the sensor believes them to be: by the angles that it reports."""
+    """The rays of these pulses by the angles that the sensor reports; arguments as of `fire`."""
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
     return _placed(sensor, pulse, direction, origin_m, rotation)
@@ -64,8 +70,9 @@ def _placed(
     origin_m: Vector,
     rotation: tuple[Lanes, ...],
 ) -> Beams:
-    """Rays in the tracing frame, from directions in the sensor's."""
+    """Rays in tracing coordinates, from directions in sensor coordinates."""
     start = sensor.scanner.offset_m(pulse)
+    # Some scanners send their pulses from points off the sensor's origin; the offset turns with the sensor.
     if start is not None:
         x, y, z = (o + moved for o, moved in zip(origin_m, _turned(rotation, start), strict=True))
         origin_m = x, y, z
@@ -79,13 +86,14 @@ def _placed(
 
 
 def _turned(r: tuple[Lanes, ...], v: Vector) -> Vector:
-    """A vector by a rotation of nine numbers."""
+    """A vector rotated by nine numbers, row by row."""
     x, y, z = (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2] for i in range(3))
     return x, y, z
 
 
 def _jittered(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
     """Gaussian pointing noise on both axes across the beam."""
+    # Jitter is a small angle: add a small vector across the beam and restore unit length.
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)
     u, v = across(direction)
     first, second = random.normal_pair(words)
@@ -94,5 +102,5 @@ def _jittered(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes
 
 
 def firing_time_s(sensor: Sensor, pulse: Numbers) -> Numbers:
-    """(n,) float64 emission time of each pulse since the frame's first; float32 would lose nanoseconds."""
+    """(n,) float64 emission time of each pulse by the scanner's clock, s; float32 would lose nanoseconds."""
     return sensor.scanner.time_s(pulse)

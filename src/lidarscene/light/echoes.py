@@ -1,4 +1,11 @@
-"""Echoes: Beams and Hits in, the light that reaches the detector out (docs/theory.md 1 to 3)."""
+"""Echoes: the signal and background power that each ray brings to the detector.
+
+The lidar equation turns the geometry of `Hits` into watts, before any electronics: what the detector makes of the power
+is another stage, so a missing point can be traced back to a lack of light or to noise (docs/theory.md 1 to 3 and 19).
+
+Symbols: P_t peak power of the laser, eta efficiency of the optics, A aperture of the receiver, alpha extinction of the
+air, V(R) course of the air's light over range.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +26,11 @@ from .hits import Hits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interference:
-    """Pulses of another lidar on the detector, at random times.
+    """Pulses of another lidar on the detector, at random times (docs/theory.md 19).
 
-    rate_hz       mean rate
-    peak_power_w  (n,) median of their peaks
-    spread_db     standard deviation of their level
+    rate_hz       mean rate of its pulses
+    peak_power_w  (n,) median of their peak powers
+    spread_db     standard deviation of their levels
     """
 
     rate_hz: Lanes
@@ -33,14 +40,14 @@ class Interference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ambient:
-    """Light and air of a scene, in the sensor's band.
+    """Light and air of a scene, in the sensor's spectral band.
 
-    sun_irradiance_w_m2  at normal incidence
-    sky_irradiance_w_m2  diffuse
-    transmittance        fixed one-way part
-    extinction_per_m     the part that grows with range
-    sun_direction        (x, y, z) unit vector towards the sun, or None: no beam looks into it
-    lamps_w_m2           irradiance of all surfaces by lamps; None without
+    sun_irradiance_w_m2  of the sun at normal incidence
+    sky_irradiance_w_m2  of the sky, diffuse
+    transmittance        of the air, one way, the part that does not depend on range
+    extinction_per_m     alpha, for the part that does
+    sun_direction        (x, y, z) unit vector towards the sun; None: no beam looks into it
+    lamps_w_m2           irradiance of all surfaces by lamps; None: there are none
     interferers          other lidars
     """
 
@@ -55,15 +62,15 @@ class Ambient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Echoes:
-    """Light on the detector, per pulse.
+    """Light on the detector, for each ray; each array (n,).
 
-    found               (n,) bool, whether there is an echo at all
-    range_m             (n,) 1 where there is none
-    peak_power_w        (n,) peak of the echo, 0 where there is none
-    background_power_w  (n,) sun, sky and lamps
-    interference        other lidars
-    white_w_m2          peak power times range squared of a white surface, as the sensor is calibrated; 1 where its
-                        scale of intensity has no use for it
+    found               bool, whether there is an echo
+    range_m             range of the echo; 1 without one
+    peak_power_w        peak power of the echo; 0 without one
+    background_power_w  power of sun, sky and lamps
+    interference        pulses of other lidars
+    white_w_m2          peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
+                        intensity scale does not need it
     """
 
     found: Mask
@@ -76,15 +83,14 @@ class Echoes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:
-    """Light of the air itself: one course over range for all pulses, as much of it as each pulse has.
+    """Even light of the air: one course over range for all pulses, scaled for each pulse; theory (T36) and (T37).
 
-    shape             (samples,) W at a scale of one, from 0 to far_m in even steps; already as broad as the pulse
-                      makes it
-    far_m             of the last sample; nothing comes from behind that
-    hump_m            (from, to): outside of it the course is nowhere concave (`hump_of`)
-    scale             (n,) of each pulse
-    end_m             (n,) where the last of a pulse's light meets a surface: nothing comes from behind that
-    extinction_per_m  alpha, for how the course ends there (T37)
+    shape             (samples,) V(R) from 0 to far_m in even steps, convolved with the pulse, in W at a scale of one
+    far_m             range of the last sample: no light comes from behind it
+    hump_m            (from, to): the course is not concave outside of it (`hump_of`)
+    scale             (n,) P_t eta A of each pulse
+    end_m             (n,) range at which the last of a pulse's light meets a surface: none comes from behind it
+    extinction_per_m  alpha, for the way in which the course ends there
     """
 
     shape: Table
@@ -96,8 +102,12 @@ class Volume:
 
 
 def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
-    """Where a course of a `Volume` is concave, all of it from the first to the last sample."""
+    """Range interval (from, to) [m] that holds all places where the course of a `Volume` is concave.
+
+    Only there can the air's light have a peak, so only there does the search for peaks look (`detection.rises`).
+    """
     values = np.asarray(shape.values, dtype=np.float64)
+    # Bend i is of samples i to i + 2. What rounding makes of a straight course is far below 1e-7 of its peak.
     bend = np.diff(values, n=2)
     concave = np.flatnonzero(bend < -1e-7 * values.max())
     if len(concave) == 0:
@@ -108,10 +118,11 @@ def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubEchoes:
-    """Sub-echoes of n pulses, equally many of each; lane = pulse lane * count + number.
+    """Sub-echoes of n pulses, the same number of each; lane = pulse lane * count + number.
 
-    range_m       (n count,) anything where there is no echo
-    peak_power_w  (n count,) peak of the sub-echo, 0 where there is none
+    range_m       (n count,) range; undefined without an echo
+    peak_power_w  (n count,) peak power; 0 without an echo
+    count         sub-echoes of each pulse
     """
 
     range_m: Lanes
@@ -121,14 +132,14 @@ class SubEchoes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EchoTrain:
-    """Light on the detector, pulses of several sub-echoes, which are numbered through all parts.
+    """Light on the detector, for pulses with several sub-echoes, theory (T50).
 
-    parts               sub-echoes of one kind each
-    surfaces            how many of them are of surfaces, the first ones; the others are of the air
-    found               (n,) bool, whether any of those met a surface
-    background_power_w  (n,) sun and sky
-    volume              backscatter of the air, or None
-    interference        other lidars, as in `Echoes`
+    parts               groups of sub-echoes; a sub-echo's number counts through all parts
+    surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air
+    found               (n,) bool, whether any ray of the pulse met a surface
+    background_power_w  (n,) power of sun, sky and lamps
+    volume              even light of the air, or None
+    interference        pulses of other lidars, as in `Echoes`
     white_w_m2          (n,) as in `Echoes`
     """
 
@@ -142,15 +153,16 @@ class EchoTrain:
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
-    """Optical power by (5) and (8), with the BSDF for rho / pi; a beam that met nothing sees the sky, or the sun.
+    """Signal and background power of each ray, by (5) and (8) with the BSDF in place of rho / pi.
 
-    Panes and mirrors on the way dim the sun's light once and the echo twice.
+    A ray that met no surface sees the sky, or the sun.
     """
     ops = xp(hits.range_m)
     optics = sensor.optics
     transmittance = air.transmittance(
         fixed=ambient.transmittance, extinction_per_m=ambient.extinction_per_m, range_m=hits.range_m
     )
+    # The echo passes panes and mirrors twice, on its way out and back; the background only on its way back.
     peak = radiometry.echo_power_w(
         peak_power_w=sensor.laser.peak_power_w,
         backscatter_per_sr=hits.backscatter_per_sr,
@@ -168,10 +180,11 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_scatter_per_sr=hits.sun_scatter_per_sr,
         sky_irradiance_w_m2=diffuse,
-        # The sky is the same on both sides.
+        # The sky is equally bright on both sides of a thin surface, so what it transmits adds to what it reflects.
         reflectivity=hits.reflectivity + hits.transmittance,
     )
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
+    # The air dims a surface's light along its path. The sky has no range, so only the fixed part dims it.
     background = radiometry.background_power_w(
         radiance_w_m2_sr=ops.where(hits.found, surface, sky),
         aperture_m2=background_aperture_m2(beams),
@@ -201,14 +214,15 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
 
 
 def background_aperture_m2(beams: Beams) -> Lanes:
-    """Aperture of (8)."""
+    """Aperture of the background in (8), a scalar or (n,)."""
     return beams.aperture_m2 if beams.background_aperture_m2 is None else beams.background_aperture_m2
 
 
 def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
-    """Sunlight that comes straight into the field of view."""
+    """Power of the sun's disc in the field of view, (n,) W; theory (T42)."""
     assert ambient.sun_direction is not None
-    # The chord is the angle where it matters, and single precision has it there; an arc cosine would not.
+    # Near the sun the chord between two unit vectors equals the angle, and single precision resolves it. An arc cosine
+    # of a number close to 1 would lose it.
     apart = mixed(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
     square = dot(apart, apart)
     return sunlight.sun_disc_power_w(
@@ -221,7 +235,7 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> L
 
 
 def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
-    """What the sensor's scale of intensity takes for white."""
+    """Echo of a white surface on the sensor's intensity scale, W m2; 1 if the scale does not need it."""
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         return 1.0
     return intensity.white_echo_w_m2(
@@ -232,7 +246,10 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
 
 
 def with_all_background(ways: Sequence[Echoes]) -> list[Echoes]:
-    """The ways of a beam, the first of them with the light of sun and sky that all of them bring."""
+    """The paths of a ray, with the background of all of them on the first.
+
+    A pane splits a ray into paths. The background of all reaches the detector, but a pulse has only one background.
+    """
     if len(ways) == 1:
         return list(ways)
     background = sum(way.background_power_w for way in ways)

@@ -1,4 +1,8 @@
-"""Field of view: a Sensor in, directions all over what its receiver sees out; their background in, each pulse's out."""
+"""Field of view: the background of each pulse, gathered over all that its receiver sees.
+
+The receiver may see more, or less, than the laser lights. Rays of the laser's footprint would then sample the wrong
+background. Rays spread evenly over the receiver's field of view sample the right one (docs/theory.md 3 and 19).
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,11 @@ from .hits import Hits
 
 
 def field_of_view(sensor: Sensor, rays: int) -> Footprint:
-    """Directions that share the receiver's field of view evenly: the detector's disc, seen through the lens.
+    """Rays that share the receiver's field of view evenly: the detector's disc, seen through the lens.
 
-    They start in the middle of the lens: the background's patch is sharp only where the lens is focused, far away.
+    rays  number of rays for each pulse
     """
+    # All rays start in the middle of the lens: a lens that is focused far away sees the patch sharp only there.
     slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
     return Footprint(
         points=Table(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0
@@ -29,9 +34,10 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
 def background_power_w(
     rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int
 ) -> Lanes:
-    """(n,) mean over what the rays of each pulse see, by all ways of each; where one sees the sun's disc, its radiance.
+    """Background power of each pulse, (n,) W: the mean over its rays, with all paths of each.
 
-    rays, paths  ``count`` of each pulse, lane = pulse lane * count + number
+    rays   ``count`` of each pulse, lane = pulse lane * count + number
+    paths  for each path, what the rays met
     """
     seen = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
     ops = xp(seen)
@@ -39,10 +45,12 @@ def background_power_w(
 
 
 def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
-    """Background if all of the field of view saw what this ray does."""
+    """Background power if all of the field of view saw what this ray sees, (n,) W."""
     light = receive(rays, hits, sensor, replace(ambient, sun_direction=None))
     if ambient.sun_direction is None:
         return light.background_power_w
+    # Each ray stands for a small part of the field of view, which either sees the sun's disc or does not. So it takes
+    # the disc's radiance, and not the share of the disc in the whole field that `receive` would add.
     apart = mixed(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
     disc = radiometry.background_power_w(
         radiance_w_m2_sr=sunlight.sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=ambient.sun_irradiance_w_m2),

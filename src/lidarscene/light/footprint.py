@@ -1,7 +1,13 @@
-"""Footprint: a Laser and a number of rays in, where in the beam each of these rays runs out; Beams in, sub-rays out.
+"""Footprint: the rays over a beam's cross section that stand for the beam.
 
-Lanes are pulse-major: lane = pulse lane * rays + ray. Every ray carries the same share of the pulse, but for those of
-a halo, which come last in their pulse and share what that has.
+A beam is wider than a ray: its spot can lie across an edge and return two echoes. So each pulse is traced with several
+rays, each with the same share of its power. Rays of a halo come last in their pulse and share the halo's power
+(docs/theory.md 22).
+
+Lanes are pulse-major: lane = pulse lane * rays + ray. The rays of a pulse are then neighbours in memory and in the
+scene, and ray i of all pulses is every ``rays``-th lane.
+
+Symbols: q place of a ray in units of the beam radius, w_0 radius at the exit, theta half divergence, z distance.
 """
 
 from __future__ import annotations
@@ -26,11 +32,11 @@ _LEAST_WITH_HALO = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skirt:
-    """The rays of a halo, the last ones of each pulse.
+    """The rays of a beam's halo, which are the last ones of each pulse; theory (T49a).
 
-    count  how many
-    share  of the pulse in all of them
-    slope  tangent of the half divergence
+    count  number of them in each pulse
+    share  share of the pulse's power in all of them together
+    slope  tangent of the halo's half divergence
     """
 
     count: int
@@ -38,7 +44,7 @@ class Skirt:
     slope: Lanes
 
     def weight(self, ray: Lanes, rays: int) -> Lanes:
-        """Share of the pulse in each of its rays."""
+        """Share of the pulse's power in a ray, for ``ray`` of 0 to ``rays`` - 1."""
         core = rays - self.count
         return xp(ray, self.share).where(
             ray < core, (1.0 - self.share) * (1.0 / core), self.share * (1.0 / self.count)
@@ -49,11 +55,11 @@ class Skirt:
 class Footprint:
     """The rays that stand for a beam, and the beam's measures on its two axes (azimuth and elevation, unturned).
 
-    points         (rays, 2) place of each ray in the beam, in radii of the beam
-    exit_radius_m  where the beam leaves the sensor, the same on both axes; 0: from a point
-    slope          tangent of the half divergence, on each axis
-    turn_rad       of the axes about the beam, from the left to the top
-    skirt          of them those of a halo, or None
+    points         (rays, 2) place q of each ray in the beam, in radii of the beam
+    exit_radius_m  w_0, radius of the beam at the sensor, the same on both axes; 0: the beam leaves from a point
+    slope          tangent of the half divergence on each axis
+    turn_rad       rotation of the axes about the beam, from the left to the top
+    skirt          the rays of a halo, or None
     """
 
     points: Table
@@ -64,24 +70,25 @@ class Footprint:
 
     @property
     def rays(self) -> int:
-        """Rays of a pulse."""
+        """Number of rays of a pulse."""
         return len(self.points.values)
 
     @property
     def weight(self) -> float:
-        """Share of the pulse in each ray, if there is no halo."""
+        """Share of the pulse's power in each ray, without a halo."""
         return 1.0 / self.rays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aim:
-    """Where beams point and how they widen, and the receiver that sent them: what tells how much of one that is
-    mirrored straight back is received.
+    """Geometry of beams and their receiver, for specular returns: how much of a beam that a pane or mirror reflects
+    straight back does the receiver collect?
 
-    across         two unit vectors of each ray's beam, along its axes
-    exit_radius_m, slope  as of a `Footprint`
+    across         two unit vectors across each beam, along its axes
+    exit_radius_m  as of a `Footprint`
+    slope          as of a `Footprint`
     profile        "gaussian" or "top_hat"
-    aperture_m2    of the receiver, whose axis is the beam's
+    aperture_m2    aperture of the receiver, whose axis is that of the beam
     """
 
     across: tuple[Vector, Vector]
@@ -92,7 +99,7 @@ class Aim:
 
 
 def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, ...]) -> Aim:
-    """Of the beams whose axes these are."""
+    """`Aim` of the beams with these axes; ``rotation`` as of `spread`."""
     return Aim(
         across=_axes(axes.direction, shape.turn_rad, rotation),
         exit_radius_m=shape.exit_radius_m,
@@ -103,7 +110,10 @@ def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, .
 
 
 def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
-    """A beam as so many rays; a single one is its axis. Of four and more half go to the halo, if there is one."""
+    """The footprint of a beam with a number of rays.
+
+    A single ray is the beam's axis. If there is a halo, half of four or more rays belong to it.
+    """
     second = (
         laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
     )
@@ -126,17 +136,17 @@ def points(profile: str, rays: int) -> Numbers:
 
     profile  "gaussian" or "top_hat"
 
-    A spiral with the golden angle (Vogel, Mathematical Biosciences 44, 179, 1979): the beam is cut into rings of
-    equal power and each has one ray, at the ring's mean r^2. The pattern is then moved and stretched a little, so
-    that its centre is 0 and its variance 1/4 on both axes, as the beam's are: the mean range of a plane and what
-    its slope does to the echo's width are right with any number of rays from 3 on. (Two rays have no width on one
-    axis, and one has none at all.)
+    A spiral with the golden angle (Vogel, Mathematical Biosciences 44, 179, 1979), theory (T47): the beam is cut into
+    rings of equal power, and each ring has one ray at its mean r^2.
     """
     ring = {"gaussian": beam.gaussian_ring, "top_hat": beam.top_hat_ring}[profile]
     number = np.arange(rays)
     radius = np.sqrt(ring(inside=number / rays, outside=(number + 1) / rays))
     angle = _GOLDEN_ANGLE * number
     spiral: Numbers = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # Give the pattern the beam's moments: mean 0 and variance 1/4 on both axes. A plane's mean range, and what its
+    # slope does to the width of the echo, are then exact. Two rays lie on a line and one is a point, so from 3 rays
+    # on.
     spiral -= spiral.mean(axis=0)
     if rays < 3:
         return spiral
@@ -146,15 +156,13 @@ def points(profile: str, rays: int) -> Numbers:
 
 
 def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
-    """Beams of whole pulses to sub-rays: lane by lane, each pulse already on as many lanes as it has rays.
+    """The rays of a footprint around the axes of beams, lane by lane; theory (T48).
 
+    rays      axes of the beams, each already repeated on as many lanes as the footprint has rays
     ray       (n,) number of the ray in its pulse
-    rotation  nine numbers, row by row: sensor frame to tracing frame
+    rotation  nine numbers, row by row: sensor to tracing coordinates
 
-    A ray that starts q w_0 off the axis leaves with the slope theta q turned by a right angle, so that it is at
-    |q| sqrt(w_0^2 + theta^2 z^2) after z: on every ray of a round beam the Gaussian beam's law holds, although rays
-    are straight. These are the straight lines on hyperboloids around the axis. An elliptical beam has the right
-    width on both axes; its spot stands askew where it is neither near nor far.
+    An elliptical beam has the right width on both axes, but its spot is rotated between the near and the far field.
     """
     if shape.rays == 1:
         return rays
@@ -163,6 +171,9 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     slope = shape.slope
     if shape.skirt is not None:
         first, second, slope = _with_skirt(rays, shape, shape.skirt, ray, first, second)
+    # Rays are straight, but a Gaussian beam's radius follows a hyperbola. The straight lines on a hyperboloid follow it
+    # too: a ray that starts at q w_0 leaves with the slope theta q turned by a right angle. Offset and slope are then
+    # perpendicular, and after z the distance from the axis is |q| sqrt(w_0^2 + theta^2 z^2).
     start = mixed(shape.exit_radius_m * first, a, shape.exit_radius_m * second, b)
     aside = mixed(-slope[0] * second, a, slope[1] * first, b)
     return replace(
@@ -175,9 +186,10 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
 def _with_skirt(
     rays: Beams, shape: Footprint, skirt: Skirt, ray: Lanes, first: Lanes, second: Lanes
 ) -> tuple[Lanes, Lanes, tuple[Lanes, Lanes]]:
-    """Places and slopes of rays some of which are a halo's: those are turned about the axis from pulse to pulse, since
-    few rays that are the same for all pulses would see everything bright so many times.
-    """
+    """Places and slopes of the rays of a footprint with a halo."""
+    # The halo's few rays see a bright reflector from far around it. With the same pattern in every pulse each would
+    # paint its own copy of it, so the pattern is turned about the axis from pulse to pulse. The pulse number times
+    # 2^32 / golden ratio, in 32 bits, spreads the angles of consecutive pulses evenly over the circle.
     ops = xp(ray, first)
     outer = ray >= shape.rays - skirt.count
     word = ops.uint32(rays.pulse) * ops.uint32(_GOLDEN_WORD + 0 * ray)
@@ -188,12 +200,12 @@ def _with_skirt(
 
 
 def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tuple[Vector, Vector]:
-    """Across the beam: growing azimuth and growing elevation of the sensor, both turned."""
+    """Two unit vectors across the beam, towards growing azimuth and growing elevation, both rotated by ``turn_rad``."""
     left: Vector = (rotation[1], rotation[4], rotation[7])
     up: Vector = (rotation[2], rotation[5], rotation[8])
     aside = cross(up, direction)
     ops = xp(*aside, turn_rad)
-    steep = dot(aside, aside) < 1e-10  # straight up or down there is no azimuth
+    steep = dot(aside, aside) < 1e-10  # straight up or down azimuth is undefined: take the sensor's left
     x, y, z = (ops.where(steep, other, own) for other, own in zip(left, aside, strict=True))
     azimuth = unit((x, y, z))
     elevation = cross(direction, azimuth)

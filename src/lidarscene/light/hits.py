@@ -1,4 +1,9 @@
-"""Hits: what each ray met. Geometry and scattering, never watts."""
+"""Hits: the surface that each ray met, as geometry and scattering.
+
+Power is left to `echoes`: no field here depends on the power of the laser, on the receiver or on the air.
+
+Symbols: f_r BSDF, theta angle of incidence, w direction back along the ray, V visibility of the sun.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +15,28 @@ from ..maths.vectors import Vector
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hits:
-    """The surface at the end of each ray's way, in beam order, numpy or Dr.Jit.
+    """The surface at the end of each ray's path, in beam order, NumPy or Dr.Jit.
 
-    The way goes through panes and off mirrors; without those it is the ray, and its end the first surface.
+    The path goes through panes and off mirrors; without those it is the ray up to the first surface.
 
-    found               (n,) bool, whether anything was met; where not, the rest is 0, range 1, face -1
-    range_m             (n,) from the sensor, all the way
-    cos_incidence       (n,) in [0, 1], there, between the ray and the geometric normal
+    found               (n,) bool, whether a surface was met; if not, the range is 1, the face -1 and the rest 0
+    range_m             (n,) length of the path from the sensor
+    cos_incidence       (n,) in [0, 1], between the ray and the geometric normal at the surface
     backscatter_per_sr  (n,) f_r(w, w) cos(theta), back along the ray
     sun_scatter_per_sr  (n,) V f_r(w_sun, w) cos(theta_s), 0 in shadow
     reflectivity        (n,) diffuse hemispherical
-    transmittance       (n,) the same, of light that comes out on the other side; 0.0 where all surfaces are opaque
-    cos_sun             (n,) between the normal (on the ray's side) and the sun; negative if it is behind
-    lit                 (n,) bool, whether the sun is seen, by a thin surface from either side
-    radial_velocity_m_s (n,) of the surface against the sensor, along the ray, positive where they part; 0.0 where
+    transmittance       (n,) diffuse hemispherical, of light that leaves on the other side; 0.0 if all are opaque
+    cos_sun             (n,) between the normal on the ray's side and the sun; negative if the sun is behind
+    lit                 (n,) bool, whether the sun lights the surface; a thin one from either side
+    radial_velocity_m_s (n,) of the surface relative to the sensor, along the ray, positive if they move apart; 0.0 if
                         nothing in the scene moves
     face                (n,) int32, triangle number in the world's tables; -1 where nothing was met
-    goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps have to do with this ray or its sunlight;
-                        None where all ways were traced
-    throughput          (n,) share of the light that panes and mirrors leave, one way; back it is the same again
-    interactions        (n,) uint32, panes, mirrors and gaps on the way
-    direction           (x, y, z) unit vector along the last of the way, or None: that of the beam
-    mirrored            (n,) bool, whether one of them mirrored it: the surface is not where the beam points
+    goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps affect this ray or its sunlight; None if
+                        all paths were traced in full
+    throughput          (n,) share of the light that panes and mirrors pass, one way; the way back takes it once more
+    interactions        (n,) uint32, number of panes, mirrors and gaps on the path
+    direction           (x, y, z) unit vector along the last leg of the path; None: that of the beam
+    mirrored            (n,) bool, whether the path was reflected: the surface is not where the beam points
     """
 
     found: Mask

@@ -1,7 +1,7 @@
 """How many panes, mirrors and gaps a beam may meet."""
 
 INTERACTIONS = 3
-"""Unless told otherwise: through both windows of a car, and through the next one's."""
+"""Default: enough for both windows of a car and one of the next car."""
 
 MOST_INTERACTIONS = 8
-"""Each is a further ray query in the kernel, and takes its time to compile."""
+"""Largest allowed number: each is one more ray query in the kernel, which takes time to compile."""

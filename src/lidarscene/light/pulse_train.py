@@ -1,4 +1,12 @@
-"""Train: the Echoes of every ray and path of a pulse in, with the light of the air, the EchoTrain of the pulse out."""
+"""Pulse train: the light of all rays and paths of a pulse, and of the air, as one `EchoTrain`.
+
+Rays are traced on lanes of their own, but a detector sees all light of a pulse at once. So the echoes of a pulse's rays
+become sub-echoes of one pulse, each weighted with its ray's share of the power, and the air adds its own
+(docs/theory.md 22 and 23).
+
+Lanes of rays are pulse-major, lane = pulse lane * rays + ray, so ray i of all pulses is every ``rays``-th lane from i
+on.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +24,11 @@ from .footprint import Skirt
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LitAir:
-    """The air that some pulses go through.
+    """The air that some pulses pass.
 
-    light    what it sends back
-    sensor   that fired the pulses; ambient is what they go through
+    light    backscatter of the air
+    sensor   the sensor that fired the pulses
+    ambient  light and air of the scene
     seed     32-bit frame seed
     pulse    (n,) uint32 pulse numbers
     """
@@ -39,19 +48,20 @@ def together(
     skirt: Skirt | None = None,
     air: LitAir | None = None,
 ) -> EchoTrain:
-    """All that comes back of each pulse.
+    """All light that each pulse brings back.
 
-    paths  Echoes of the lanes' rays by each way that their light takes, lane = pulse lane * rays + ray; the first
-           way is that on which a ray sees its background
-    rays   of a pulse, each with the same share of its power
-    skirt  of them those of a halo, which have its share; None: there is none
-    air    what the pulses go through, if it sends anything back
+    paths  Echoes of all rays for each path of their light, lane = pulse lane * rays + ray; the first path holds the
+           background
+    beams  the rays
+    rays   number of rays of a pulse
+    skirt  the rays of a halo among them; None: all rays share the power evenly
+    air    the air that the pulses pass; None: it sends nothing back
     """
     first = paths[0]
     ops = xp(first.range_m)
 
     def of_pulse(values: Lanes) -> Lanes:
-        """What all rays of a pulse have alike."""
+        """One value for each pulse, of a quantity that all of its rays share."""
         return ops.column(values, 0, rays) if ops.width(values) > 1 else values
 
     weight: Lanes = 1.0 / rays
@@ -59,10 +69,12 @@ def together(
         weight = skirt.weight(ops.index(first.range_m) % rays, rays)
 
     def over_rays(values: Lanes) -> Lanes:
+        """Mean over the rays of each pulse, weighted by their share of its power."""
         if skirt is not None:
             return sum(ops.column(values * weight, ray, rays) for ray in range(rays))
         return sum(ops.column(values, ray, rays) for ray in range(rays)) * weight
 
+    # A ray's echo has the power of a whole pulse; as a sub-echo it has the ray's share of that.
     surfaces = [
         SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * weight, count=rays) for path in paths
     ]
@@ -70,6 +82,8 @@ def together(
     drops: list[SubEchoes] = []
     if air is not None:
         laser, optics = air.sensor.laser, air.sensor.optics
+        # P_t eta A tau: the lidar equation at 1 m for a backscatter of 1 per sr. Range and extinction are in the
+        # course.
         scale = ops.full(air.pulse, 0.0) + radiometry.echo_power_w(
             peak_power_w=laser.peak_power_w,
             backscatter_per_sr=1.0,
@@ -78,6 +92,7 @@ def together(
             aperture_m2=of_pulse(beams.aperture_m2),
             efficiency=optics.efficiency_laser,
         )
+        # One end for all of a pulse's rays: as long as one of them is under way, the air goes on sending light back.
         end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
         volume = air.light.volume(scale=scale, end_m=end_m)
         drops = air.light.sub_echoes(scale=scale, end_m=end_m, seed=air.seed, pulse=air.pulse)
@@ -99,7 +114,10 @@ def together(
 
 
 def _end_m(path: Echoes, far_m: Lanes, rays: int, core: int) -> Lanes:
-    """Where the last ray of each pulse meets a surface; the light around a beam's core makes no air bright."""
+    """Range at which the last of each pulse's ``core`` rays meets a surface, (n,); ``far_m`` if one meets none.
+
+    Rays of a halo do not count: the light of the air has no halo.
+    """
     ops = xp(path.range_m)
     last = ops.where(path.found, path.range_m, far_m)
     end = ops.column(last, 0, rays)

@@ -1,4 +1,10 @@
-"""Waveform: an EchoTrain in, the power on the detector as a function of time out."""
+"""Waveform: the power on the detector as a function of time, with its derivatives.
+
+The comparator and the samplers need power and slope at any place. A sum of Gaussian pulses and a tabulated course of
+the air's light give both in closed form, so no grid of time bins limits the resolution (docs/theory.md 23).
+
+Symbols: u place in units of sigma_p, the standard deviation of the pulse; P power; c speed of light.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +22,28 @@ from ..sensor.model import Sensor
 from .echoes import EchoTrain, Volume
 
 _FAR = 1e30
-"""Place of an interval that a pulse does not have; beyond every window."""
+"""Place of an interval that a pulse does not have: beyond every window."""
 
 _HALF_STEP = 0.5
-"""Over which the slope of a volume's course is taken, in sigma_p: a course bends little over that."""
+"""Step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little over that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waveform:
-    """What comes back of each pulse, in units of the pulse's width around the pulse's first sub-echo.
+    """Power on the detector over place, for each pulse; theory (T50).
 
-    origin_m, unit_m  a place u is at the range origin_m + u unit_m; unit_m is c sigma_p / 2
-    fwhm_s            of the laser's pulse
-    centres, heights  of each sub-echo, (n,) places and powers; height 0 where there is none
-    volume            backscatter of the air, or None
+    A place u is at the range origin_m + u unit_m.
+
+    origin_m  (n,) range of the pulse's first sub-echo
+    unit_m    c sigma_p / 2
+    fwhm_s    width of the laser's pulse
+    centres   (n,) each, place of every sub-echo
+    heights   (n,) each, power of every sub-echo; 0 without one
+    volume    even light of the air, or None
     """
+
+    # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
+    # precision is finest, and every sub-echo is exp(-(u - u_k)^2 / 2) without a scale.
 
     origin_m: Lanes
     unit_m: Lanes
@@ -40,10 +53,11 @@ class Waveform:
     volume: Volume | None
 
     def at(self, place: Lanes) -> Shape:
-        """Power and its two derivatives there."""
+        """Power and its first and second derivative by place, (n,) each."""
         value, slope, bend = sum_of_pulses(at=place, centres=self.centres, heights=self.heights)
         if self.volume is None:
             return value, slope, bend
+        # The air's course is a table and has no derivative in closed form: differences over half steps take its place.
         before, here, after = (
             _volume_w(self.volume, self.range_m(place + step), self.fwhm_s)
             for step in (-_HALF_STEP, 0.0, _HALF_STEP)
@@ -55,21 +69,26 @@ class Waveform:
         )
 
     def evenly(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
-        """The same at places that follow each other evenly, 2 t_FWHM to either side of the middle."""
+        """The waveform at evenly spaced places, at most 2 t_FWHM to either side of the middle.
+
+        start    (n,) first place
+        spacing  (n,) distance between two places
+        middle   (n,) middle of all places
+        """
         parts, growths = evenly(
             start=start, spacing=spacing, middle=middle, centres=self.centres, heights=self.heights
         )
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
     def range_m(self, place: Lanes) -> Lanes:
-        """Range from which light comes at this place."""
+        """Range [m] of the light at a place, (n,)."""
         return self.origin_m + place * self.unit_m
 
     def intervals(self) -> list[tuple[Array, Array]]:
-        """From where to where the waveform can be concave: only there can it have a peak.
-
-        A Gaussian is concave within one sigma of its centre; a volume's course on its hump.
-        """
+        """Intervals (start, end) of places, (n,) each, outside of which the waveform has no peak."""
+        # A peak needs a negative second derivative of the sum, and so of at least one of its terms. A Gaussian has that
+        # within one sigma of its centre, a volume's course on its hump only. An interval that a pulse does not have
+        # starts at the far end and ends before everything, so no search enters it.
         ops = xp(*self.centres, self.origin_m)
         found = [
             (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + 1.0, -_FAR))
@@ -84,10 +103,15 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comb:
-    """A waveform at places that follow each other evenly.
+    """A waveform at evenly spaced places (docs/theory.md 24).
 
-    parts    of each sub-echo at the first place: what a loop over the places takes along
-    growths  what multiplies these from place to place
+    Each sub-echo's part at a place is its part at the place before times a constant. So a sample costs a multiplication
+    for each sub-echo instead of an exponential.
+
+    wave     the waveform
+    middle   (n,) middle of all places
+    parts    (n,) each, every sub-echo's part at the first place; a loop over the places carries them along
+    growths  (n,) each, the factor from one place to the next
     """
 
     wave: Waveform
@@ -96,20 +120,21 @@ class Comb:
     growths: Sequence[Lanes]
 
     def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
-        """At a place, from the parts there."""
+        """Power at a place, (n,) W, from the parts there."""
         wave, value = self.wave, even_sum(at=place, middle=self.middle, parts=parts)
         return (
             value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
         )
 
     def following(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
-        """Parts at the next place."""
+        """The parts at the next place, from those at this one."""
         return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
 
 def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
-    """The sub-echoes of each pulse, taken apart into one array for each."""
+    """Waveforms of some pulses."""
     ops = xp(pulse_train.parts[0].range_m)
+    # Sub-echo k of every pulse becomes an array of its own: loops over sub-echoes then run over arrays of n pulses.
     ranges, heights = (
         [
             ops.column(getattr(part, name), number, part.count)
@@ -124,6 +149,7 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
     nearest = ops.full(heights[0], _FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
+    # A sub-echo without light has height 0 and adds nothing, so its place does not matter.
     origin = ops.where(nearest < _FAR, nearest, 0.0)
     centres = [
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
@@ -136,9 +162,9 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
 
 
 def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
-    """Optical power and the detector's mean signal against time, without noise: each (n, times), numpy.
+    """Optical power [W] and mean detector signal over time, without noise: each (n, times), NumPy.
 
-    times_s  (times,) after the pulse left
+    times_s  (times,) time since the middle of the pulse left
     """
     times = np.asarray(times_s, dtype=np.float64)
     power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
@@ -164,7 +190,7 @@ def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[N
 
 
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
-    """Backscatter of the air; it ends where the last light meets a surface."""
+    """Power of the air's even light, (n,) W; it ends where the last of a pulse's light meets a surface (T37)."""
     ops = xp(range_m, air.scale)
     left = soft_target.share_before_surface(
         range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
