@@ -22,7 +22,7 @@ from lidarscene.errors import LidarSceneError
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "raise ModuleNotFoundError(\"No module named 'lidarscene'\")"
-OLDER = "import lidarscene\nlidarscene.__version__ = '0.0.9'"
+OLDER = "import lidarscene._version\nlidarscene._version.__version__ = '0.0.9'"
 
 Printed = pytest.CaptureFixture[str]
 

@@ -22,14 +22,14 @@ from lidarscene.kernel.rays import onward, trace
 from lidarscene.labels import files
 from lidarscene.maths import random
 from lidarscene.maths.paths import STEP_S
-from lidarscene.maths.trajectory import LARGEST_STEP_RAD
+from lidarscene.maths.trajectory import LARGEST_SPEED_M_S, LARGEST_STEP_RAD, LARGEST_YAW_RATE_DEG_S
 from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
 from lidarscene.physics.weather import particles, precipitation
 from lidarscene.rendering.options import DEFAULT_CHUNK
-from lidarscene.scene import meshes, motion
+from lidarscene.scene import meshes
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
 from lidarscene.studies.catalogue import points_per_second
@@ -135,7 +135,7 @@ def test_defaults_of_render_and_batch() -> None:
 
 
 def test_counts() -> None:
-    says("architecture.md", "the kept points, {} columns", len(COLUMNS))
+    says("architecture.md", "the kept points in {} columns", len(COLUMNS))
     kinds = {name for name, model in MODELS.items() if "type" in model.model_fields}
     scanners = [n for n in kinds if "jitter_mrad" in MODELS[n].model_fields]
     says("limits.md", "by [{} kinds](scanners.md) of mechanics", len(scanners))
@@ -143,18 +143,17 @@ def test_counts() -> None:
 
 
 def test_conventions() -> None:
-    stages = {name: getattr(random, name) for name in vars(random) if name.startswith("STAGE_")}
     says(
         "conventions.md",
         "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
         "{} trailing edges of a multi-level TDC, "
         "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps",
-        *(stages[f"STAGE_{name}"] for name in (
+        *(random.Stage[name] for name in (
             "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
             "AMBIENT", "PARTICLES", "GAPS",
         )),
     )  # fmt: skip
-    assert len(stages) == 10
+    assert len(random.Stage) == 10
     says(
         "conventions.md",
         "(`detection.returns.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
@@ -231,8 +230,8 @@ def test_motion_and_limits() -> None:
     says(
         "motion.md",
         "yaw rates reach {} °/s and speeds {} km/s",
-        motion.LARGEST_YAW_RATE_DEG_S,
-        1e-3 * motion.LARGEST_SPEED_M_S,
+        LARGEST_YAW_RATE_DEG_S,
+        1e-3 * LARGEST_SPEED_M_S,
     )
     says("architecture.md", "cut into pieces of {} m", meshes.LARGEST_EDGE_M)
     says("architecture.md", "Rays start {} mm off a surface", 1e3 * onward.START_OFFSET_M)

@@ -35,8 +35,8 @@ The share is relative to the largest one over all ranges."""
 _LEFT_OUT = 0.5
 """Particles are drawn down to this share of the weakest that trips the comparator alone.
 
-Weaker ones become even light, in which single particles have no echo of their own. At a half, two of them do not reach the threshold
-together. At a share of 1, heavy rain lacks 4 % of its points; at a quarter it has 0.4 % more."""
+Weaker ones become even light, in which single particles have no echo of their own. At a half, two of them do not
+reach the threshold together. At a share of 1, heavy rain lacks 4 % of its points; at a quarter it has 0.4 % more."""
 
 _DRAWS_APART = 1000
 """Random draws that each kind of particle has for itself."""

@@ -71,6 +71,12 @@ def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
     return motion.at(np.clip([time_s], *motion.span_s)).pose()
 
 
+LARGEST_SPEED_M_S = 1e4
+"""Faster than anything on a road, in each direction."""
+
+LARGEST_YAW_RATE_DEG_S = 36_000.0
+"""A hundred turns a second: 18 degrees from one instant of the tables (`paths.STEP_S`) to the next."""
+
 ALWAYS = (-math.inf, math.inf)
 """Span of a motion without end."""
 
@@ -86,14 +92,21 @@ class Course:
     """
 
     start: Pose = field(default_factory=Pose)
-    speed_m_s: Annotated[float, Quantity(ge=-1e4, le=1e4, about="along its own x axis")] = 0.0
-    # At most a hundred turns a second: 18 degrees from one instant of the tables (`paths.STEP_S`) to the next.
+    speed_m_s: Annotated[
+        float, Quantity(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S, about="along its own x axis")
+    ] = 0.0
     yaw_rate_rad_s: Annotated[
-        float, Quantity("deg_s", ge=-36_000.0, le=36_000.0, about="positive to the left")
+        float,
+        Quantity(
+            "deg_s",
+            ge=-LARGEST_YAW_RATE_DEG_S,
+            le=LARGEST_YAW_RATE_DEG_S,
+            about="positive to the left",
+        ),
     ] = 0.0
     velocity_m_s: Annotated[
         tuple[float, float, float],
-        Quantity(ge=-1e4, le=1e4, about="added to it, in the axes of the world"),
+        Quantity(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S, about="added to it, in the axes of the world"),
     ] = (0.0, 0.0, 0.0)
 
     @property

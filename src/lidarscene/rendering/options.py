@@ -18,12 +18,11 @@ import numpy as np
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 
 if TYPE_CHECKING:
     from .summary import Summary
-
-Matrix = np.ndarray[Any, Any]
 
 COORDINATES = ("world", "vehicle", "sensor")
 
@@ -132,9 +131,9 @@ class Observers:
     KEYWORD: ClassVar[str] = "observers"
 
     progress: Callable[[int, int], object] | None = None
-    missed: Callable[[Matrix, Matrix], object] | None = None
-    ambient: Callable[[Matrix, Matrix], object] | None = None
-    points: Callable[[Matrix, Mapping[str, Matrix]], object] | None = None
+    missed: Callable[[Numbers, Numbers], object] | None = None
+    ambient: Callable[[Numbers, Numbers], object] | None = None
+    points: Callable[[Numbers, Mapping[str, Numbers]], object] | None = None
     summary: Summary | None = None
 
     def __post_init__(self) -> None:
@@ -167,9 +166,9 @@ class ObserverKeywords(TypedDict, total=False):
     """The fields of `Observers` as keywords."""
 
     progress: Callable[[int, int], object] | None
-    missed: Callable[[Matrix, Matrix], object] | None
-    ambient: Callable[[Matrix, Matrix], object] | None
-    points: Callable[[Matrix, Mapping[str, Matrix]], object] | None
+    missed: Callable[[Numbers, Numbers], object] | None
+    ambient: Callable[[Numbers, Numbers], object] | None
+    points: Callable[[Numbers, Mapping[str, Numbers]], object] | None
     summary: Summary | None
 
 

@@ -203,7 +203,7 @@ def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
     free = 400.0 - point.busy[0]
     full_w = -np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S
     for cells, power_w in ((free - 0.5, full_w), (free - 0.2, full_w), (free, full_w), (free - 1.0, None)):
-        told = point.told_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
+        told = point.inferred_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
         expected = power_w or -np.log(1.0 / free) * full_w / -np.log(0.5 / free)
         assert told == pytest.approx(expected, rel=1e-9)
 
