@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test test-all lint docs format bench bench-check lock clean
+.PHONY: car test quick test-all lint docs format bench bench-check lock clean
 .DELETE_ON_ERROR:
 
 car: $(READY)
@@ -16,6 +16,12 @@ car: $(READY)
 
 test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+# The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event simulation.
+quick: $(READY)
+	$(BIN)/pytest -n 2 --dist load -q -x tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
+	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py \
+	    --deselect tests/physics/weather/test_fog.py::test_colour_ratio_of_drizzle $(PYTEST_ARGS)
 
 test-all: test
 	$(BIN)/python tools/environments.py wheel lowest newest

@@ -96,7 +96,7 @@ def test_without_times_it_is_the_window():
 
 
 @pytest.mark.parametrize(
-    ("pulses", "message"), [([9], "0 to 8 was expected"), ([-1], "-1 came"), ([], "0 came")]
+    ("pulses", "message"), [([9], "must be 0 to 8, .* got 9"), ([-1], "got -1"), ([], "got 0")]
 )
 def test_pulses_that_are_none(pulses, message):
     with pytest.raises(InputError, match=message):

@@ -187,7 +187,7 @@ def test_named_tests_exist() -> None:
 
 
 def test_tiers_are_those_of_the_test() -> None:
-    source = ast.parse(text_of(ROOT / "tests" / "unit" / "test_imports.py"))
+    source = ast.parse(text_of(ROOT / "tests" / "chain" / "test_imports.py"))
     (tiers,) = [
         ast.literal_eval(node.value)
         for node in source.body

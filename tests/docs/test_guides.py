@@ -234,10 +234,10 @@ def test_motion_and_limits() -> None:
         1e-3 * LARGEST_SPEED_M_S,
     )
     says("architecture.md", "cut into pieces of {} m", meshes.LARGEST_EDGE_M)
-    says("architecture.md", "Rays start {} mm off a surface", 1e3 * onward.START_OFFSET_M)
+    says("architecture.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "A frame is traced 2^20 pulses at a time" in text_of(ROOT / "docs" / "architecture.md")
+    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ROOT / "docs" / "architecture.md")
     assert pytest.approx(1 / 20) == clouds.LEAST_SHARED  # "a twentieth of its pulses"
 
 

@@ -66,7 +66,7 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
         (["--waveforms", "w.csv"], "--waveforms w.csv: a name that ends in .npz was expected"),
         (["--ambient", "a.jpg"], "--ambient a.jpg: a name that ends in .png or .npz was expected"),
         (["--pulses", "3"], "--pulses goes with --waveforms"),
-        (["--waveforms", "w.npz", "--pulses", "231"], "pulses: 0 to 230 was expected"),
+        (["--waveforms", "w.npz", "--pulses", "231"], "pulses: must be 0 to 230"),
         (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, were expected, 9-3 came"),
         (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "0-99999999999 came"),
         (["--waveforms", "w.npz", "--pulses", "x"], "x came"),

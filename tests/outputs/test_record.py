@@ -146,7 +146,7 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
         (("a.ply",), {"sed": 1}, "unknown option 'sed'; known here: rays, "),
         (("a.ply",), {"progress": 1}, "progress: must be a function, got 1"),
         (("moving.toml", {"format": "ply"}), {}, "path moving.toml: is an input of this run, another name was exp"),
-        (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: 0 to 230 was expected"),
+        (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: must be 0 to 230"),
     ],
 )  # fmt: skip
 def test_mistakes_are_told_in_the_words_of_python(
