@@ -6,7 +6,7 @@ import numpy as np
 from drawing import BACKGROUND, FINER, INK, SCENES, bar_of, dark, frame, saved
 
 import lidarscene
-from lidarscene.detection.returns import Outcome
+from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.scene.weather import Weather
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     # what comes back
     from .cloud.points import PointCloud as PointCloud
-    from .detection.returns import Status as Status
-    from .detection.returns import Outcome as Outcome
+    from .detection.outcomes import Status as Status
+    from .detection.outcomes import Outcome as Outcome
     from .cloud.deskew import deskewed as deskewed
     from .labels.boxes import boxes as boxes
 
@@ -79,8 +79,8 @@ _HOME = {
     "Observers": "rendering.options",
     # what comes back
     "PointCloud": "cloud.points",
-    "Status": "detection.returns",
-    "Outcome": "detection.returns",
+    "Status": "detection.outcomes",
+    "Outcome": "detection.outcomes",
     "deskewed": "cloud.deskew",
     "boxes": "labels.boxes",
     # what is written

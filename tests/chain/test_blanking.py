@@ -7,7 +7,7 @@ import pytest
 from helpers import trains
 
 from lidarscene.detection import returns
-from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
@@ -98,5 +98,5 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
 
 
 def test_blanking_beyond_the_window_is_a_mistake():
-    with pytest.raises(InputError, match="blanking_ns: less than the window of 4000 was expected, 4000 came"):
+    with pytest.raises(InputError, match="blanking_ns: must be < 4000, the window, got 4000"):
         trains.sensor("table1-apd", "tdc.window_us=4", "tdc.blanking_ns=4000")

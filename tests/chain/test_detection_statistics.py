@@ -9,7 +9,7 @@ from helpers import chain
 from scipy.stats import binom, norm
 
 from lidarscene import Simulator
-from lidarscene.detection.returns import Outcome
+from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.rendering.simulator import Summary

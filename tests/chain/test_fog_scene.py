@@ -10,7 +10,7 @@ from helpers.documentation import says
 from scipy.constants import c
 
 from lidarscene import load_scene, load_sensor, render
-from lidarscene.detection.returns import Status
+from lidarscene.detection.outcomes import Status
 from lidarscene.physics.optics import receiver
 from lidarscene.physics.weather import fog
 from lidarscene.scene.weather import Weather

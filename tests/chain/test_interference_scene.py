@@ -12,7 +12,7 @@ from scipy.constants import c
 from scipy.stats import kstest, norm
 
 from lidarscene import Simulator, load_scene, load_sensor
-from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.outcomes import Outcome, Status
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -12,7 +12,7 @@ from scipy.special import gammainc
 from scipy.stats import norm
 
 from lidarscene import load_scene, load_sensor, render
-from lidarscene.detection.returns import Status
+from lidarscene.detection.outcomes import Status
 from lidarscene.light import air_light
 from lidarscene.physics.optics import receiver
 from lidarscene.physics.weather import precipitation

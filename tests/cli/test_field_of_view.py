@@ -156,8 +156,11 @@ def test_equal_names_get_files_of_their_own() -> None:
     ("argv", "said"),
     [
         (("table1-apd",), "the following arguments are required: -o/--output"),
-        (("-o", "out"), "SENSOR and --rig: one of them was expected"),
-        (("table1-apd", "--rig", "r.toml", "-o", "out"), "SENSOR and --rig: one of them was expected"),
+        (("-o", "out"), "SENSOR and --rig: one of them must be given, got both or none"),
+        (
+            ("table1-apd", "--rig", "r.toml", "-o", "out"),
+            "SENSOR and --rig: one of them must be given, got both or none",
+        ),
         (("--rig", "none.toml", "-o", "out"), "none.toml: no such file"),
         (("table1-apd", "-o", "out", "--pose", "0,0,1"), "--pose goes with --scene"),
         (("nonsense", "-o", "out"), "nonsense"),
@@ -166,7 +169,7 @@ def test_equal_names_get_files_of_their_own() -> None:
         (("table1-apd", "-o", "out", "--time", "0"), "seconds that rise"),
         (("table1-apd", "-o", "out", "--time", "x"), "seconds that rise"),
         (("table1-apd", "-o", "out", "--time", "1000"), "--time: 1000 s of this scanner are"),
-        (("table1-apd", "-o", "out", "--cell", "0.001"), "--cell: 0.02 to 10 degrees were expected"),
+        (("table1-apd", "-o", "out", "--cell", "0.001"), "--cell: must be 0.02 to 10 degrees, got 0.001"),
         (("table1-apd", "-o", "out", "--reflectivity", "-1"), "--reflectivity"),
         (("table1-apd", "-o", "out", "--scene", "none.toml"), "none.toml"),
         (("table1-apd", "-o", "out", "--mask", "round"), "--mask"),

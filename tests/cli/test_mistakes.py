@@ -85,7 +85,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "the scene is empty: [[bodies]] or base = ... was expected"),
+        ("", "the scene must have [[bodies]] or base = ..., got neither"),
         (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
         ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, base, base_materials, sun, sky,"),
         (WALL + "colour = 1\n", "unknown key 'bodies[0 \"wall\"].colour'; known here: position_m, yaw_deg,"),
@@ -100,7 +100,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "scale = 1e-9\n", 'bodies[0 "wall"]: with its scale a body must be >= 1e-06 m across'),
         (WALL + "scale = 1e300\n", 'bodies[0 "wall"].scale: must be <= 1e+06, got 1e+300'),
         (WALL.replace("[4, 4]", "4"), 'bodies[0 "wall"].size_m: must be a list, got 4'),
-        (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane has 2 numbers, 1 came'),
+        (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane must have 2 numbers, got 1'),
         (WALL.replace("[4, 4]", "[4, 0]"), 'bodies[0 "wall"].size_m[1]: must be > 0, got 0'),
         (WALL.replace("[10, 0, 0]", "[1, 0]"), 'bodies[0 "wall"].position_m: must be a longer list, got [1, 0]'),
         (WALL.replace("[10, 0, 0]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: must be <= 1e+08'),
@@ -111,14 +111,14 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
         (WALL.replace('"wall"', '""'), 'bodies[0 ""].name: must be text that is not empty, got ""'),
         (WALL + WALL, "names of bodies must be unique, got 'wall' twice"),
-        (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive was expected, not both or none'),
-        (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane takes size_m, size_m and radius_m came'),
+        (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive must be given, got both or none'),
+        (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane must have size_m, got size_m and radius_m'),
         (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
         (WALL.replace('"plane"', '"cone"'),
          "bodies[0 \"wall\"].primitive: must be 'plane', 'box', 'sphere' or 'cylinder', got \"cone\""),
         (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: must be > 0, got 0"),
-        (WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n", ("air: one way to say it was expected, "
-         "transmittance and visibility_km came")),
+        (WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n", ("air: must have only one of transmittance, "
+         "extinction_per_m, visibility_km, got transmittance and visibility_km")),
         (WALL + "[weather]\nfog = 'thick'\n", ("weather.fog: must be 'strong_advection', 'moderate_advection', "
          "'radiation', 'strong_spray', 'moderate_spray' or 'chu_hogg', got \"thick\"")),
         (WALL + "[weather]\nfog_visibility_km = 0\n", "weather.fog_visibility_km: must be >= 0.005, got 0"),
@@ -131,9 +131,9 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
          "materials.x.reflectivity[0].value: must be <= 1, got 2"),
         (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = 0.5\n",
-         "materials.x: reflectivity and transmittance: at most 1 together was expected, 1.1 came"),
+         "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.1"),
         (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = [{ wavelength_nm = 905, value = 0.45 }]\n",
-         "materials.x: reflectivity and transmittance: at most 1 together was expected, 1.05 came at 905 nm"),
+         "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.05 at 905 nm"),
         (WALL + "[materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5\n",
          "materials.x: a mirror material has no cover"),
         (WALL + "[materials.x]\nreflectivity = 0.6\ncover = 0\n",
@@ -149,7 +149,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         ('base = "none.xml"\n', "base: none.xml: no such file"),
         (f'base = "{"long" * 99}.xml"\n', f"base: {'long' * 99}.xml: no such file"),
         ('base = "ok.obj"\n', "base: ok.obj: the name of a Mitsuba scene must end in .xml"),
-        (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials came without base"),
+        (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials must go with base, got no base"),
     ],
 )  # fmt: skip
 def test_bad_scene(run: Run, tmp_path: Path, text: str, told: str) -> None:
@@ -177,7 +177,7 @@ def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
     for name, told in (
         ("none.toml", "none.toml: no such file"),
         ("none.xml", "none.xml: no such file"),
-        ("folder.toml", "folder.toml: is a folder, a TOML file was expected"),
+        ("folder.toml", "folder.toml: must be a TOML file, got a folder"),
         ("folder.xml", "folder.xml: must be a Mitsuba XML scene, got a folder"),
     ):
         assert refused(run, tmp_path, "render", name, "-o", "o.ply") == told
@@ -214,11 +214,11 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
         ("detector.gain=0.5", "detector.gain: must be >= 1, got 0.5"),
         (
             "detector.ionisation_ratio=0.1",
-            "one of excess_noise_index and ionisation_ratio was expected, not both",
+            "one of excess_noise_index and ionisation_ratio must be given, got both",
         ),
         (
             "tdc.threshold_level=1",
-            "one of threshold_to_noise and threshold_level was expected, not both or none",
+            "one of threshold_to_noise and threshold_level must be given, got both or none",
         ),
         ("tdc.threshold_to_noise=1e-30", "tdc.threshold_to_noise: must be >= 0.01, got 1e-30"),
         ("tdc.stops=1.5", "tdc.stops: must be a whole number, got 1.5"),
@@ -256,14 +256,14 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, t
         (["--seed", "1.5"], "must be a whole number from 0 to 4294967295, got 1.5"),
         (["--chunk", "0"], "argument --chunk: must be a whole number from 1 to 2147483647, got 0"),
         (["--chunk", "many"], "must be a whole number from 1 to 2147483647, got many"),
-        (["--pose", "1,2"], ("argument --pose: X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and degrees was "
-         "expected, 1,2 came")),
-        (["--pose", "1,2,3,4,5,6,7"], "and degrees was expected, 1,2,3,4,5,6,7 came"),
-        (["--pose", "nan,0,0"], "and degrees was expected, nan,0,0 came"),
-        (["--pose", "-inf,0,0"], "and degrees was expected, -inf,0,0 came"),
-        (["--pose", "1e300,0,0"], "and degrees was expected, 1e300,0,0 came"),
-        (["--pose", "a,b,c"], "and degrees was expected, a,b,c came"),
-        (["--pose", "1,,2"], "and degrees was expected, 1,,2 came"),
+        (["--pose", "1,2"], ("argument --pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and "
+         "degrees, got 1,2")),
+        (["--pose", "1,2,3,4,5,6,7"], "and degrees, got 1,2,3,4,5,6,7"),
+        (["--pose", "nan,0,0"], "and degrees, got nan,0,0"),
+        (["--pose", "-inf,0,0"], "and degrees, got -inf,0,0"),
+        (["--pose", "1e300,0,0"], "and degrees, got 1e300,0,0"),
+        (["--pose", "a,b,c"], "and degrees, got a,b,c"),
+        (["--pose", "1,,2"], "and degrees, got 1,,2"),
         (["--pose", "--json"], "argument --pose: expected one argument"),
         (["--coordinates", "car"], "argument --coordinates/--frame: invalid choice: 'car'"),
         (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd or"),
@@ -271,8 +271,8 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, t
         (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has biaxial-905"),
         (["--sensor", "wall.toml"], "wall.toml: "),
         (["--sensor", "./sensor"], "sensor: the name of a sensor file ends in .toml"),
-        (["--picture", "o.gif"], "--picture o.gif: a name that ends in .png or .svg was expected"),
-        (["--keep-missed", "o.csv"], "--keep-missed o.csv: a name that ends in .npz was expected"),
+        (["--picture", "o.gif"], "--picture o.gif: the name must end in .png or .svg"),
+        (["--keep-missed", "o.csv"], "--keep-missed o.csv: the name must end in .npz"),
         (["--sed", "1"], "unrecognized arguments: --sed 1"),
     ],
 )  # fmt: skip
@@ -312,11 +312,11 @@ def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, 
     [
         ("wall.toml/o.ply", "is a file, not a folder"),
         ("/proc/none/o.ply", "cannot be written: "),
-        (".", "a name that ends in one of .ply, "),
-        ("", "a name that ends in one of .ply, "),
+        (".", "the name must end in one of .ply, "),
+        ("", "the name must end in one of .ply, "),
         ("folder.ply", "must be the name of a file, got a folder"),
-        ("o.xyz", "--output o.xyz: a name that ends in one of .ply, "),
-        ("wall.toml", "--output wall.toml: a name that ends in one of .ply, "),
+        ("o.xyz", "--output o.xyz: the name must end in one of .ply, "),
+        ("wall.toml", "--output wall.toml: the name must end in one of .ply, "),
     ],
 )
 def test_output_that_cannot_be(
@@ -345,7 +345,7 @@ def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
     for scene in ("scene.toml", "based.toml", "base.xml"):
         for output in ("mesh.ply", "./mesh.ply", "link.ply"):
             line = refused(run, tmp_path, "render", scene, "-o", output, *COARSE)
-            assert line == f"--output {Path(output)}: is an input of this run, another name was expected"
+            assert line == f"--output {Path(output)}: must be another name, got an input of this run"
     assert (tmp_path / "mesh.ply").read_bytes() == content
 
 

@@ -128,20 +128,20 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (("-o", "a.ply", "--frames", "2"), "--output a.ply: with --frames a folder was expected"),
-        (("-o", "drive.toml", "--frames", "2"), "--output drive.toml: with --frames a folder was expected"),
-        (("-o", "a.ply", "--rig", "two.toml"), "--output a.ply: with --rig a folder was expected"),
-        (("-o", "a.ply", "--rig", "two.toml", "--frames", "2"), "with --frames and --rig a folder was expected"),
-        (("-o", "out", "--rig", "two.toml", "--merge"), "--output out: a name that ends in one of .ply, "),
+        (("-o", "a.ply", "--frames", "2"), "--output a.ply: must be a folder with --frames"),
+        (("-o", "drive.toml", "--frames", "2"), "--output drive.toml: must be a folder with --frames"),
+        (("-o", "a.ply", "--rig", "two.toml"), "--output a.ply: must be a folder with --rig"),
+        (("-o", "a.ply", "--rig", "two.toml", "--frames", "2"), "must be a folder with --frames and --rig"),
+        (("-o", "out", "--rig", "two.toml", "--merge"), "--output out: the name must end in one of .ply, "),
         (("-o", "a", "--frames", "0"), "--frames"),
         (("-o", "a", "--frames", "10001"), "--frames"),
         (("-o", "a", "--frames", "x"), "--frames"),
         (("-o", "a.ply", "--begin", "x"), "--begin"),
         (("-o", "a.ply", "--begin", "nan"), "--begin"),
         (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
-        (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--sensor and --rig: one of them was expected"),
+        (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--rig: must be only one of them, got both"),
         (("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
-         "--merge: coordinates that all sensors have were expected, --coordinates world or vehicle"),
+         "--merge: must go with --coordinates world or vehicle, which all sensors share, got sensor"),
         (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
         (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
         (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),
@@ -194,7 +194,7 @@ def test_inputs_are_not_written_over(run: Run, drive: str, tmp_path: Path) -> No
     (tmp_path / "way.ply").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     (tmp_path / "drive.toml").write_text('[ego]\nposes_file = "way.ply"\n' + WALL)
     told = run("render", "drive.toml", "-o", "way.ply")
-    assert "way.ply: is an input of this run" in told.err
+    assert "way.ply: must be another name, got an input of this run" in told.err
 
 
 def test_the_view_rides_with_the_vehicle(

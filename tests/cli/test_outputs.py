@@ -99,16 +99,16 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["-o", "a.xyz"], "--output a.xyz: a name that ends in one of .ply, .pcd, .las"),
+        (["-o", "a.xyz"], "--output a.xyz: the name must end in one of .ply, .pcd, .las"),
         (["-o", "a.ply", "--format", "pointcloud"], "argument --format: invalid choice: 'pointcloud'"),
         (["-o", "a.bin", "--ascii"], "--ascii: ply and pcd can be text"),
         (["-o", "a.ply", "--labels", "coco"], "argument --labels: invalid choice: 'coco'"),
-        (["-o", "a.ply", "--range-image", "r.jpg"], "r.jpg: a name that ends in .png or .npz was expected"),
-        (["-o", "a.ply", "--dataset", "kitti"], "--output a.ply: with --dataset a folder was expected"),
+        (["-o", "a.ply", "--range-image", "r.jpg"], "r.jpg: the name must end in .png or .npz"),
+        (["-o", "a.ply", "--dataset", "kitti"], "--output a.ply: must be a folder with --dataset"),
         (["-o", "a", "--dataset", "kitti", "--format", "kitti"], "--format: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
-        (["-o", "a.mcap", "--frames", "2"], "--output a.mcap: with --frames a folder was expected"),
+        (["-o", "a.mcap", "--frames", "2"], "--output a.mcap: must be a folder with --frames"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:

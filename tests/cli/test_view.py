@@ -40,10 +40,10 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
         (["a.xyz"], "a.xyz: suffix '.xyz' names no point cloud format; known: .ply"),
         (
             ["empty"],
-            "empty: holds no clouds; files that end in .las, .laz, .npz, .parquet, .pcd, .ply were expected",
+            "empty: must hold files that end in .las, .laz, .npz, .parquet, .pcd, .ply, got none",
         ),
-        (["wall.toml", "wall.toml"], "view: one scene was expected, wall.toml and wall.toml came"),
-        (["wall.toml", "--save", "page.pdf"], "--save page.pdf: a name that ends in .html was expected"),
+        (["wall.toml", "wall.toml"], "view: must be one scene, got wall.toml and wall.toml"),
+        (["wall.toml", "--save", "page.pdf"], "--save page.pdf: the name must end in .html"),
         (["wall.toml", "--save", "wall.toml/page.html"], "wall.toml/page.html: cannot be written"),
         (["a.ply", "--pose", "0,0,1"], "--pose: goes with a scene that is rendered, not with clouds"),
         (["wall.toml", "--port", "70000"], "must be a whole number from 0 to 65535, got 70000"),

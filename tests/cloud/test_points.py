@@ -57,7 +57,7 @@ def test_position_is_single_or_double() -> None:
         ({"body": None, "material": None}, "truth fields come all together; missing: body, material"),
         ({"body": np.full(7, 3)}, r"PointCloud\.body: 3 to 3, with names for 0 to 2"),
         ({"class_id": np.full(7, -2)}, r"PointCloud\.class_id: -2 to -2"),
-        ({"metadata": {"frame": "world"}}, "'sensor_position_m' as 'x y z'; came 'world' with ''"),
+        ({"metadata": {"frame": "world"}}, "'sensor_position_m' as 'x y z', got 'world' with ''"),
         ({"metadata": {"frame": "world", "sensor_position_m": "1 2 inf"}}, "with '1 2 inf'"),
         ({"metadata": {"frame": "car"}}, "'frame' must be 'sensor', or 'world'"),
         ({"metadata": {"": "nothing"}}, "keys must have 1 to 100 characters"),

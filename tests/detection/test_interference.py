@@ -8,7 +8,7 @@ from helpers import chain, trains
 from scipy.stats import ks_2samp, kstest, norm, spearmanr
 
 from lidarscene.detection import returns
-from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk

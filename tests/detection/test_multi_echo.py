@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
 from lidarscene.detection import returns
-from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
 from lidarscene.light.footprint import points
 from lidarscene.light.waveform import sampled

@@ -375,13 +375,16 @@ def test_two_pulses_in_one_window_are_read_apart():
     ("overrides", "message"),
     [
         (["sampler.type='adc'"], "key 'sampler.rate_mhz' is missing"),
-        ([*ADC, "sampler.rate_mhz=100"], "sampler.rate_mhz: at least 166.667 was expected"),
-        (["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"], "rising numbers were expected"),
+        ([*ADC, "sampler.rate_mhz=100"], "sampler.rate_mhz: must be >= 166.667"),
+        (
+            ["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"],
+            "levels: must be rising numbers, got [4.0, 2.0]",
+        ),
         (["sampler.type='multi_level_tdc'", "sampler.levels=[1]"], "levels"),
         (["tdc.keep='all'", "tdc.stops=2"], "stops: not together with"),
         (
             ["sampler.type='adc'", "sampler.rate_mhz=43000", "sampler.bits=8", "sampler.full_scale=1"],
-            "sampler.rate_mhz: at most 42625 was expected (1024 samples in four pulse widths), 43000 came",
+            "sampler.rate_mhz: must be <= 42625 (1024 samples in four pulse widths), got 43000",
         ),
     ],
 )

@@ -14,7 +14,7 @@ from helpers.models import MODELS
 from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
 from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
-from lidarscene.detection.returns import Outcome, Status
+from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.detection.sampled_waveforms import SAMPLES_PER_FWHM
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.columns import COLUMNS
@@ -156,7 +156,7 @@ def test_conventions() -> None:
     assert len(random.Stage) == 10
     says(
         "conventions.md",
-        "(`detection.returns.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
+        "(`detection.outcomes.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
         Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
     )  # fmt: skip
     says(

@@ -93,19 +93,19 @@ def test_angles_as_before(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ('place = [48.0, 11.0], time = "2026-06-21T12:00:00"', "sun.time: no offset from UTC in 2026-06-21T12:00:00"),
-        ("place = [48.0, 11.0], time = 2026-06-21T12:00:00", "sun.time: no offset from UTC"),
-        ("place = [48.0, 11.0], time = 2026-06-21", "sun.time: a time such as .* was expected, 2026-06-21 came"),
-        ('place = [48.0, 11.0], time = "noon"', "sun.time: a time such as .* was expected, noon came"),
-        ("place = [48.0, 11.0], time = 1600-06-21T12:00:00Z", "sun.time: a year of 1900 to 2100 was expected"),
-        ("place = [48.0, 11.0]", "sun: place and time were expected together, place came"),
-        ("time = 2026-06-21T12:00:00Z", "sun: place and time were expected together, time came"),
-        ("north_deg = 3", "sun: place and time were expected together, north_deg came"),
+        ('place = [48.0, 11.0], time = "2026-06-21T12:00:00"', "time: must have an offset .* 2026-06-21T12:00:00"),
+        ("place = [48.0, 11.0], time = 2026-06-21T12:00:00", "sun.time: must have an offset from UTC"),
+        ("place = [48.0, 11.0], time = 2026-06-21", "sun.time: must be a time such as .*, got 2026-06-21"),
+        ('place = [48.0, 11.0], time = "noon"', "sun.time: must be a time such as .*, got noon"),
+        ("place = [48.0, 11.0], time = 1600-06-21T12:00:00Z", "sun.time: must be a year from 1900 to 2100"),
+        ("place = [48.0, 11.0]", "sun: place and time must be given together, got place"),
+        ("time = 2026-06-21T12:00:00Z", "sun: place and time must be given together, got time"),
+        ("north_deg = 3", "sun: place and time must be given together, got north_deg"),
         ("place = [111.0, 11.0], time = 2026-06-21T12:00:00Z", r"sun.place\[0\]: must be <= 90"),
         ("place = [48.0], time = 2026-06-21T12:00:00Z", "sun.place"),
         (
             "place = [48.0, 11.0], time = 2026-06-21T12:00:00Z, azimuth_deg = 3",
-            "sun: the sun's angles or its place and time were expected, azimuth_deg and place and time came",
+            "sun: must have the sun's angles or its place and time, got azimuth_deg and place and time",
         ),
     ],
 )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from helpers import chain, launches
 from helpers.table_1 import K_PD, P_RS, M, sigma_18
 
-from lidarscene.detection.returns import Status
+from lidarscene.detection.outcomes import Status
 from lidarscene.light.air_light import overlap_of
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics.pulse import gaussian_pulse

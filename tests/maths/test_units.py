@@ -164,7 +164,7 @@ def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
 
 
 def test_a_name_with_another_unit_is_refused() -> None:
-    with pytest.raises(TypeError, match="width_s: a name that ends in _m was expected of a number in mm"):
+    with pytest.raises(TypeError, match="width_s: the name must end in _m for a number in mm"):
         Quantity("mm").of("width_s")
 
 

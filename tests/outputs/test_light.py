@@ -63,13 +63,13 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--waveforms", "w.csv"], "--waveforms w.csv: a name that ends in .npz was expected"),
-        (["--ambient", "a.jpg"], "--ambient a.jpg: a name that ends in .png or .npz was expected"),
+        (["--waveforms", "w.csv"], "--waveforms w.csv: the name must end in .npz"),
+        (["--ambient", "a.jpg"], "--ambient a.jpg: the name must end in .png or .npz"),
         (["--pulses", "3"], "--pulses goes with --waveforms"),
         (["--waveforms", "w.npz", "--pulses", "231"], "pulses: must be 0 to 230"),
-        (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, were expected, 9-3 came"),
-        (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "0-99999999999 came"),
-        (["--waveforms", "w.npz", "--pulses", "x"], "x came"),
+        (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, got 9-3"),
+        (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "got 0-99999999999"),
+        (["--waveforms", "w.npz", "--pulses", "x"], "got x"),
         (
             ["--background-rays", "0"],
             "argument --background-rays: must be a whole number from 1 to 1024, got 0",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.detection.returns import OUTCOME_TEXT
+from lidarscene.detection.outcomes import OUTCOME_TEXT
 from lidarscene.files import spool
 from lidarscene.outputs.missed import missed_stream
 

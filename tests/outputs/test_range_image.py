@@ -81,5 +81,5 @@ def test_an_empty_cloud_and_a_wrong_name(tmp_path: Path) -> None:
     nothing = street.cloud().select(slice(0, 0))
     write_range_image(tmp_path / "a.png", nothing)
     assert not matplotlib.image.imread(tmp_path / "a.png").any()
-    with pytest.raises(InputError, match=r"a\.jpg: a name that ends in \.png or \.npz was expected"):
+    with pytest.raises(InputError, match=r"a\.jpg: the name must end in \.png or \.npz"):
         write_range_image(tmp_path / "a.jpg", nothing)

@@ -137,15 +137,15 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
 @pytest.mark.parametrize(
     ("files", "options", "told"),
     [
-        (("a.ply",), {"frames": 2}, "path a.ply: with frames a folder was expected"),
-        (("out",), {}, "path out: a name that ends in one of .ply, "),
+        (("a.ply",), {"frames": 2}, "path a.ply: must be a folder with frames"),
+        (("out",), {}, "path out: the name must end in one of .ply, "),
         (("a.laz", {"ascii": True}), {}, "ascii: ply and pcd can be text"),
         (("a.ply", {"merge": True}), {}, "merge goes with rig"),
         (("out",), {"frames": 0}, "frames: must be a whole number from 1 to 10000, got 0"),
         (("a.ply",), {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
         (("a.ply",), {"sed": 1}, "unknown option 'sed'; known here: rays, "),
         (("a.ply",), {"progress": 1}, "progress: must be a function, got 1"),
-        (("moving.toml", {"format": "ply"}), {}, "path moving.toml: is an input of this run, another name was exp"),
+        (("moving.toml", {"format": "ply"}), {}, "path moving.toml: must be another name, got an input of this run"),
         (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: must be 0 to 230"),
     ],
 )  # fmt: skip
@@ -163,7 +163,7 @@ def test_mistakes_are_told_in_the_words_of_python(
 def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_path: Path) -> None:
     rig = load_rig("rig.toml")
     (tmp_path / "way.ply").write_text("")
-    with pytest.raises(InputError, match=r"path way.ply: is an input of this run"):
+    with pytest.raises(InputError, match=r"path way.ply: must be another name, got an input of this run"):
         record(
             moving, replace(rig, files=(*rig.files, Path("way.ply"))), outputs=Outputs("way.ply", merge=True)
         )
@@ -172,7 +172,9 @@ def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_p
 
 def test_overrides_are_for_files(run: Run, moving: str) -> None:
     """A rig that is loaded does not change; silence would hide it."""
-    with pytest.raises(InputError, match=r"^overrides: go with the name or file of a sensor, a Rig came$"):
+    with pytest.raises(
+        InputError, match=r"^overrides: must go with the name or file of a sensor, got a Rig$"
+    ):
         record(moving, load_rig("rig.toml"), outputs=Outputs("out"), overrides=SETS)
 
 

@@ -55,8 +55,8 @@ def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) 
             {"merge": True, "missed": "m.npz"},
             "missed: goes with the clouds of single sensors, not with merge",
         ),
-        ({"picture": "p.gif"}, "picture p.gif: a name that ends in .png or .svg was expected"),
-        ({"missed": "{0}.csv"}, "missed {0}.csv: a name that ends in .npz was expected"),
+        ({"picture": "p.gif"}, "picture p.gif: the name must end in .png or .svg"),
+        ({"missed": "{0}.csv"}, "missed {0}.csv: the name must end in .npz"),
         ({"pulses": [3]}, "pulses goes with waveforms"),
     ],
 )
@@ -68,9 +68,9 @@ def test_outputs_that_do_not_go_together(given: dict[str, Any], told: str) -> No
 
 def test_the_command_line_names_its_own_options() -> None:
     """Also where a value looks like the name of an option."""
-    error = OptionError("{path} {0}: with {begin_s} and {no_such} a folder was expected", Path("{seed}.ply"))
-    assert str(error) == "path {seed}.ply: with begin_s and no_such a folder was expected"
-    assert terminal.told(error) == "--output {seed}.ply: with --begin and --no-such a folder was expected"
+    error = OptionError("{path} {0}: must be a folder with {begin_s} and {no_such}", Path("{seed}.ply"))
+    assert str(error) == "path {seed}.ply: must be a folder with begin_s and no_such"
+    assert terminal.told(error) == "--output {seed}.ply: must be a folder with --begin and --no-such"
     again = pickle.loads(pickle.dumps(error))
     assert (str(again), terminal.told(again)) == (str(error), terminal.told(error))
 

@@ -44,11 +44,14 @@ def test_filters(entry: str, w_m2: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("", "optics: one of sun_irradiance_w_m2 and filter was expected, not both or none"),
-        (f"{GIVEN}\nfilter = {{ csv = 'a.csv' }}", "one of sun_irradiance_w_m2 and filter was expected"),
-        ("filter = { centre_nm = 905 }", "optics.filter: centre_nm and width_nm, or csv, were expected"),
-        ("filter = { width_nm = 9, csv = 'a.csv' }", "csv says all of the filter, width_nm came too"),
-        ("filter = { centre_nm = 905, width_nm = 9, order = 4 }", 'order is for shape = "super_gaussian"'),
+        ("", "optics: one of sun_irradiance_w_m2 and filter must be given, got both or none"),
+        (f"{GIVEN}\nfilter = {{ csv = 'a.csv' }}", "one of sun_irradiance_w_m2 and filter must be given"),
+        ("filter = { centre_nm = 905 }", "optics.filter: must have centre_nm and width_nm, or csv"),
+        ("filter = { width_nm = 9, csv = 'a.csv' }", "csv .* must stand alone, got width_nm too"),
+        (
+            "filter = { centre_nm = 905, width_nm = 9, order = 4 }",
+            'order must go with shape = "super_gaussian"',
+        ),
         ("filter = { centre_nm = 905, width_nm = -9 }", "optics.filter.width_nm: must be >= 0.01"),
         (
             "filter = { centre_nm = 905, width_nm = 9, spectrum = 'moon' }",
@@ -68,11 +71,11 @@ def test_mistakes(entry: str, message: str, tmp_path: Path) -> None:
     [
         ("", "two lines of wavelength_nm,transmittance or more"),
         ("wavelength_nm,transmittance\n900,1\n", "two lines"),
-        ("900,1\n900,1\n", "line 2: a longer wavelength than 900 nm was expected"),
-        ("900,1\n910,x\n", "line 2: wavelength_nm,transmittance was expected, 910,x came"),
-        ("900,1\n910\n", "line 2: wavelength_nm,transmittance was expected, 910 came"),
-        ("900,0\n905,90\n", "line 2: .* a transmittance of 0 to 1 were expected, 905,90 came"),
-        ("900,nan\n905,1\n", "line 1: .* 900,nan came"),
+        ("900,1\n900,1\n", "line 2: the wavelength must be > 900 nm, got 900"),
+        ("900,1\n910,x\n", "line 2: must be wavelength_nm,transmittance, got 910,x"),
+        ("900,1\n910\n", "line 2: must be wavelength_nm,transmittance, got 910"),
+        ("900,0\n905,90\n", "line 2: .* a transmittance of 0 to 1, got 905,90"),
+        ("900,nan\n905,1\n", "line 1: .* got 900,nan"),
     ],
 )
 def test_mistakes_in_the_table(text: str, message: str, tmp_path: Path) -> None:

@@ -195,16 +195,16 @@ def test_npz_and_the_length_of_a_frame(tmp_path):
     ("text", "changes", "line"),
     [
         ("", {}, "the first line must name the columns"),
-        ("time_s,azimuth_deg\n0,1\n", {}, "one column of elevation_deg, elevation_rad was expected, none came"),
-        ("time_s,time_ms,azimuth_deg,elevation_deg\n0,0,1,1\n", {}, "time_s and time_ms came"),
-        ("time_s,azimuth_deg,elevation_deg\n", {}, "no pulses, at least one was expected"),
+        ("time_s,azimuth_deg\n0,1\n", {}, "must have one column of elevation_deg, elevation_rad, got none"),
+        ("time_s,time_ms,azimuth_deg,elevation_deg\n0,0,1,1\n", {}, "got time_s and time_ms"),
+        ("time_s,azimuth_deg,elevation_deg\n", {}, "must have at least one pulse, got none"),
         ("time_s,azimuth_deg,elevation_deg\n0,1,nan\n", {}, "elevation_deg of pulse 1 is not a finite number"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,91\n", {}, "elevations from -90 to 90 degrees were expected"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n2,1,1\n1,1,1\n", {}, "that of pulse 3 does"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,91\n", {}, "elevations must be from -90 to 90 degrees"),
+        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n2,1,1\n1,1,1\n", {}, "times must never fall, got a fall at pulse 3"),
         ("time_s,azimuth_deg,elevation_deg\n0,1,1\n0,x,1\n", {}, "cannot be read as CSV: could not convert"),
         ("time_s,azimuth_deg,elevation_deg\n0,1,1\n", {}, "all pulses are at one time, so scanner.frame_ms"),
-        (CSV, {"frame_ms": 0.01}, "pulses up to 0.04 ms came, scanner.frame_ms = 0.01 ends before"),
-        (CSV.replace(",1\n", ",1.5\n"), {}, "channels that are whole numbers below 2^24 were expected"),
+        (CSV, {"frame_ms": 0.01}, "scanner.frame_ms must be >= 0.04, the time of the last pulse, got 0.01"),
+        (CSV.replace(",1\n", ",1.5\n"), {}, "channels must be whole numbers below 2^24"),
     ],
 )  # fmt: skip
 def test_mistakes_in_tables(tmp_path, text, changes, line):

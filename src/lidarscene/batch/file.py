@@ -41,7 +41,7 @@ def _each_once(key: str, values: Sequence[Any]) -> None:
     texts = [toml_text(one) for one in values]
     text, times = Counter(texts).most_common(1)[0] if texts else ("", 0)
     if times > 1:
-        raise ValueError(f"{key}: every value once was expected, {text} came {times} times")
+        raise ValueError(f"{key}: values must be unique, got {text} ({times} times)")
 
 
 class SweepFile(FileModel):
@@ -63,7 +63,7 @@ class SweepFile(FileModel):
         for kind in ("scene", "sensor"):
             for key, values in _leaves(getattr(self, kind)):
                 if not isinstance(values, tuple) or not values:
-                    raise ValueError(f"{kind}.{key}: a list of values was expected, {toml_text(values)} came")
+                    raise ValueError(f"{kind}.{key}: must be a list of values, got {toml_text(values)}")
                 _each_once(f"{kind}.{key}", values)
         return self
 
@@ -132,9 +132,9 @@ class JobFile(FileModel):
             _each_once(key, getattr(self, key))
         _each_once("trajectories", [one.label for one in self.trajectories])
         if self.format not in FORMATS:
-            raise ValueError(f"format: one of {', '.join(FORMATS)} was expected, '{self.format}' came")
+            raise ValueError(f"format: must be one of {', '.join(FORMATS)}, got '{self.format}'")
         if self.seed_count is not None and "seeds" in self.model_fields_set:
-            raise ValueError("one way to say it was expected, seeds and seed_count came")
+            raise ValueError("must have only one of seeds and seed_count, got both")
         return self
 
     def all_seeds(self) -> Sequence[int]:

@@ -61,11 +61,11 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
     from ..files.atomic import require_writable
 
     if arguments.scheduler is not None and arguments.workers is not None:
-        raise InputError("--scheduler and --workers: one of them was expected")
+        raise InputError("--scheduler and --workers: must be only one of them, got both")
     cluster.require_packages()
     job = Job.read(arguments.job)
     if arguments.output.exists() and not arguments.output.is_dir():
-        raise InputError(f"--output {arguments.output}: a folder was expected")
+        raise InputError(f"--output {arguments.output}: must be a folder, got a file")
     manifest = Store(arguments.output).manifest
     require_writable(manifest)
     threads = None

@@ -72,7 +72,7 @@ def compare_text(arguments: argparse.Namespace) -> str:
     if arguments.sensors is None:
         return _clouds(arguments)
     if len(arguments.inputs) != 1:
-        raise InputError(f"--sensors: goes with one scene, {len(arguments.inputs)} files came")
+        raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
     return _sensors(arguments)
 
 
@@ -87,8 +87,8 @@ def _sensors(arguments: argparse.Namespace) -> str:
     words = arguments.sensors.split(",")
     if not 2 <= len(words) <= MOST_SENSORS or not all(words):
         raise InputError(
-            f"--sensors: 2 to {MOST_SENSORS} names or files with commas between them were expected, "
-            f"{arguments.sensors} came"
+            f"--sensors: must be 2 to {MOST_SENSORS} names or files with commas between them, "
+            f"got {arguments.sensors}"
         )
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].require("--illuminance", value)
@@ -112,8 +112,8 @@ def _clouds(arguments: argparse.Namespace) -> str:
             raise InputError(f"--{word}: goes with a scene and --sensors, not with clouds")
     if len(arguments.inputs) == 1:
         raise InputError(
-            f"{arguments.inputs[0]}: a scene with --sensors A,B was expected, or two clouds or more"
+            f"{arguments.inputs[0]}: must be a scene with --sensors A,B, or two clouds or more, got one file"
         )
     if len(arguments.inputs) > MOST_SENSORS:
-        raise InputError(f"{len(arguments.inputs)} clouds came, up to {MOST_SENSORS} were expected")
+        raise InputError(f"clouds: must be {MOST_SENSORS} at most, got {len(arguments.inputs)}")
     return study.of_clouds(arguments.inputs, arguments.output, as_json=arguments.json)

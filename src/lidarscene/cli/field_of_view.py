@@ -65,13 +65,15 @@ def fov_text(arguments: argparse.Namespace) -> str:
     from ..studies.ranging.plane import Target
 
     if bool(arguments.sensors) == (arguments.rig is not None):
-        raise InputError("SENSOR and --rig: one of them was expected; see lidarscene fov -h")
+        raise InputError(
+            "SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h"
+        )
     if arguments.pose is not None and arguments.scene is None:
         raise InputError("--pose goes with --scene")
     cell = CELL_DEG if arguments.cell is None else arguments.cell
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
         raise InputError(
-            f"--cell: {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees were expected, {cell:g} came"
+            f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}"
         )
 
     def held(name: str, default: float) -> float:

@@ -116,7 +116,9 @@ def _require_sense(arguments: argparse.Namespace) -> None:
         raise InputError(f"{_option(reports[0])} does not go with --over")
     over, quantity = arguments.over, _quantity(arguments)
     if over == "distance" and quantity == "range":
-        raise InputError("--over distance --quantity range: snr or pd was expected; the range is their limit")
+        raise InputError(
+            "--over distance --quantity range: the quantity must be snr or pd; the range is their limit"
+        )
     if over in HELD and getattr(arguments, over) is not None:
         raise InputError(f"--{over} does not go with --over {over}")
     if arguments.distance is not None and quantity == "range":
@@ -170,7 +172,7 @@ def _check_outputs(arguments: argparse.Namespace, found: list[Subject]) -> None:
         if path is None:
             continue
         if path.suffix.lower() not in suffixes:
-            raise InputError(f"--{name} {path}: a name that ends in {' or '.join(suffixes)} was expected")
+            raise InputError(f"--{name} {path}: the name must end in {' or '.join(suffixes)}")
         require_writable(path)
 
 

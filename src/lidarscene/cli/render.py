@@ -128,7 +128,7 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
     from ..sensor.rig_file import load_rig
 
     if arguments.rig is not None and arguments.sensor is not None:
-        raise InputError("--sensor and --rig: one of them was expected")
+        raise InputError("--sensor and --rig: must be only one of them, got both")
     asked = vars(arguments)
     outputs = Outputs(
         arguments.output, truth=not arguments.no_truth, missed=arguments.keep_missed,

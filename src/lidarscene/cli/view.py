@@ -92,7 +92,7 @@ def _source(arguments: argparse.Namespace) -> Source:
 
     scenes = [path for path in arguments.paths if path.suffix.lower() in SCENES]
     if len(scenes) > 1:
-        raise InputError(f"view: one scene was expected, {scenes[0]} and {scenes[1]} came")
+        raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
     clouds = clouds_in([path for path in arguments.paths if path not in scenes])
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
@@ -117,7 +117,7 @@ def clouds_in(paths: Sequence[Path]) -> list[Path]:
         inside = [one for one in path.iterdir() if one.suffix.lower() in suffixes and one.name[0] != "."]
         if not inside:
             expected = ", ".join(sorted(suffixes))
-            raise InputError(f"{path}: holds no clouds; files that end in {expected} were expected")
+            raise InputError(f"{path}: must hold files that end in {expected}, got none")
         found += sorted(inside, key=_by_numbers)
     return found
 
@@ -132,5 +132,5 @@ def _check_save(path: Path) -> None:
     from ..files.atomic import require_writable
 
     if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--save {path}: a name that ends in .html was expected")
+        raise InputError(f"--save {path}: the name must end in .html")
     require_writable(path)

@@ -21,7 +21,7 @@ def number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"a number was expected, {text} came")
+        raise argparse.ArgumentTypeError(f"must be a number, got {text}")
     return value
 
 
@@ -50,9 +50,7 @@ def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
             values = ()
         in_order = all(a < b for a, b in itertools.pairwise(values))
         if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
-            raise argparse.ArgumentTypeError(
-                f"{what} that rise, such as {example}, were expected, {text} came"
-            )
+            raise argparse.ArgumentTypeError(f"must be {what} that rise, such as {example}, got {text}")
         return values
 
     return parsed
@@ -72,7 +70,7 @@ def pulses(text: str) -> tuple[int, ...]:
             found += numbers
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"up to {MOST_PULSES} pulse numbers and ranges, such as 0,100,2000-2010, were expected, {text} came"
+            f"must be up to {MOST_PULSES} pulse numbers and ranges, such as 0,100,2000-2010, got {text}"
         ) from None
     return tuple(found)
 
@@ -98,7 +96,7 @@ def pose(text: str) -> Pose:
         numbers = []
     if not 3 <= len(numbers) <= 6 or not all(abs(number) <= LARGEST_COORDINATE_M for number in numbers):
         raise argparse.ArgumentTypeError(
-            f"X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees was expected, {text} came"
+            f"must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees, got {text}"
         )
     x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

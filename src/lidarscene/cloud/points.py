@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.returns import Status
+from ..detection.outcomes import Status
 from ..errors import InputError
 from ..formats.columns import (
     COLUMNS,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..detection.returns import Status
+from ..detection.outcomes import Status
 from .points import PointCloud
 
 MOST_POINTS = 1 << 22

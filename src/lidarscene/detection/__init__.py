@@ -5,6 +5,7 @@ decides both, in closed form; the waveform is not sampled. The functions run on 
 range analysis and the scene simulation share them (docs/theory.md 7 to 9, 23 and 24).
 
 shots              the inputs that every step of the electronics takes
+outcomes           what caused a point, and what became of a pulse
 returns            pulses with one echo each: detection, time, false alarms
 comparator         noise on an edge, the time at which the edge trips, false alarms
 multi_echo         pulses with several sub-echoes, and several stops

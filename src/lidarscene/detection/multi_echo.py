@@ -18,7 +18,8 @@ from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
-from .returns import Detection, Outcome, Returns, Status, alarm_status, interferes
+from .outcomes import Outcome, Status
+from .returns import Detection, Returns, alarm_status, interferes
 from .rises import Rise, visit_all
 from .samplers import read
 from .shots import Received

@@ -57,7 +57,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, a TOML file was expected") from None
+        raise InputError(f"{path}: must be a TOML file, got a folder") from None
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: not UTF-8 text (at line {line})") from None

@@ -15,7 +15,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from ..detection.returns import Status
+from ..detection.outcomes import Status
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 
@@ -166,7 +166,7 @@ def sensor_positions_m(metadata: Mapping[str, str]) -> Numbers:
         if frame in ("world", "vehicle") and len(positions) and np.isfinite(positions).all():
             return positions
     expected = "'frame' must be 'sensor', or 'world' or 'vehicle' with 'sensor_position_m' as 'x y z'"
-    raise ValueError(f"metadata: {expected}; came '{frame}' with '{text}'")
+    raise ValueError(f"metadata: {expected}, got '{frame}' with '{text}'")
 
 
 def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:

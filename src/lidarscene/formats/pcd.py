@@ -137,7 +137,7 @@ def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
     while "DATA" not in header:
         line = file.readline(1 << 16).decode("ascii", "replace")
         if not line.endswith("\n"):
-            raise ValueError("truncated or damaged in the header: no line 'DATA' came")
+            raise ValueError("truncated or damaged in the header: must have a line 'DATA', got none")
         if line.startswith(OURS):
             text += line[len(OURS) : -1]
         elif not line.startswith("#"):

@@ -165,7 +165,7 @@ def _read_header(file: IO[bytes]) -> _Header:
     while not lines or lines[-1] != "end_header":
         line = file.readline(4 * LONGEST_TEXT)
         if not line.endswith(b"\n"):
-            raise ValueError("truncated or damaged in the PLY header: no 'end_header' came")
+            raise ValueError("truncated or damaged in the PLY header: must have 'end_header', got none")
         lines.append(line[:-1].decode("ascii", errors="replace"))
     if f"comment {VERSION_LINE}" not in lines:
         raise ValueError(
@@ -188,7 +188,7 @@ def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
         if _properties(dtype) == properties:
             return dtype
     raise ValueError(
-        f"the properties are not those of lidarscene, changed by another program? {len(properties)} came: "
+        f"the properties must be those of lidarscene (changed by another program?), got {len(properties)}: "
         f"{', '.join(line.split(' ')[-1] for line in properties)}"
     )
 
@@ -238,13 +238,15 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
             raise ValueError(f"truncated: must have {header.points} lines of points, got {whole}")
         block = np.loadtxt(lines, dtype=header.dtype, comments=None, ndmin=1)
         if len(block) != count:
-            raise ValueError(f"an empty line came among the points, in lines {first + 1} to {first + count}")
+            raise ValueError(
+                f"must have no empty line among the points, got one in lines {first + 1} to {first + count}"
+            )
         for name in header.dtype.names or ():
             if header.dtype[name] == np.float32:
                 block[name][np.abs(block[name]) == np.finfo(np.float32).max] *= np.float32(np.inf)
         yield block
     if file.read(1):
-        raise ValueError(f"longer than its header says: more than {header.points} lines of points came")
+        raise ValueError(f"longer than its header says: must have {header.points} lines of points, got more")
 
 
 def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:

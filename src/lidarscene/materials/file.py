@@ -100,7 +100,7 @@ class MaterialFile(FileModel):
             if isinstance(rows, tuple):
                 wavelengths = [row.wavelength_nm for row in rows]
                 if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
-                    raise ValueError(f"{key}: rows of rising wavelength_nm were expected, {wavelengths} came")
+                    raise ValueError(f"{key}: must be rows of rising wavelength_nm, got {wavelengths}")
         self._no_more_than_came()
         return self
 
@@ -115,7 +115,7 @@ class MaterialFile(FileModel):
             if together > 1.0:
                 where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
                 raise ValueError(
-                    f"reflectivity and transmittance: at most 1 together was expected, {together:.4g} came{where}"
+                    f"reflectivity and transmittance: must be <= 1 together, got {together:.4g}{where}"
                 )
 
     def build(self, name: str) -> Material:

@@ -92,7 +92,7 @@ class Quantity(Key):
             return self.name or field
         ending = f"_{UNITS[self.unit][0]}"
         if not field.endswith(ending):
-            raise TypeError(f"{field}: a name that ends in {ending} was expected of a number in {self.unit}")
+            raise TypeError(f"{field}: the name must end in {ending} for a number in {self.unit}")
         return f"{field.removesuffix(ending)}_{self.unit}"
 
     def in_si(self, value: Any) -> Any:

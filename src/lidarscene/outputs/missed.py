@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.returns import OUTCOME_TEXT
+from ..detection.outcomes import OUTCOME_TEXT
 from ..files.atomic import atomic_output
 from ..files.spool import Spool
 from ..maths.arrays import Numbers

@@ -80,7 +80,7 @@ class Outputs:
             file = self.beside(option)
             if file is not None and file.suffix.lower() not in endings:
                 raise OptionError(
-                    f"{{{option}}} {{0}}: a name that ends in {{1}} was expected", file, " or ".join(endings)
+                    f"{{{option}}} {{0}}: the name must end in {{1}}", file, " or ".join(endings)
                 )
 
     def _check_together(self) -> None:
@@ -120,7 +120,7 @@ class Outputs:
             return format_of(self.place)
         except InputError:
             raise OptionError(
-                "{path} {0}: a name that ends in one of {1} was expected, or {format}",
+                "{path} {0}: the name must end in one of {1}, or go with {format}",
                 self.place,
                 ", ".join(SUFFIXES),
             ) from None

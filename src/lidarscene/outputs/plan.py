@@ -49,7 +49,7 @@ class Plan:
                 raise OptionError("{merge} goes with {rig}")
             if coordinates == "sensor":
                 raise OptionError(
-                    "{merge}: coordinates that all sensors have were expected, {coordinates} world or vehicle"
+                    "{merge}: must go with {coordinates} world or vehicle, which all sensors share, got sensor"
                 )
         if self.is_folder and (place.name.lower().endswith(SUFFIXES) or place.is_file()):
             asked = {
@@ -58,7 +58,7 @@ class Plan:
                 "dataset": outputs.dataset is not None,
             }
             many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
-            raise OptionError(f"{{path}} {{0}}: with {many} a folder was expected", place)
+            raise OptionError(f"{{path}} {{0}}: must be a folder with {many}", place)
         chosen = self.format
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
@@ -113,6 +113,4 @@ def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) ->
         for key, path in files.items():
             if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
                 option = key if key in ENDINGS else "path"
-                raise OptionError(
-                    f"{{{option}}} {{0}}: is an input of this run, another name was expected", path
-                )
+                raise OptionError(f"{{{option}}} {{0}}: must be another name, got an input of this run", path)

@@ -79,7 +79,7 @@ def range_image_paths(path: str | os.PathLike[str], cloud: PointCloud | None = N
     """The files of `write_range_image`: F.png is the range, F.intensity.png and so on stand beside it."""
     file = Path(path)
     if file.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{file}: a name that ends in {' or '.join(SUFFIXES)} was expected")
+        raise InputError(f"{file}: the name must end in {' or '.join(SUFFIXES)}")
     if file.suffix.lower() == ".npz":
         return (file,)
     has = () if cloud is None else tuple(c.name for c in cloud.columns)

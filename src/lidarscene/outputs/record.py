@@ -103,7 +103,7 @@ def record(
     rig = sensor if isinstance(sensor, Rig) else None
     if overrides and isinstance(sensor, Rig | Sensor):
         raise OptionError(
-            "{overrides}: go with the name or file of a sensor, a {0} came", type(sensor).__name__
+            "{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__
         )
     plan = Plan(outputs, frames, rig is not None)
     plan.check(frame.coordinates)

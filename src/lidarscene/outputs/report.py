@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import catalog
-from ..detection.returns import OUTCOME_TEXT as OUTCOME_TEXT
-from ..detection.returns import Outcome
+from ..detection.outcomes import OUTCOME_TEXT as OUTCOME_TEXT
+from ..detection.outcomes import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.catalogue import material as catalogue_material
 from ..rendering.simulator import Summary

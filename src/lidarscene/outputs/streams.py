@@ -38,7 +38,7 @@ def cloud_stream(plan: Plan, path: Path, points: int) -> Iterator[Append]:
 def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> Iterator[Append]:
     """Write the clouds that are appended in the block as a frame of a data set."""
     if outputs.dataset is None:
-        raise ValueError("dataset: one was expected")
+        raise ValueError("dataset: must be given, got none")
     with frame_stream(outputs.dataset, outputs.place / label, number, scene) as append:
         yield _kept(outputs, append)
 

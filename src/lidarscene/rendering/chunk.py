@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.returns import Detection, Outcome
+from ..detection.outcomes import Outcome
+from ..detection.returns import Detection
 from ..kernel.device import transfer
 from ..kernel.rays.columns import Staged
 from ..light.beams import Beams

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..detection.returns import Outcome, Status
+from ..detection.outcomes import Outcome, Status
 from ..maths.arrays import Numbers
 
 

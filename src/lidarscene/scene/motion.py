@@ -40,7 +40,7 @@ class MotionFile(Table[Course]):
         ]
         given = [keys[0] for keys in ways if keys]
         if len(given) > 1:
-            raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
+            raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(given)}")
         return self
 
     def motion(self, pose: Pose, *, folder: Path, where: str) -> Motion:
@@ -73,5 +73,5 @@ class BodyMotionFile(MotionFile):
     def _ego_alone(self) -> BodyMotionFile:
         others = sorted(self.model_fields_set - {"with_ego"})
         if self.with_ego and others:
-            raise ValueError(f"one way to say it was expected, with_ego and {others[0]} came")
+            raise ValueError(f"must have with_ego alone, got with_ego and {others[0]}")
         return self

@@ -32,11 +32,11 @@ def _instant(value: object) -> datetime:
         with suppress(ValueError):
             value = datetime.fromisoformat(value)
     if not isinstance(value, datetime):
-        raise ValueError(f"a time such as {_TIME} was expected, {value} came")
+        raise ValueError(f"must be a time such as {_TIME}, got {value}")
     if value.utcoffset() is None:
-        raise ValueError(f"no offset from UTC in {value.isoformat()}; a time such as {_TIME} was expected")
+        raise ValueError(f"must have an offset from UTC, such as {_TIME}, got {value.isoformat()}")
     if not 1900 <= value.year <= 2100:
-        raise ValueError(f"a year of 1900 to 2100 was expected, {value.year} came")
+        raise ValueError(f"must be a year from 1900 to 2100, got {value.year}")
     return value
 
 
@@ -63,10 +63,10 @@ class SunFile(Table[Sun]):
         given = self.model_fields_set
         by_angles, by_place = given & {"azimuth_deg", "elevation_deg"}, given & {"place", "time", "north_deg"}
         if by_angles and by_place:
-            came = " and ".join(sorted(by_angles | by_place))
-            raise ValueError(f"the sun's angles or its place and time were expected, {came} came")
+            got = " and ".join(sorted(by_angles | by_place))
+            raise ValueError(f"must have the sun's angles or its place and time, got {got}")
         if by_place and (self.place is None or self.time is None):
-            raise ValueError(f"place and time were expected together, {' and '.join(sorted(by_place))} came")
+            raise ValueError(f"place and time must be given together, got {' and '.join(sorted(by_place))}")
         return self
 
     def build(self) -> Sun:
@@ -94,11 +94,10 @@ class AirFile(FileModel):
 
     @model_validator(mode="after")
     def _only_one(self) -> AirFile:
-        given = [
-            k for k in ("transmittance", "extinction_per_m", "visibility_km") if getattr(self, k) is not None
-        ]
+        ways = ("transmittance", "extinction_per_m", "visibility_km")
+        given = [k for k in ways if getattr(self, k) is not None]
         if len(given) > 1:
-            raise ValueError(f"one way to say it was expected, {' and '.join(given)} came")
+            raise ValueError(f"must have only one of {', '.join(ways)}, got {' and '.join(given)}")
         return self
 
     def build(self, weather: Weather) -> Air:
@@ -168,16 +167,16 @@ class BodyFile(PoseFile):
     @model_validator(mode="after")
     def _one_shape(self) -> BodyFile:
         if (self.mesh is None) == (self.primitive is None):
-            raise ValueError("one of mesh and primitive was expected, not both or none")
+            raise ValueError("one of mesh and primitive must be given, got both or none")
         shape = f"a {self.primitive}" if self.primitive else "a mesh"
         needed = _SIZES[self.primitive]
         given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
         if set(given) != set(needed):
-            expected = f"takes {' and '.join(needed)}" if needed else "has its own size"
-            raise ValueError(f"{shape} {expected}, {' and '.join(given) or 'none'} came")
+            sizes = " and ".join(needed) or "no size_m, radius_m or height_m"
+            raise ValueError(f"{shape} must have {sizes}, got {' and '.join(given) or 'none'}")
         length = _LENGTHS.get(self.primitive or "")
         if length and len(self.size_m or ()) != length:
-            raise ValueError(f"size_m of {shape} has {length} numbers, {len(self.size_m or ())} came")
+            raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
         if self.primitive and self.material is None:
             raise ValueError("key 'material' is missing")
         if self.primitive and self.materials:
@@ -222,12 +221,12 @@ class SceneFile(FileModel):
     @model_validator(mode="after")
     def _something(self) -> SceneFile:
         if not self.bodies and self.base is None:
-            raise ValueError("the scene is empty: [[bodies]] or base = ... was expected")
+            raise ValueError("the scene must have [[bodies]] or base = ..., got neither")
         riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]
         if riding and self.ego is None:
             raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
         if self.base_materials and self.base is None:
-            raise ValueError("base_materials came without base")
+            raise ValueError("base_materials must go with base, got no base")
         return self
 
 

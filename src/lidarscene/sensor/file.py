@@ -45,8 +45,8 @@ class LaserFile(Table[Laser]):
         )
         if least < limit * (1.0 - 1e-3):
             raise ValueError(
-                f"divergence_mrad: a beam of {self.exit_diameter_mm:g} mm spreads by {limit:.3g} mrad at least "
-                f"(M2 of 1), {least:g} came"
+                f"divergence_mrad: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
+                f"got {least:g}"
             )
         return self
 
@@ -59,7 +59,7 @@ class ApdFile(Table[Apd]):
     @model_validator(mode="after")
     def _one_excess_noise(self) -> ApdFile:
         if (self.excess_noise_index is None) == (self.ionisation_ratio is None):
-            raise ValueError("one of excess_noise_index and ionisation_ratio was expected, not both or none")
+            raise ValueError("one of excess_noise_index and ionisation_ratio must be given, got both or none")
         if self.recovery_ns is not None and self.saturation_ua is None:
             raise ValueError("recovery_ns: together with saturation_ua, from which the pulse recovers")
         return self
@@ -85,12 +85,12 @@ class TdcFile(Table[Tdc]):
     @model_validator(mode="after")
     def _one_threshold(self) -> TdcFile:
         if (self.threshold_to_noise is None) == (self.threshold_level is None):
-            raise ValueError("one of threshold_to_noise and threshold_level was expected, not both or none")
+            raise ValueError("one of threshold_to_noise and threshold_level must be given, got both or none")
         if self.keep == "all" and "stops" in self.model_fields_set:
             raise ValueError('stops: not together with keep = "all", which has 16')
         if self.blanking_ns >= 1e3 * self.window_us:
             raise ValueError(
-                f"blanking_ns: less than the window of {1e3 * self.window_us:g} was expected, {self.blanking_ns:g} came"
+                f"blanking_ns: must be < {1e3 * self.window_us:g}, the window, got {self.blanking_ns:g}"
             )
         return self
 
@@ -144,7 +144,7 @@ class SensorFile(FileModel):
         period_us = self.scanner.shot_period_us(1e3 / self.laser.repetition_rate_khz)
         if self.tdc.window_us > period_us * (1.0 + 1e-9):
             raise ValueError(
-                f"tdc.window_us: at most the pulse period of {period_us:g} us was expected, {self.tdc.window_us:g} came"
+                f"tdc.window_us: must be <= {period_us:g}, the pulse period, got {self.tdc.window_us:g}"
             )
         return self
 

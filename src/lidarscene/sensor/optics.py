@@ -52,11 +52,13 @@ class FilterFile(FileModel):
         if self.csv is not None:
             extra = sorted(given & {"centre_nm", "width_nm", "shape", "order"})
             if extra:
-                raise ValueError(f"csv says all of the filter, {' and '.join(extra)} came too")
+                raise ValueError(
+                    f"csv says all of the filter and must stand alone, got {' and '.join(extra)} too"
+                )
         elif self.centre_nm is None or self.width_nm is None:
-            raise ValueError("centre_nm and width_nm, or csv, were expected")
+            raise ValueError("must have centre_nm and width_nm, or csv")
         elif "order" in given and self.shape != "super_gaussian":
-            raise ValueError(f'order is for shape = "super_gaussian", shape "{self.shape}" came')
+            raise ValueError(f'order must go with shape = "super_gaussian", got shape "{self.shape}"')
         return self
 
     def transmittance(self, folder: Path) -> Curve:
@@ -91,10 +93,10 @@ def read_transmittance(path: Path) -> Curve:
         rows.append(_row(cells, f"{where}, line {number}"))
         if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
             raise InputError(
-                f"{where}, line {number}: a longer wavelength than {rows[-2][0]:g} nm was expected"
+                f"{where}, line {number}: the wavelength must be > {rows[-2][0]:g} nm, got {rows[-1][0]:g}"
             )
     if len(rows) < 2:
-        raise InputError(f"{where}: two lines of {','.join(COLUMNS)} or more were expected")
+        raise InputError(f"{where}: must have two lines of {','.join(COLUMNS)} or more, got {len(rows)}")
     wavelength_nm, transmittance = np.array(rows).T
     return Curve(wavelength_m=1e-9 * wavelength_nm, value=transmittance)
 
@@ -114,10 +116,10 @@ def _row(cells: list[str], where: str) -> tuple[float, float]:
     try:
         wavelength_nm, transmittance = (float(cell) for cell in cells)
     except ValueError:
-        raise InputError(f"{where}: {','.join(COLUMNS)} was expected, {','.join(cells)} came") from None
+        raise InputError(f"{where}: must be {','.join(COLUMNS)}, got {','.join(cells)}") from None
     if not (0.0 < wavelength_nm < 1e6 and 0.0 <= transmittance <= 1.0):
         raise InputError(
-            f"{where}: a wavelength above 0 nm and a transmittance of 0 to 1 were expected, {','.join(cells)} came"
+            f"{where}: must be a wavelength above 0 nm and a transmittance of 0 to 1, got {','.join(cells)}"
         )
     return wavelength_nm, transmittance
 
@@ -174,7 +176,7 @@ class OpticsFile(Table[Optics]):
     @model_validator(mode="after")
     def _one_sun(self) -> OpticsFile:
         if (self.sun_irradiance_w_m2 is None) == (self.filter is None):
-            raise ValueError("one of sun_irradiance_w_m2 and filter was expected, not both or none")
+            raise ValueError("one of sun_irradiance_w_m2 and filter must be given, got both or none")
         return self
 
     @model_validator(mode="after")
@@ -182,8 +184,7 @@ class OpticsFile(Table[Optics]):
         focus = None if self.overlap is None else self.overlap.focus_at_m
         if focus is not None and focus * 1e3 < 10.0 * self.focal_length_mm:
             raise ValueError(
-                f"overlap.focus_at_m: at least ten focal lengths were expected "
-                f"({0.01 * self.focal_length_mm:g} m), {focus:g} came"
+                f"overlap.focus_at_m: must be >= {0.01 * self.focal_length_mm:g} (ten focal lengths), got {focus:g}"
             )
         return self
 

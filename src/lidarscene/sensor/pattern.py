@@ -29,23 +29,23 @@ def read_pattern(
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
         if values.ndim != 1 or len(values) != length:
-            raise InputError(f"{path}: column {name} has the shape {values.shape}, ({length},) was expected")
+            raise InputError(f"{path}: column {name} must have the shape ({length},), got {values.shape}")
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
             raise InputError(f"{path}: {name} of pulse {row} is not a finite number")
     azimuth, elevation, time_s = (_column(path, columns, kind) for kind in NAMES)
     if not length:
-        raise InputError(f"{path}: no pulses, at least one was expected")
+        raise InputError(f"{path}: must have at least one pulse, got none")
     if length >= 2**31:
-        raise InputError(f"{path}: {length} pulses came, fewer than 2^31 were expected")
+        raise InputError(f"{path}: must have fewer than 2^31 pulses, got {length}")
     if np.abs(elevation).max() > 0.5 * math.pi + 1e-9:
-        raise InputError(f"{path}: elevations from -90 to 90 degrees were expected")
+        raise InputError(f"{path}: elevations must be from -90 to 90 degrees")
     back = np.flatnonzero(np.diff(time_s) < 0.0)
     if len(back):
-        raise InputError(f"{path}: times that never fall were expected; that of pulse {back[0] + 2} does")
+        raise InputError(f"{path}: times must never fall, got a fall at pulse {back[0] + 2}")
     channel = columns.get("channel")
     if channel is not None and (np.any(channel != np.rint(channel)) or np.abs(channel).max() >= 2**24):
-        raise InputError(f"{path}: channels that are whole numbers below 2^24 were expected")
+        raise InputError(f"{path}: channels must be whole numbers below 2^24")
     time_s = time_s - time_s[0]
     if frame_s is None:
         if length < 2 or time_s[-1] == 0.0:
@@ -53,7 +53,8 @@ def read_pattern(
         frame_s = float(time_s[-1]) * length / (length - 1)
     elif frame_s < time_s[-1]:
         raise InputError(
-            f"{path}: pulses up to {time_s[-1] * 1e3:g} ms came, scanner.frame_ms = {frame_s * 1e3:g} ends before"
+            f"{path}: scanner.frame_ms must be >= {time_s[-1] * 1e3:g}, the time of the last pulse, "
+            f"got {frame_s * 1e3:g}"
         )
     return Pattern.of(
         azimuth_rad=azimuth, elevation_rad=elevation, time_s=time_s, channel=channel, frame_s=frame_s,
@@ -65,8 +66,8 @@ def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
     """One of the columns in SI units."""
     found = [name for name in NAMES[kind] if name in columns]
     if len(found) != 1:
-        came = " and ".join(found) or "none"
-        raise InputError(f"{path}: one column of {', '.join(NAMES[kind])} was expected, {came} came")
+        got = " and ".join(found) or "none"
+        raise InputError(f"{path}: must have one column of {', '.join(NAMES[kind])}, got {got}")
     return np.asarray(columns[found[0]] * NAMES[kind][found[0]], dtype=np.float64)
 
 

@@ -27,7 +27,7 @@ class MultiLevelFile(FileModel):
     @model_validator(mode="after")
     def _rising(self) -> MultiLevelFile:
         if tuple(sorted(set(self.levels))) != self.levels:
-            raise ValueError("levels: rising numbers were expected")
+            raise ValueError(f"levels: must be rising numbers, got {list(self.levels)}")
         return self
 
     def build(self, pulse_fwhm_ns: float) -> MultiLevel:
@@ -50,13 +50,13 @@ class AdcFile(Table[Adc]):
         least = 1e3 / pulse_fwhm_ns
         if self.rate_mhz < least * (1.0 - 1e-9):
             raise InputError(
-                f"sampler.rate_mhz: at least {least:g} was expected (one sample in a pulse), {self.rate_mhz:g} came"
+                f"sampler.rate_mhz: must be >= {least:g} (one sample in a pulse), got {self.rate_mhz:g}"
             )
         samples = math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1
         if samples > MOST_SAMPLES:
             raise InputError(
-                f"sampler.rate_mhz: at most {0.25 * (MOST_SAMPLES - 1) * least:g} was expected "
-                f"({MOST_SAMPLES} samples in four pulse widths), {self.rate_mhz:g} came"
+                f"sampler.rate_mhz: must be <= {0.25 * (MOST_SAMPLES - 1) * least:g} "
+                f"({MOST_SAMPLES} samples in four pulse widths), got {self.rate_mhz:g}"
             )
         return self.in_si(
             step=self.full_scale / 2**self.bits,

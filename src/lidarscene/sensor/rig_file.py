@@ -40,7 +40,7 @@ class MountedFile(PoseFile):
     @model_validator(mode="after")
     def _plain(self) -> MountedFile:
         if not re.fullmatch(r"[\w-]+", self.label, re.ASCII):
-            raise ValueError(f"label: letters, digits, - and _ were expected, '{self.label}' came")
+            raise ValueError(f"label: must be letters, digits, - and _, got '{self.label}'")
         return self
 
 
@@ -55,7 +55,7 @@ class RigFile(FileModel):
         labels = [one.label for one in self.sensors]
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
-            raise ValueError(f"two sensors are labelled '{twice[0]}', every label once was expected")
+            raise ValueError(f"labels must be unique, got '{twice[0]}' twice")
         return self
 
 

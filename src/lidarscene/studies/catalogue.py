@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.returns import Status, detect
+from ..detection.outcomes import Status
+from ..detection.returns import detect
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor

@@ -78,7 +78,7 @@ class Equipment:
         """Catalogue name of the detector's sensor; "" for its own."""
         choice = settings.get(DETECTOR, next(iter(self.detectors)))
         if choice not in self.detectors:
-            raise InputError(f"{DETECTOR}: one of {', '.join(self.detectors)} was expected, {choice} came")
+            raise InputError(f"{DETECTOR}: must be one of {', '.join(self.detectors)}, got {choice}")
         return self.detectors[str(choice)]
 
     def _sensor(self, chosen: str, assigned: Sequence[str]) -> Sensor:
@@ -147,7 +147,7 @@ def _sun_values(sun: Sun) -> dict[str, float]:
 
 def _number(key: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
-        raise InputError(f"{key}: a number was expected, {value!r} came")
+        raise InputError(f"{key}: must be a number, got {value!r}")
     if key == "sun.illuminance_klux" and value < 0:
-        raise InputError(f"{key}: 0 or more was expected, {value:g} came")
+        raise InputError(f"{key}: must be >= 0, got {value:g}")
     return float(value)

@@ -112,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
         # Another site's name that was made to lead here is not ours: it must not read our answers.
         if self.headers.get("Host") not in self.server.names:
-            self._send(HTTPStatus.FORBIDDEN, b"another host was expected", "text/plain")
+            self._send(HTTPStatus.FORBIDDEN, b"the host must be this viewer's own, got another", "text/plain")
             return
         try:
             self._send(HTTPStatus.OK, self.server.done(job), kind)

@@ -247,5 +247,5 @@ def settings_from(body: bytes) -> Settings:
     except ValueError:
         settings = None
     if not isinstance(settings, dict):
-        raise InputError("settings: a JSON object was expected")
+        raise InputError("settings: must be a JSON object")
     return settings

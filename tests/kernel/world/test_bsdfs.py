@@ -73,9 +73,7 @@ def test_a_coat_that_cannot_let_so_much_out_is_an_error(mi):
     from lidarscene.errors import InputError
 
     values = {"name": "m", "bsdf": "coated", "coat_ior": 1.5, "coat_roughness": 0.5, "reflectivity": 0.85}
-    with pytest.raises(
-        InputError, match=r"'m': reflectivity 0.85 came, but a coat .* lets out 0.512 at most"
-    ):
+    with pytest.raises(InputError, match=r"'m': reflectivity must be <= 0.512 under a coat .*, got 0.85"):
         bsdfs.bsdf_dict(values)
 
 

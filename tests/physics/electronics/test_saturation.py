@@ -6,7 +6,7 @@ from helpers import chain, trains
 from scipy.stats import norm
 
 from lidarscene.detection import multi_echo, returns
-from lidarscene.detection.returns import Outcome
+from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.electronics import saturation, tdc
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target

@@ -10,7 +10,7 @@ from helpers import chain
 from scipy import stats
 
 from lidarscene import InputError, load_sensor
-from lidarscene.detection.returns import Status
+from lidarscene.detection.outcomes import Status
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.model import Air

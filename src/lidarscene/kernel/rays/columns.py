@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ...detection.returns import Detection, Outcome, Status
+from ...detection.outcomes import Outcome, Status
+from ...detection.returns import Detection
 from ...light.beams import reported
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers, inverse, is_drjit, xp

@@ -65,8 +65,8 @@ def _coated(values: dict[str, Any]) -> dict[str, Any]:
     limit = diffuse_throughput(ior, roughness)
     if values["reflectivity"] > limit:
         raise InputError(
-            f"material '{values.get('name', '')}': reflectivity {values['reflectivity']:.3g} came, but a coat of "
-            f"coat_ior {ior:.3g} and coat_roughness {roughness:.3g} lets out {limit:.3g} at most"
+            f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} under a coat of "
+            f"coat_ior {ior:.3g} and coat_roughness {roughness:.3g}, got {values['reflectivity']:.3g}"
         )
     # The material's reflectivity is measured through the coat, Mitsuba's parameter is the base's below it. The linear
     # model ("nonlinear": False) makes one proportional to the other, so one division converts.

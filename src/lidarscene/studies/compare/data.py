@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...cloud.points import PointCloud
-from ...detection.returns import Status
+from ...detection.outcomes import Status
 from ...maths.arrays import Numbers
 
 INCIDENCE_DEG = tuple(range(0, 91, 10))

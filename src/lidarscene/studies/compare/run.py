@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...detection.returns import Outcome
+from ...detection.outcomes import Outcome
 from ...kernel.world.build import World
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose

@@ -15,7 +15,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...detection.returns import Outcome, Status, detect
+from ...detection.outcomes import Outcome, Status
+from ...detection.returns import detect
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc

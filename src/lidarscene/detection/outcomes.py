@@ -1,0 +1,37 @@
+"""What caused a point, and what became of a pulse.
+
+Files, clouds and summaries need these names without the electronics behind them, so they stand alone: `lidarscene -h`
+knows the formats of clouds, and loads no detector.
+"""
+
+from __future__ import annotations
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """What caused a point."""
+
+    ECHO = 0
+    FALSE_ALARM = 1
+    INTERFERENCE = 2  # another lidar's pulse
+    WEATHER = 3  # light from fog, rain or snow
+
+
+class Outcome(enum.IntEnum):
+    """What became of a pulse's echo."""
+
+    KEPT = 0  # reported as a point
+    NO_SURFACE = 1  # no ray met a surface
+    BELOW_THRESHOLD = 2  # light may have returned, but the comparator did not trip
+    OUT_OF_WINDOW = 3  # the echo crossed too early or too late: the converter did not listen
+    HIDDEN = 4  # false alarms had used up the converter's stops
+
+
+OUTCOME_TEXT = {
+    Outcome.NO_SURFACE: "no surface",
+    Outcome.BELOW_THRESHOLD: "below threshold",
+    Outcome.OUT_OF_WINDOW: "out of window",
+    Outcome.HIDDEN: "hidden",
+}
+"""Why there is no echo point, in words."""
