@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import chain
 import clock
 import numpy as np
-from helpers import chain
 from table import Row, Section, verdict
 
 from lidarscene import load_scene, load_sensor

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import batch
+import chain
 import machine
 import motion
 import peers
 import process
 import rays
 import table
-from helpers import chain
 
 from lidarscene.errors import LidarSceneError
 

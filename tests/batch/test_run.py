@@ -6,12 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.small_job import fails_in_company
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene import __version__
@@ -222,13 +223,6 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
     assert run._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
 
 
-def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
-    """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone."""
-    if len(tasks) > 1 or tasks[0].frame.seed == 7:
-        raise RuntimeError("broken")
-    return [""], 1e-3
-
-
 def test_a_bundle_that_fails_is_taken_apart(
     client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +233,7 @@ def test_a_bundle_that_fails_is_taken_apart(
         given.append(len(bundle))
         submit(self, bundle)
 
+    monkeypatch.setattr(run, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
     monkeypatch.setattr(run, "render_frames", fails_in_company)
     monkeypatch.setattr(run._Given, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)

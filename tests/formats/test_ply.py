@@ -257,7 +257,7 @@ def test_kill_9_leaves_the_old_file(tmp_path: Path) -> None:
     """Rationale: clusters kill jobs. The next write also clears what the killed one left."""
     path = tmp_path / "a.ply"
     write_ply(path, small_cloud(3))
-    folders = [str(Path(__file__).parents[2]), str(Path(ply.__file__).parents[2])]
+    folders = [str(Path(__file__).parents[1]), str(Path(ply.__file__).parents[2])]
     child = subprocess.Popen(
         [sys.executable, "-c", SLOW_WRITER, str(path), *folders], stdout=subprocess.PIPE, text=True
     )

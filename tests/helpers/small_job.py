@@ -1,6 +1,6 @@
 """A small job: a wall under two suns, two seeds, a coarse raster; and a cluster of two processes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ import pytest
 
 from helpers.walls import WALL
 from lidarscene.batch import cluster
-from lidarscene.batch.tasks import Job
+from lidarscene.batch.tasks import FrameTask, Job
 
 JOB = """
 scenes = ["wall.toml"]
@@ -54,3 +54,13 @@ def client(mi: Any) -> Iterator[Any]:
     pytest.importorskip("pyarrow")
     with cluster.local_client(2) as client:
         yield client
+
+
+def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+    """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone.
+
+    It stands here because workers import it by name, which they cannot do of a test file.
+    """
+    if len(tasks) > 1 or tasks[0].frame.seed == 7:
+        raise RuntimeError("broken")
+    return [""], 1e-3
