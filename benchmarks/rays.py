@@ -67,13 +67,13 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
 
 
 def _rate_row(one: Simulator, many: Simulator, rounds: int) -> Row:
-    counts = {"one": one.sensor.scanner.pulses, "many": many.sensor.scanner.pulses * many.rays}
+    counts = {"one": one.sensor.scanner.pulses, "many": many.sensor.scanner.pulses * many.trace.rays}
     seconds = clock.in_turns({"one": one.render, "many": many.render}, rounds=rounds)
     rates = (counts["many"] / seconds["many"]) / (counts["one"] / seconds["one"])
     note = f"{counts['many'] / float(np.median(seconds['many'])) / 1e6:.2f} million rays a second"
     goal = verdict(f"at least {LEAST_RATE:g}", np.median(rates) >= LEAST_RATE)
     return Row(
-        f"rate of {many.rays} rays a pulse / one",
+        f"rate of {many.trace.rays} rays a pulse / one",
         f"{np.median(rates):.2f}",
         _spread(rates, ".2f"),
         note,

@@ -22,7 +22,7 @@ from lidarscene.rendering.options import DEFAULT_CHUNK
 from lidarscene.rendering.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "scan"))
+sys.path.insert(0, str(ROOT / "tests"))
 GOAL = 0.2
 
 
