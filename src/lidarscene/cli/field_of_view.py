@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..maths.pose import Pose
 from .words import number, pose, rising
 
 if TYPE_CHECKING:
@@ -84,6 +83,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
     found = _sensors(arguments)
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
+        from ..maths.pose import Pose
         from ..scene.file import load_scene
 
         scene = load_scene(arguments.scene)

@@ -1,6 +1,8 @@
 """The formats of point clouds by name and suffix, and what each can do.
 
 The command line, the library and the documentation ask this table, so that a new format is one module and one line.
+A line names the format's functions; their module is imported when the first of them is called, so that
+`lidarscene --help` and `import lidarscene` read the table and load no format, and no NumPy.
 """
 
 from __future__ import annotations
@@ -9,16 +11,17 @@ import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.optional import require
-from . import e57, kitti, las, npz, osi, parquet, pcd, ply, ros
-from .columns import Fields
+
+if TYPE_CHECKING:
+    from .columns import Fields
 
 Write = Callable[..., None]
-Read = Callable[[str | os.PathLike[str]], Fields]
+Read = Callable[[str | os.PathLike[str]], "Fields"]
 Stream = Callable[..., AbstractContextManager[Callable[[Any], None]]]
 
 
@@ -48,38 +51,67 @@ class Format:
             require(self.extra)
 
 
+def _late(module: str, name: str, **options: object) -> Callable[..., Any]:
+    """A function of a module with these options; the module is imported when the function is called."""
+
+    def call(*given: Any, **more: Any) -> Any:
+        return getattr(import_module(module), name)(*given, **options, **more)
+
+    return call
+
+
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
-    return Format(suffix=suffix, write=partial(ros.write_ros, storage=storage, layout=layout), extra="ros")
+    write = _late("lidarscene.formats.ros", "write_ros", storage=storage, layout=layout)
+    return Format(suffix=suffix, write=write, extra="ros")
 
 
 def _las(suffix: str, *, compressed: bool) -> Format:
     return Format(
-        suffix=suffix, write=partial(las.write_las, compressed=compressed), read=las.read_las,
-        stream=partial(las.las_stream, compressed=compressed), extra="las",
+        suffix=suffix, extra="las",
+        write=_late("lidarscene.formats.las", "write_las", compressed=compressed),
+        read=_late("lidarscene.formats.las", "read_las"),
+        stream=_late("lidarscene.formats.las", "las_stream", compressed=compressed),
     )  # fmt: skip
 
 
 FORMATS = {
-    "ply": Format(suffix=".ply", write=ply.write_ply, read=ply.read_ply, stream=ply.ply_stream, text=True),
-    "pcd": Format(suffix=".pcd", write=pcd.write_pcd, read=pcd.read_pcd, stream=pcd.pcd_stream, text=True),
+    "ply": Format(
+        suffix=".ply", text=True, write=_late("lidarscene.formats.ply", "write_ply"),
+        read=_late("lidarscene.formats.ply", "read_ply"), stream=_late("lidarscene.formats.ply", "ply_stream"),
+    ),
+    "pcd": Format(
+        suffix=".pcd", text=True, write=_late("lidarscene.formats.pcd", "write_pcd"),
+        read=_late("lidarscene.formats.pcd", "read_pcd"), stream=_late("lidarscene.formats.pcd", "pcd_stream"),
+    ),
     "pcd-compressed": Format(
-        suffix=".pcd", write=partial(pcd.write_pcd, compressed=True), read=pcd.read_pcd, extra="pcd"
+        suffix=".pcd", extra="pcd", write=_late("lidarscene.formats.pcd", "write_pcd", compressed=True),
+        read=_late("lidarscene.formats.pcd", "read_pcd"),
     ),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
-    "e57": Format(suffix=".e57", write=e57.write_e57, extra="e57"),
-    "kitti": Format(suffix=".bin", write=kitti.write_kitti, stream=kitti.kitti_stream),
-    "nuscenes": Format(suffix=".pcd.bin", write=kitti.write_nuscenes, stream=kitti.nuscenes_stream),
-    "npz": Format(suffix=".npz", write=npz.write_npz, read=npz.read_npz),
+    "e57": Format(suffix=".e57", extra="e57", write=_late("lidarscene.formats.e57", "write_e57")),
+    "kitti": Format(
+        suffix=".bin", write=_late("lidarscene.formats.kitti", "write_kitti"),
+        stream=_late("lidarscene.formats.kitti", "kitti_stream"),
+    ),
+    "nuscenes": Format(
+        suffix=".pcd.bin", write=_late("lidarscene.formats.kitti", "write_nuscenes"),
+        stream=_late("lidarscene.formats.kitti", "nuscenes_stream"),
+    ),
+    "npz": Format(
+        suffix=".npz", write=_late("lidarscene.formats.npz", "write_npz"),
+        read=_late("lidarscene.formats.npz", "read_npz"),
+    ),
     "parquet": Format(
-        suffix=".parquet", write=parquet.write_parquet, read=parquet.read_parquet, stream=parquet.parquet_stream,
-        extra="parquet",
+        suffix=".parquet", extra="parquet", write=_late("lidarscene.formats.parquet", "write_parquet"),
+        read=_late("lidarscene.formats.parquet", "read_parquet"),
+        stream=_late("lidarscene.formats.parquet", "parquet_stream"),
     ),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
-    "osi": Format(suffix=".osi", write=osi.write_osi),
+    "osi": Format(suffix=".osi", write=_late("lidarscene.formats.osi", "write_osi")),
 }  # fmt: skip
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 

@@ -11,17 +11,16 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from numbers import Integral
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypedDict, TypeVar, cast
-
-import numpy as np
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
-from ..maths.arrays import Numbers
-from ..maths.pose import Pose
 
+# Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
+    from ..maths.arrays import Numbers
+    from ..maths.pose import Pose
     from .summary import Summary
 
 COORDINATES = ("world", "vehicle", "sensor")
@@ -105,14 +104,20 @@ class FrameOptions:
         NUMBERS.check("number", self.number)
         CHUNKS.check("chunk", self.chunk)
         begin_s: object = self.begin_s
-        if not isinstance(begin_s, float | Integral | np.floating) or not math.isfinite(self.begin_s):
+        if not isinstance(begin_s, Real) or not math.isfinite(self.begin_s):
             raise OptionError("{begin_s}: must be a finite number of seconds, got {0!r}", begin_s)
-        pose: object = self.pose
-        if pose is not None and not isinstance(pose, Pose):
-            raise OptionError("{pose}: must be a Pose, got {0!r}", pose)
+        if self.pose is not None:
+            _check_pose(self.pose)
         if self.coordinates not in COORDINATES:
             known = " or ".join(map(repr, COORDINATES))
             raise OptionError("{coordinates}: must be {0}, got {1!r}", known, self.coordinates)
+
+
+def _check_pose(pose: object) -> None:
+    from ..maths.pose import Pose
+
+    if not isinstance(pose, Pose):
+        raise OptionError("{pose}: must be a Pose, got {0!r}", pose)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
