@@ -133,7 +133,7 @@ def test_frames_that_drift_apart_are_not_merged() -> None:
     pair = [Mounted(label="short", sensor=table1()), Mounted(label="long", sensor=longer)]
     require_common_frames(pair, 1)
     with pytest.raises(
-        InputError, match=r"9 merged frames: .* 'short' has them of 0.37926 s and 'long' of 0.60732 s"
+        InputError, match=r"9 merged frames .* 0.37926 s of 'short' and of 0.60732 s of 'long'"
     ):
         require_common_frames(pair, 9)
     require_common_frames([pair[0], pair[0]], 10_000)

@@ -63,7 +63,7 @@ def test_any_has_no_other_name() -> None:
     hidden = []
     for file in sorted(SOURCE.rglob("*.py")):
         text = file.read_text(encoding="utf-8")
-        assert "np.ndarray[Any, Any]" not in text, f"{file}: `maths.arrays.Numbers` was expected"
+        assert "np.ndarray[Any, Any]" not in text, f"{file}: must say `maths.arrays.Numbers`"
         for node in ast.parse(text).body:
             value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
             if isinstance(value, ast.Name) and value.id == "Any":

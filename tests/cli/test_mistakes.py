@@ -204,7 +204,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
             "scanner.azimuth_step_deg=41",
             "scanner: azimuth_step_deg = 41.0 is wider than azimuth_fov_deg = 40.0",
         ),
-        ("scanner.azimuth_step_deg=1e-9", "pulses in a frame came, fewer than 2^31 were expected"),
+        ("scanner.azimuth_step_deg=1e-9", "must have fewer than 2^31 pulses in a frame, got"),
         (
             "scanner.type=galvo",
             "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', ",

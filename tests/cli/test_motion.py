@@ -165,10 +165,13 @@ ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 
     [
         (
             ("--frames", "3"),
-            "motion of ego: poses from 0 to 0.011 s came, the frame needs 0.00924 to 0.01384 s",
+            "motion of ego: must have poses for the frame, 0.00924 to 0.01384 s, got 0 to 0.011 s",
         ),
-        (("--begin", "5", "--frames", "1"), "the frame needs 5 to 5.0046 s"),
-        (("--begin", "-1", "--frames", "1"), "the frame needs -1 to -0.9954 s"),
+        (("--begin", "5", "--frames", "1"), "must have poses for the frame, 5 to 5.0046 s, got 0 to 0.011 s"),
+        (
+            ("--begin", "-1", "--frames", "1"),
+            "must have poses for the frame, -1 to -0.9954 s, got 0 to 0.011 s",
+        ),
     ],
 )
 def test_a_motion_that_ends_is_told_before_anything_is_traced(
@@ -186,7 +189,7 @@ def test_frames_beyond_the_scanners_numbers(run: Run, drive: str, mi, tmp_path: 
     fine = ("--set=scanner.azimuth_step_deg=0.02", "--set=scanner.elevation_step_deg=0.02")
     told = run("render", drive, "-o", "out", "--frames", "5000", *fine)
     assert told.code == 2
-    assert "frame number: 0 to" in told.err
+    assert "frame number: must be from 0 to" in told.err
     assert not files_of(tmp_path)
 
 

@@ -94,34 +94,38 @@ MISTAKES = [
     (
         "spinning",
         {"cycle_us": None},
-        "scanner: one of cycle_us and columns_per_turn was expected, not both or none",
+        "scanner: one of cycle_us and columns_per_turn must be given, got both or none",
     ),
     ("spinning", {"height_mm": [1.0]}, "scanner: height_mm has 1 entries, elevation_deg has 16"),
     ("spinning", {"elevation_deg": []}, "scanner.elevation_deg: must be a list of at least 1, got []"),
-    ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us beyond the cycle of 30 us came"),
-    ("spinning", {"rotation_hz": 0.0}, "scanner: a rotation_hz other than 0 was expected"),
+    ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us: must be < 30, the cycle, got "),
+    ("spinning", {"rotation_hz": 0.0}, "scanner: rotation_hz: must not be 0"),
     (
         "spinning",
         {"rate_khz": 300.0},
-        "laser.repetition_rate_khz = 300 came, but 16 lasers every 55.296 us fire 289.352 thousand pulses a second",
+        "laser.repetition_rate_khz: must be 289.352, for 16 lasers every 55.296 us, got 300",
     ),
     (
         "mirror",
         {"mirrors": "two", "incidence_deg": 30.0},
-        'scanner: incidence_deg is of one mirror, mirrors = "two"',
+        'scanner: incidence_deg: must go with mirrors = "one", got "two"',
     ),
     (
         "mirror",
         {"incidence_deg": 80.0, "elevation_turn_deg": 12.0},
-        "scanner: a mirror that always faces the beam was expected, it turns too far",
+        "scanner: a mirror must face the beam at every turn, got one that turns too far",
     ),
     ("mirror", {"azimuth_turn_deg": 50.0}, "scanner.azimuth_turn_deg: must be <= 45, got 50.0"),
     ("mirror", {"waveform": "square"}, "scanner.waveform: must be 'sawtooth', 'triangle' or 'sine'"),
-    ("mirror", {"pulses_per_line": 2**20, "lines": 2**20}, "scanner: fewer than 2^31 pulses in a frame"),
+    (
+        "mirror",
+        {"pulses_per_line": 2**20, "lines": 2**20},
+        "scanner: must have fewer than 2^31 pulses in a frame, got 1.1e+12",
+    ),
     ("lissajous", {"azimuth_hz": None}, "key 'scanner.azimuth_hz' is missing"),
     ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg: must be a list of at least 3"),
-    ("polygon", {"incidence_deg": 70.0}, "scanner: facets that always face the beam were expected"),
-    ("polygon", {"rate_khz": 0.1}, "scanner: 0.5 pulses on each facet came, 1 to 2^24 were expected"),
+    ("polygon", {"incidence_deg": 70.0}, "scanner: facets must turn by < 90 degrees from the beam, got "),
+    ("polygon", {"rate_khz": 0.1}, "scanner: must have 1 to 2^24 pulses on each facet, got 0.5"),
     (
         "risley",
         {"wedges": SCANNERS["risley"]["wedges"][:1]},
@@ -130,13 +134,13 @@ MISTAKES = [
     (
         "risley",
         {"wedges": [w | {"angle_deg": 45.0} for w in SCANNERS["risley"]["wedges"]]},
-        "scanner: light is totally reflected in these wedges; smaller angle_deg were expected",
+        "scanner: light is totally reflected in these wedges; they need a smaller angle_deg",
     ),
-    ("flash", {"encoder_step_deg": 0.1}, "scanner: encoder_step_deg came, but nothing turns in a flash"),
+    ("flash", {"encoder_step_deg": 0.1}, "scanner: encoder_step_deg: nothing turns in a flash"),
     (
         "flash",
         {"projection": "orthographic", "pixel_pitch_um": 1000.0},
-        "scanner: a pixel 1.2 focal lengths off the axis came, less than 1 was expected of a lens that is orthographic",
+        "scanner: pixels must be < 1 focal lengths off the axis of a lens that is orthographic, got 1.2",
     ),
     (
         "galvo",
@@ -144,7 +148,7 @@ MISTAKES = [
         "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', 'risley', 'flash',",
     ),
     ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: must be > 0, got 0.0"),
-    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, jitter_mrad,"),
+    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, azimuth_fov_deg,"),
 ]
 
 

@@ -32,6 +32,10 @@ _OPTIONAL: dict[str, tuple[str, ...]] = {
     "glass": ("thickness_mm",),
     "retroreflector": ("cover",),
 }
+_PLAIN = (
+    "coat_ior", "coat_roughness", "roughness", "cover", "retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg",
+)  # fmt: skip
+"""Numbers that go into a `Material` as they are."""
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
 
@@ -119,26 +123,17 @@ class MaterialFile(FileModel):
                 )
 
     def build(self, name: str) -> Material:
-        """The material, under this name."""
-        parameters: dict[str, float | Spectrum] = {}
-        for key in ("coat_ior", "coat_roughness", "roughness", "cover"):
-            if getattr(self, key) is not None:
-                parameters[key] = getattr(self, key)
+        """The material, under this name. By hand: what a kind has goes into one mapping, its tables as spectra."""
+        given: dict[str, float | Spectrum | None] = {key: getattr(self, key) for key in _PLAIN}
+        given["thickness_m"] = si(self.thickness_mm, "mm")
         if self.transmittance is not None:
-            parameters["transmittance"] = _spectrum(self.transmittance)
-        if self.thickness_mm is not None:
-            parameters["thickness_m"] = si(self.thickness_mm, "mm")
-        if self.bsdf == "retroreflector":
-            parameters["retro_coefficient_cd_per_lx_m2"] = self.retro_coefficient_cd_per_lx_m2 or 0.0
-            parameters["retro_half_angle_deg"] = self.retro_half_angle_deg or 0.0
+            given["transmittance"] = _spectrum(self.transmittance)
         if self.index:
             wavelengths = si(tuple(row.wavelength_nm for row in self.index), "nm")
-            parameters["index_n"] = Spectrum(
-                wavelength_m=wavelengths, value=tuple(row.n for row in self.index)
-            )
-            parameters["index_k"] = Spectrum(
-                wavelength_m=wavelengths, value=tuple(row.k for row in self.index)
-            )
+            for part in ("n", "k"):
+                values = tuple(getattr(row, part) for row in self.index)
+                given[f"index_{part}"] = Spectrum(wavelength_m=wavelengths, value=values)
+        parameters = {key: value for key, value in given.items() if value is not None}
         return Material(
             name=name, bsdf=self.bsdf, reflectivity=_spectrum(self.reflectivity), parameters=parameters,
             description=self.description,

@@ -138,8 +138,8 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
     first = number * scanner.pulses
     if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
         raise InputError(
-            f"frame number: 0 to {PULSE_NUMBERS // scanner.pulses - 1} was expected, with {scanner.pulses} "
-            f"pulses in a frame; {number} came"
+            f"frame number: must be from 0 to {PULSE_NUMBERS // scanner.pulses - 1}, with {scanner.pulses} "
+            f"pulses in a frame, got {number}"
         )
     edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
     scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
@@ -156,7 +156,7 @@ def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
         if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
             had, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))
             raise InputError(
-                f"scene '{scene.name}': motion of {name}: poses from {had} came, the frame needs {needed}"
+                f"scene '{scene.name}': motion of {name}: must have poses for the frame, {needed}, got {had}"
             )
 
 

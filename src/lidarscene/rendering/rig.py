@@ -50,6 +50,6 @@ def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
     )
     if (frames - 1) * (lengths[long] - lengths[short]) > lengths[short] / 2.0:
         raise InputError(
-            f"{frames} merged frames: frames that begin together were expected, '{short}' has them of "
-            f"{lengths[short]:g} s and '{long}' of {lengths[long]:g} s"
+            f"{frames} merged frames must begin together, got frames of {lengths[short]:g} s of '{short}' and "
+            f"of {lengths[long]:g} s of '{long}'"
         )

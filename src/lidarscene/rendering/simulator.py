@@ -92,7 +92,9 @@ class Simulator:
         self._tiling = Tiling.of(sensor.scanner) if trace.rays < PACKET else None
         self._orders: dict[int, Order] = {}
         if trace.interactions and not self.world.see_through:
-            raise ValueError("world: one that beams go on in was expected, one for interactions=0 came")
+            raise ValueError(
+                "world: must let beams go on (see_through) for interactions > 0, got one that does not"
+            )
         self._stages = Stages.of(scene, sensor, self.world, trace)
         self._chain = Chain(self._stages)
         self.class_names = self.world.class_names

@@ -7,16 +7,18 @@ is `scan.mirror_raster`), so there is no aperture to derive either: A(theta_r) =
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, xp
-from .base import GivenAngles
+from ..maths.units import Quantity
+from .base import Encoder, GivenAngles, Jitter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Raster(GivenAngles):
-    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view."""
+    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view. Made by `of`."""
 
     columns: int
     rows: int
@@ -25,22 +27,26 @@ class Raster(GivenAngles):
     rate_hz: float
 
     @classmethod
-    def from_field_of_view(
+    def of(
         cls,
         *,
-        fov: tuple[float, float],
-        step: tuple[float, float],
-        unit_rad: float,
+        azimuth_fov_rad: Annotated[float, Quantity("deg", gt=0, le=360)],
+        elevation_fov_rad: Annotated[float, Quantity("deg", gt=0, le=180)],
+        azimuth_step_rad: Annotated[float, Quantity("deg", gt=0)],
+        elevation_step_rad: Annotated[float, Quantity("deg", gt=0)],
         rate_hz: float,
-        jitter_rad: float | None = None,
-        encoder_rad: float | None = None,
+        jitter_rad: Jitter = None,
+        encoder_rad: Encoder = None,
     ) -> Raster:
-        """From full angles and steps, azimuth and elevation, in one angular unit of ``unit_rad`` radians."""
+        """From the full angles of the field of view and the steps."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
-        columns, rows = (int(whole / one + 1e-6) + 1 for whole, one in zip(fov, step, strict=True))
+        columns, rows = (
+            int(whole / step + 1e-6) + 1
+            for whole, step in ((azimuth_fov_rad, azimuth_step_rad), (elevation_fov_rad, elevation_step_rad))
+        )
         return cls(
             columns=columns, rows=rows, rate_hz=rate_hz,
-            azimuth_step_rad=step[0] * unit_rad, elevation_step_rad=step[1] * unit_rad,
+            azimuth_step_rad=azimuth_step_rad, elevation_step_rad=elevation_step_rad,
             jitter_rad=jitter_rad, encoder_rad=encoder_rad,
         )  # fmt: skip
 

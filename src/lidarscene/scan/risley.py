@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, Table, xp
-from ..maths.units import Quantity
+from ..maths.units import Key, Quantity
 from ..maths.vectors import Vector, refracted
 from .base import Encoder, Jitter, Mechanism
 from .turns import Turns
@@ -48,11 +48,13 @@ class Wedge:
         cls,
         *,
         rate_hz: float,
-        angle_rad: float,
-        index: float,
-        rotation_hz: float,
-        phase_rad: float,
-        tilted: str,
+        angle_rad: Annotated[float, Quantity("deg", gt=0, le=45)],
+        index: Annotated[float, Quantity(ge=1, le=4)],
+        rotation_hz: Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive from the left to the top")],
+        phase_rad: Annotated[
+            float, Quantity("deg", about="of the thick side at the start, from the left to the top")
+        ] = 0.0,
+        tilted: Annotated[Literal["in", "out"], Key(name="inclined_face", about="out is towards the scene")],
     ) -> Wedge:
         """A prism that turns at a constant rate, from y (left) to z (up) if positive; ``rate_hz`` is that of pulses."""
         turns = Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)

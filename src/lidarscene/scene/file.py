@@ -138,7 +138,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         materials=surfaces.materials,
         sun=file.sun.build(),
         sky=file.sky.in_si(),
-        air=file.air.build(file.weather.in_si()),
+        air=file.air.in_si(weather=file.weather.in_si()),
         lamps_w_m2=lamps_w_m2(file.interference),
         interferers=interferers(file.interference),
         sensor_name=_sensor_name(file.sensor.name, path.parent),

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -97,16 +97,16 @@ class Sky:
 class Air:
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
-    transmittance: float = 1.0
-    extinction_per_m: float = 0.0
-    visibility_m: float = math.inf
-    model: str = "kim"
+    transmittance: Annotated[float, Quantity(gt=0, le=1)] = 1.0
+    extinction_per_m: Annotated[float, Quantity(ge=0)] = 0.0
+    visibility_m: Annotated[float | None, Quantity("km", gt=0)] = None
+    model: Annotated[Literal["kruse", "kim"], Key()] = "kim"
     weather: Weather = field(default_factory=Weather)
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
         """Extinction coefficient at a laser wavelength, weather included."""
         extinction_per_m = self.extinction_per_m + self.weather.extinction_at_per_m(wavelength_m)
-        if math.isinf(self.visibility_m):
+        if self.visibility_m is None:
             return extinction_per_m
         return extinction_per_m + air.extinction_from_visibility_per_m(
             visibility_m=self.visibility_m, wavelength_m=wavelength_m, model=self.model

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -84,31 +83,16 @@ class SkyFile(Table[Sky]):
     """[sky]: diffuse irradiance as a share of the sun's at normal incidence."""
 
 
-class AirFile(FileModel):
+class AirFile(Table[Air]):
     """[air]: one of the three ways to say it; clear (transmittance 1) without."""
-
-    transmittance: Annotated[float, Field(gt=0, le=1)] | None = None
-    extinction_per_m: NotNegative | None = None
-    visibility_km: Positive | None = None
-    model: Literal["kruse", "kim"] = "kim"
 
     @model_validator(mode="after")
     def _only_one(self) -> AirFile:
         ways = ("transmittance", "extinction_per_m", "visibility_km")
-        given = [k for k in ways if getattr(self, k) is not None]
+        given = [k for k in ways if k in self.model_fields_set]
         if len(given) > 1:
             raise ValueError(f"must have only one of {', '.join(ways)}, got {' and '.join(given)}")
         return self
-
-    def build(self, weather: Weather) -> Air:
-        """The air in metres, with this weather in it."""
-        return Air(
-            transmittance=1.0 if self.transmittance is None else self.transmittance,
-            extinction_per_m=self.extinction_per_m or 0.0,
-            visibility_m=math.inf if self.visibility_km is None else si(self.visibility_km, "km"),
-            model=self.model,
-            weather=weather,
-        )
 
 
 class WeatherFile(Table[Weather]):

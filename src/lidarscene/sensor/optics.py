@@ -143,7 +143,7 @@ class OverlapFile(FileModel):
     )
 
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
-        """The share of the spot in the field of view, by range."""
+        """The share of the spot in the field of view, by range. By hand: it takes numbers of three tables."""
         return Overlap.of(
             laser.spot,
             aperture_radius_m=float(optics.aperture_radius_m),
@@ -189,6 +189,6 @@ class OpticsFile(Table[Optics]):
         return self
 
     def build(self, folder: Path) -> Optics:
-        """In SI units, without the overlap; a filter's transmittance file lies in ``folder``."""
+        """In SI units; the overlap needs the detector too. A filter's transmittance file lies in ``folder``."""
         sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
         return self.in_si(sun_irradiance_w_m2=sun, halo=None if self.halo is None else self.halo.in_si())

@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Generic, Literal, Self
+from typing import Annotated, Generic, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
@@ -16,7 +16,6 @@ from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner, Swing
 
 Positive = Annotated[float, Field(gt=0)]
 Turn = Annotated[float, Field(ge=0, le=45)]
-Rotation = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +28,12 @@ class Surroundings:
     folder: Path
 
 
+def require_fewer(pulses: float) -> None:
+    """Raise ValueError if a frame has more pulses than 31 bits can number."""
+    if pulses > 2**31 - 1:
+        raise ValueError(f"must have fewer than 2^31 pulses in a frame, got {pulses:.3g}")
+
+
 class ScannerFile(Table[Made], Generic[Made]):
     """Base of all scanners."""
 
@@ -37,8 +42,8 @@ class ScannerFile(Table[Made], Generic[Made]):
         return pulse_period_us
 
     def build(self, around: Surroundings) -> Scanner:
-        """In SI units. Raises InputError."""
-        raise NotImplementedError
+        """In SI units. A mechanism that takes more of its surroundings than the rate says so. Raises InputError."""
+        return cast(Scanner, self.in_si(rate_hz=around.rate_hz))
 
 
 class _MirrorsFile(ScannerFile[Made], Generic[Made]):
@@ -66,12 +71,12 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
         if self.mirrors == "two":
             for key in ("incidence_deg", "side", "mirror_radius_mm"):
                 if getattr(self, key) is not None:
-                    raise ValueError(f'{key} is of one mirror, mirrors = "two" came')
+                    raise ValueError(f'{key}: must go with mirrors = "one", got "two"')
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         stop = self._mirrors(None, 0.0)
         for a, e in itertools.product((-1, 1), repeat=2):
             if stop.beam(a * turns[0], e * turns[1])[1] <= 1e-6:
-                raise ValueError("a mirror that always faces the beam was expected, it turns too far")
+                raise ValueError("a mirror must face the beam at every turn, got one that turns too far")
         return self
 
     def _mirrors(self, mirror_radius_m: float | None, lens_radius_m: float) -> Gimbal | MirrorPair:
@@ -97,12 +102,11 @@ class MirrorFile(_MirrorsFile[MirrorRaster]):
 
     @model_validator(mode="after")
     def _not_too_many(self) -> MirrorFile:
-        if self.pulses_per_line * self.lines > 2**31 - 1:
-            raise ValueError("fewer than 2^31 pulses in a frame were expected")
+        require_fewer(self.pulses_per_line * self.lines)
         return self
 
     def build(self, around: Surroundings) -> MirrorRaster:
-        """In SI units."""
+        """In SI units. By hand: which turn is the fast one is a choice."""
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         fast, slow = turns if self.fast == "azimuth" else turns[::-1]
         return self.in_si(
@@ -120,15 +124,14 @@ class LissajousFile(_MirrorsFile[Lissajous]):
     elevation_phase_deg: float = 0.0
 
     def build(self, around: Surroundings) -> Lissajous:
-        """In SI units."""
+        """In SI units. By hand: two swings of one class, told apart by their keys."""
         return self.in_si(
             rate_hz=around.rate_hz, mirrors=self.mirrors_for(around),
-            azimuth=Swing(
-                frequency_hz=self.azimuth_hz, phase_rad=math.radians(self.azimuth_phase_deg),
-                turn_rad=math.radians(self.azimuth_turn_deg),
-            ),
-            elevation=Swing(
-                frequency_hz=self.elevation_hz, phase_rad=math.radians(self.elevation_phase_deg),
-                turn_rad=math.radians(self.elevation_turn_deg),
-            ),
+            azimuth=self._swing("azimuth"), elevation=self._swing("elevation"),
         )  # fmt: skip
+
+    def _swing(self, axis: str) -> Swing:
+        hertz, phase_deg, turn_deg = (
+            getattr(self, f"{axis}_{key}") for key in ("hz", "phase_deg", "turn_deg")
+        )
+        return Swing(frequency_hz=hertz, phase_rad=math.radians(phase_deg), turn_rad=math.radians(turn_deg))

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.toml import FileModel
+from ..files.table import Table
 from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
@@ -18,9 +18,9 @@ from .scanner_tables import (
     LissajousFile,
     MirrorFile,
     Positive,
-    Rotation,
     ScannerFile,
     Surroundings,
+    require_fewer,
 )
 
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -30,10 +30,6 @@ class RasterFile(ScannerFile[Raster]):
     """[scanner] type = "raster": an even grid of directions, both edges included."""
 
     type: Literal["raster"]
-    azimuth_fov_deg: Annotated[float, Field(gt=0, le=360)]
-    elevation_fov_deg: Annotated[float, Field(gt=0, le=180)]
-    azimuth_step_deg: Positive
-    elevation_step_deg: Positive
 
     @model_validator(mode="after")
     def _steps_fit(self) -> RasterFile:
@@ -44,17 +40,8 @@ class RasterFile(ScannerFile[Raster]):
         pulses = (self.azimuth_fov_deg / self.azimuth_step_deg + 1) * (
             self.elevation_fov_deg / self.elevation_step_deg + 1
         )
-        if pulses > 2**31 - 1:
-            raise ValueError(f"{pulses:.3g} pulses in a frame came, fewer than 2^31 were expected")
+        require_fewer(pulses)
         return self
-
-    def build(self, around: Surroundings) -> Raster:
-        """In SI units."""
-        return Raster.from_field_of_view(
-            fov=(self.azimuth_fov_deg, self.elevation_fov_deg),
-            step=(self.azimuth_step_deg, self.elevation_step_deg),
-            unit_rad=math.pi / 180.0, rate_hz=around.rate_hz, **self.values_in_si(),
-        )  # fmt: skip
 
 
 class SpinningFile(ScannerFile[Spinning]):
@@ -79,18 +66,18 @@ class SpinningFile(ScannerFile[Spinning]):
     @model_validator(mode="after")
     def _fits_together(self) -> SpinningFile:
         if (self.cycle_us is None) == (self.columns_per_turn is None):
-            raise ValueError("one of cycle_us and columns_per_turn was expected, not both or none")
+            raise ValueError("one of cycle_us and columns_per_turn must be given, got both or none")
         if self.rotation_hz == 0.0:
-            raise ValueError("a rotation_hz other than 0 was expected")
+            raise ValueError("rotation_hz: must not be 0")
         lasers = len(self.elevation_deg)
         for key in ("azimuth_offset_deg", "firing_time_us", "forward_mm", "left_mm", "height_mm"):
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
                 raise ValueError(f"{key} has {len(values)} entries, elevation_deg has {lasers}")
-        if self.firing_time_us and si(max(self.firing_time_us), "us") >= self.cycle_s:
-            raise ValueError(f"firing_time_us beyond the cycle of {self.cycle_s * 1e6:g} us came")
-        if lasers / self.cycle_s > (2**31 - 1) * abs(self.rotation_hz):
-            raise ValueError("fewer than 2^31 pulses in a frame were expected")
+        last_us = max(self.firing_time_us or (0.0,))
+        if si(last_us, "us") >= self.cycle_s:
+            raise ValueError(f"firing_time_us: must be < {self.cycle_s * 1e6:g}, the cycle, got {last_us:g}")
+        require_fewer(lasers / self.cycle_s / abs(self.rotation_hz))
         return self
 
     def build(self, around: Surroundings) -> Spinning:
@@ -99,8 +86,8 @@ class SpinningFile(ScannerFile[Spinning]):
         rate_hz = lasers / self.cycle_s
         if abs(around.rate_hz / rate_hz - 1.0) > 0.01:
             raise InputError(
-                f"laser.repetition_rate_khz = {around.rate_hz * 1e-3:g} came, but {lasers} lasers every"
-                f" {self.cycle_s * 1e6:g} us fire {rate_hz * 1e-3:.3f} thousand pulses a second"
+                f"laser.repetition_rate_khz: must be {rate_hz * 1e-3:.3f}, for {lasers} lasers every"
+                f" {self.cycle_s * 1e6:g} us, got {around.rate_hz * 1e-3:g}"
             )
         starts = self.forward_mm, self.left_mm, self.height_mm
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
@@ -115,42 +102,27 @@ class PolygonFile(ScannerFile[Polygon]):
     @model_validator(mode="after")
     def _faces_the_beam(self) -> PolygonFile:
         if self.rotation_hz == 0.0:
-            raise ValueError("a rotation_hz other than 0 was expected")
+            raise ValueError("rotation_hz: must not be 0")
         swing = self.incidence_deg + self.duty * 180.0 / len(self.facet_tilt_deg)
         if swing >= 90.0:
             raise ValueError(
-                f"facets that always face the beam were expected; with incidence_deg = {self.incidence_deg:g} and"
-                f" duty = {self.duty:g} they turn to {swing:g} degrees from it"
+                f"facets must turn by < 90 degrees from the beam, got {swing:g} with"
+                f" incidence_deg = {self.incidence_deg:g} and duty = {self.duty:g}"
             )
         return self
 
     def build(self, around: Surroundings) -> Polygon:
-        """In SI units."""
+        """In SI units, if a facet has pulses; only a facet of known size needs the lens."""
         facets = len(self.facet_tilt_deg)
         on_facet = around.rate_hz * self.duty / (facets * abs(self.rotation_hz))
         if not 1.0 - 1e-6 <= on_facet < 2**24:
-            raise InputError(f"scanner: {on_facet:.3g} pulses on each facet came, 1 to 2^24 were expected")
+            raise InputError(f"scanner: must have 1 to 2^24 pulses on each facet, got {on_facet:.3g}")
         lens_radius_m = None if self.inradius_mm is None else around.lens_radius_m
         return self.in_si(rate_hz=around.rate_hz, lens_radius_m=lens_radius_m)
 
 
-class WedgeFile(FileModel):
+class WedgeFile(Table[Wedge]):
     """One prism of a Risley scanner, the first one next to the laser."""
-
-    angle_deg: Annotated[float, Field(gt=0, le=45)]
-    index: Annotated[float, Field(ge=1, le=4)]
-    rotation_hz: Rotation = Field(description="positive from the left to the top")
-    phase_deg: float = Field(
-        default=0.0, description="of the thick side at the start, from the left to the top"
-    )
-    inclined_face: Literal["in", "out"] = Field(description="out is towards the scene")
-
-    def build(self, rate_hz: float) -> Wedge:
-        """In SI units."""
-        return Wedge.of(
-            rate_hz=rate_hz, angle_rad=math.radians(self.angle_deg), index=self.index,
-            rotation_hz=self.rotation_hz, phase_rad=math.radians(self.phase_deg), tilted=self.inclined_face,
-        )  # fmt: skip
 
 
 class RisleyFile(ScannerFile[Risley]):
@@ -160,14 +132,14 @@ class RisleyFile(ScannerFile[Risley]):
     wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
 
     def build(self, around: Surroundings) -> Risley:
-        """In SI units."""
+        """In SI units, if light passes the wedges however they stand."""
         scanner = self.in_si(
-            rate_hz=around.rate_hz, wedges=tuple(one.build(around.rate_hz) for one in self.wedges)
+            rate_hz=around.rate_hz, wedges=tuple(one.in_si(rate_hz=around.rate_hz) for one in self.wedges)
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
             raise InputError(
-                "scanner: light is totally reflected in these wedges; smaller angle_deg were expected"
+                "scanner: light is totally reflected in these wedges; they need a smaller angle_deg"
             )
         return scanner
 
@@ -191,19 +163,19 @@ class FlashFile(ScannerFile[Flash]):
     @model_validator(mode="after")
     def _nothing_turns(self) -> FlashFile:
         if self.encoder_step_deg is not None:
-            raise ValueError("encoder_step_deg came, but nothing turns in a flash")
+            raise ValueError("encoder_step_deg: nothing turns in a flash")
         if self.columns * self.rows > 2**31 - 1:
-            raise ValueError("fewer than 2^31 pixels were expected")
+            raise ValueError(f"must have fewer than 2^31 pixels, got {self.columns * self.rows:.3g}")
         return self
 
     def build(self, around: Surroundings) -> Flash:
-        """In SI units."""
+        """In SI units, if the lens sees all pixels; their pitch is over its focal length."""
         pitch = si(self.pixel_pitch_um, "um") / around.focal_length_m
         height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
         if height >= LARGEST_HEIGHT[self.projection]:
             raise InputError(
-                f"scanner: a pixel {height:.3g} focal lengths off the axis came, less than"
-                f" {LARGEST_HEIGHT[self.projection]:.3g} was expected of a lens that is {self.projection}"
+                f"scanner: pixels must be < {LARGEST_HEIGHT[self.projection]:.3g} focal lengths off the axis of"
+                f" a lens that is {self.projection}, got {height:.3g}"
             )
         return self.in_si(pitch=pitch, frame_rate_hz=around.rate_hz)
 
@@ -220,7 +192,7 @@ class TableFile(ScannerFile[Pattern]):
     )
 
     def build(self, around: Surroundings) -> Pattern:
-        """In SI units."""
+        """In SI units, from the file of the pattern."""
         return read_pattern(around.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
 
 
