@@ -12,7 +12,7 @@ from lidarscene.maths import arrays, random
 from lidarscene.maths.arrays import NUMPY
 
 SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
-CHAIN = ("light", "detection", "physics", "scan")
+CHAIN = ("light", "detection", "physics", "scan", "kernel", "rendering")
 """Folders whose annotations mean something."""
 
 LARGEST_SHARE_OF_ANY = 0.05

@@ -17,7 +17,7 @@ from ..kernel.rays.columns import Staged
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Numbers, inverse, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, inverse, is_drjit, xp
 from ..maths.pose import Pose
 from ..sensor.model import Sensor
 from .frame import LARGEST_FLOAT32_M
@@ -98,7 +98,7 @@ def numbered(first: int, count: int) -> PulseNumbers:
     return functools.partial(np.arange, first, first + count, dtype=np.uint32)
 
 
-def left_out(pulse: Any, paths: Sequence[Hits], detection: Detection, goes_on: Any) -> Chunk:
+def left_out(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
     """A chunk; what goes on is left out of it."""
     if goes_on is None:
         return Chunk(pulse, paths, detection)

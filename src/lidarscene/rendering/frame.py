@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..kernel.device import transfer
 from ..kernel.world.build import World, at_rest
-from ..maths.arrays import Numbers
+from ..maths.arrays import Lanes, Numbers
 from ..maths.paths import Paths, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding, pose_at
@@ -80,7 +80,8 @@ class Frame:
             number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
             place=place, vehicle=pose_at(scene.ego or Course(), start_s),
             origin=at_rest(place, world.centre_m),
-            paths=None if paths is None else replace(transfer.opaque(paths), table=transfer.from_numpy(paths.table)),
+            paths=None if paths is None
+            else replace(transfer.opaque(paths), table=transfer.from_numpy(np.asarray(paths.table))),
             moves=scene.ego is not None, _scanner=sensor.scanner,
         )  # fmt: skip
 
@@ -113,13 +114,13 @@ class Frame:
 
 
 def placements(
-    origin: Placement, paths: Paths | None, times: Any, *, moves: bool
+    origin: Placement, paths: Paths | None, times: Lanes | None, *, moves: bool
 ) -> tuple[Placement, list[Placement] | None]:
     """Of the sensor and of each mover at these times; None: nothing moves.
 
     origin  of the sensor unless it ``moves``
     """
-    if paths is None:
+    if paths is None or times is None:
         return origin, None
     sensor, *movers = (paths.at(times, number) for number in range(paths.count))
     return sensor if moves else origin, movers

@@ -17,7 +17,7 @@ from ..kernel.device import transfer
 from ..kernel.rays import columns as collect
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Numbers
+from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.model import Scene
@@ -241,7 +241,7 @@ class Simulator:
             self._orders = dict([*self._orders.items()][-1:]) | {count: known}
         return known
 
-    def _gone_on(self, now: Frame, part: Chunk, seed: Any) -> list[Chunk]:
+    def _gone_on(self, now: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
         """The pulses of a chunk that meet panes or mirrors, once more and in full."""
         lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
         if lanes is None:

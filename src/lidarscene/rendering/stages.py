@@ -23,7 +23,9 @@ from ..light.field_of_view import background_power_w, field_of_view
 from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, together
+from ..maths.arrays import Array, Lanes
 from ..maths.paths import Paths, Placement
+from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.model import Scene
 from ..sensor.model import Sensor
@@ -75,7 +77,7 @@ class Stages:
             sun=transfer.opaque(numbers_of(scene.sun.direction)),
         )
 
-    def chain(self, places: Places, pulse: Any, seed: Any, *, survey: bool) -> Chunk:
+    def chain(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
         survey  leave out the pulses that meet panes or mirrors, and say which these are
@@ -88,11 +90,11 @@ class Stages:
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
         return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
-    def pulse_train(self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any) -> EchoTrain:
+    def pulse_train(self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
         return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
 
-    def _lit(self, places: Places, pulse: Any, seed: Any, *, survey: bool = False) -> Lit:
+    def _lit(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False) -> Lit:
         """The optical stages: beams, hits, echoes."""
         background = None if self.field is None else self._background(places, pulse, seed, self.field)
         rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey)
@@ -105,7 +107,7 @@ class Stages:
         return Lit(pulse, rays, paths, light, paths[0].goes_on)
 
     def _traced(
-        self, places: Places, pulse: Any, seed: Any, shape: Footprint, *, survey: bool = False
+        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, *, survey: bool = False
     ) -> tuple[Beams, Sequence[Hits]]:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = (pulse, None) if shape.rays == 1 else transfer.repeated(pulse, shape.rays)
@@ -126,14 +128,14 @@ class Stages:
             firing=firing,
         )  # fmt: skip
 
-    def _background(self, places: Places, pulse: Any, seed: Any, shape: Footprint) -> Any:
+    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
         rays, paths = self._traced(places, pulse, seed, shape)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
         transfer.start([power])
         return power
 
-    def _together(self, lit: Lit, seed: Any) -> EchoTrain:
+    def _together(self, lit: Lit, seed: Lanes) -> EchoTrain:
         """All that comes back of each pulse, with the light of the air."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         transfer.start(
@@ -157,7 +159,7 @@ class Chain:
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
     def __call__(
-        self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any, *, survey: bool = False
+        self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes, *, survey: bool = False
     ) -> Chunk:
         """Some pulses of a frame."""
         if self.repeats:
@@ -193,7 +195,9 @@ class Chain:
         if key not in self._replays:
             stages = self._stages
 
-            def chain(pulse: Any, seed: Any, place: tuple[Any, ...], moving: tuple[Any, ...]) -> Chunk:
+            def chain(
+                pulse: Array, seed: Lanes, place: tuple[Vector, tuple[Lanes, ...]], moving: tuple[Any, ...]
+            ) -> Chunk:
                 paths, times = None, None
                 if moving:
                     table, rate_hz, last, times = moving

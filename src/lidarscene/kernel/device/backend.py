@@ -82,7 +82,7 @@ def is_cuda() -> bool:
     return variant().startswith("cuda")
 
 
-def trace_one_ray(mi: Any = None) -> tuple[float, float]:
+def trace_one_ray(mi: ModuleType | None = None) -> tuple[float, float]:
     """Trace a plate that is 5 m away; return the true range and the traced one, in metres."""
     mi = mi or mitsuba()
     scene = mi.load_dict({"type": "scene", "plate": {"type": "rectangle"}})
@@ -158,7 +158,7 @@ def _with_variant(name: str) -> ModuleType:
     return mi
 
 
-def _users_own(mi: Any, current: str) -> ModuleType:
+def _users_own(mi: ModuleType, current: str) -> ModuleType:
     """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is a scalar one."""
     if current.startswith("scalar"):
         raise BackendError(

@@ -7,13 +7,13 @@ respect to every number of a sensor needs no second formula and no step width, a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
+from ...maths.arrays import Array, Lanes
 from . import backend
 
 
 def gradient(
-    formula: Callable[[Mapping[str, Any]], Any], values: Mapping[str, float]
+    formula: Callable[[Mapping[str, Array]], Lanes], values: Mapping[str, float]
 ) -> tuple[float, dict[str, float]]:
     """Return the formula's value and its derivative with respect to every number, in double precision.
 

@@ -17,11 +17,12 @@ import gc
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from ...maths.arrays import is_drjit, uploaded_tables
 from . import transfer
 from .backend import is_cuda
+from .types import DeviceArray
 
 _RECORDINGS = 4
 """Recordings kept of one function. Dr.Jit makes one for each layout of the inputs: their types, and which of them have
@@ -45,7 +46,7 @@ class Replay:
     """
 
     def __init__(
-        self, function: Callable[..., Any], wanted: Callable[[Any], list[Any]], *, held: tuple[Any, ...]
+        self, function: Callable[..., object], wanted: Callable[[Any], list[Any]], *, held: tuple[object, ...]
     ) -> None:
         self._function, self._wanted = function, wanted
         self._inputs: list[Any] = []
@@ -54,7 +55,7 @@ class Replay:
         self._frozen: Any = None
         self._records = not is_cuda()  # on a GPU nobody has tried it
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         """Return what the function returns for these arguments; its wanted arrays are started."""
         while self._records:
             tables = len(uploaded_tables())
@@ -78,7 +79,7 @@ class Replay:
         """How many recordings were made; 0 if each call runs the function itself."""
         return int(self._frozen.n_recordings) if self._records and self._frozen is not None else 0
 
-    def _repeated(self, *arguments: Any) -> Any:
+    def _repeated(self, *arguments: object) -> Any:
         import drjit as dr
 
         with _no_garbage():
@@ -107,7 +108,7 @@ class Replay:
         }
         weakref.finalize(self, own.clear)
 
-        def recorded(*arguments: Any) -> list[Any]:
+        def recorded(*arguments: object) -> list[Any]:
             # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
             # array of the list belongs where in the description; a replay only brings a new list.
             found = own["function"](*arguments)
@@ -115,7 +116,7 @@ class Replay:
             own["plan"][:] = [_plan(found, {id(one): place for place, one in enumerate(outputs)})]
             return outputs
 
-        def inputs(*_: Any) -> Any:
+        def inputs(*_: object) -> Any:
             """All arrays that are read and are not arguments: Dr.Jit watches these too."""
             return own["inputs"], uploaded_tables()
 
@@ -130,7 +131,7 @@ def _root_cause(error: BaseException) -> BaseException:
     return error if error.__cause__ is None else _root_cause(error.__cause__)
 
 
-def _settle(inputs: Callable[..., Any]) -> None:
+def _settle(inputs: Callable[..., object]) -> None:
     """Bring all inputs into the form in which Dr.Jit leaves them, before anything is recorded with them."""
     import drjit as dr
 
@@ -171,10 +172,10 @@ class _Place:
     index: int
 
 
-def _gather(value: Any, found: list[Any]) -> None:
+def _gather(value: object, found: list[DeviceArray]) -> None:
     """Append every array in descriptions and tuples, however deep, to ``found``."""
     if is_drjit(value):
-        found.append(value)
+        found.append(cast(DeviceArray, value))
     elif isinstance(value, tuple | list):
         for inner in value:
             _gather(inner, found)
@@ -183,21 +184,21 @@ def _gather(value: Any, found: list[Any]) -> None:
             _gather(getattr(value, field.name), found)
 
 
-def _plan(value: Any, places: dict[int, int]) -> Any:
+def _plan(value: object, places: dict[int, int]) -> Any:
     """Return a description with a `_Place` for each array; ``places`` has the index in the list by id of the array."""
     if is_drjit(value):
         return _Place(places[id(value)]) if id(value) in places else LEFT_OUT
     return _mapped(value, lambda inner: _plan(inner, places))
 
 
-def _filled(plan: Any, arrays: list[Any]) -> Any:
+def _filled(plan: object, arrays: list[DeviceArray]) -> Any:
     """Return a description: a plan with the arrays in their places."""
     if isinstance(plan, _Place):
         return arrays[plan.index]
     return _mapped(plan, lambda inner: _filled(inner, arrays))
 
 
-def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+def _mapped(value: object, change: Callable[[object], object]) -> Any:
     """Apply ``change`` to each element of a tuple or list, or each field of a dataclass; others stay as they are."""
     if isinstance(value, tuple | list):
         return type(value)(change(inner) for inner in value)

@@ -12,12 +12,14 @@ A *lane* is one element of a Dr.Jit array: one pulse, or one ray of a pulse. A k
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 
-from ...maths.arrays import Table, is_drjit
+from ...maths.arrays import Array, Numbers, Table, is_drjit
 from .backend import is_cuda, mitsuba
+from .types import DeviceArray
 
 _KEPT_STATIC = frozenset({"stops", "count", "room"})
 """Fields that stay Python numbers: they decide how many outputs, how many steps or how much memory a kernel has."""
@@ -26,7 +28,7 @@ _ALIGNMENT = 64
 """Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
-def opaque(value: Any) -> Any:
+def opaque(value: object) -> Any:
     """Return a copy in which every float and int is opaque, however deep in frozen dataclasses and tuples.
 
     Strings, booleans, None, poses and arrays stay as they are: they select code or never enter a kernel. Tables stay
@@ -71,7 +73,7 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
-def repeated(values: Any, times: int) -> tuple[Any, Any]:
+def repeated(values: Array, times: int) -> tuple[Any, Any]:
     """Repeat each of (n,) numbers on ``times`` neighbouring lanes.
 
     Returns (n times,) values and (n times,) the lane's number 0 to times - 1 within its group.
@@ -84,17 +86,17 @@ def repeated(values: Any, times: int) -> tuple[Any, Any]:
     return dr.gather(type(values), values, number), lane - number * times
 
 
-def from_numpy(values: Any) -> Any:
+def from_numpy(values: Numbers) -> Any:
     """Upload (n,) numbers in single precision."""
     return mitsuba().Float(_aligned(values, np.float32))
 
 
-def unsigned_numbers(values: Any) -> Any:
+def unsigned_numbers(values: Numbers) -> Any:
     """Upload (n,) 32-bit unsigned numbers."""
     return mitsuba().UInt32(_aligned(values, np.uint32))
 
 
-def _aligned(values: Any, dtype: Any) -> Any:
+def _aligned(values: Numbers, dtype: type[np.generic]) -> Any:
     """Copy (n,) values of 4 bytes into memory that starts at a multiple of `_ALIGNMENT`."""
     # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone.
@@ -105,14 +107,14 @@ def _aligned(values: Any, dtype: Any) -> Any:
     return aligned
 
 
-def whole_numbers(values: Any) -> Any:
+def whole_numbers(values: Sequence[int]) -> Any:
     """Upload (n,) 32-bit signed numbers."""
     import numpy as np
 
     return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
-def fetched(value: Any) -> Any:
+def fetched(value: object) -> Any:
     """Return a copy of a description with every device array in it as NumPy; opaque numbers become arrays of one."""
     if isinstance(value, tuple):
         return tuple(fetched(inner) for inner in value)
@@ -121,17 +123,17 @@ def fetched(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         changed = {field.name: fetched(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **changed)
-    return value.numpy() if is_drjit(value) else value
+    return cast(DeviceArray, value).numpy() if is_drjit(value) else value
 
 
-def columns(arrays: dict[str, Any]) -> dict[str, Any]:
+def columns(arrays: dict[str, DeviceArray]) -> dict[str, Any]:
     """Compute arrays together and return them as NumPy, by name."""
     start(list(arrays.values()))
     wait()
     return {name: array.numpy() for name, array in arrays.items()}
 
 
-def start(arrays: list[Any]) -> None:
+def start(arrays: Sequence[object]) -> None:
     """Start to compute these arrays; do not wait for them."""
     import drjit as dr
 
@@ -147,7 +149,7 @@ def wait() -> None:
     dr.sync_thread()
 
 
-def apart(*arrays: Any) -> None:
+def apart(*arrays: object) -> None:
     """Keep what one Mitsuba scene was asked out of the kernel that asks the next one, where that is needed."""
     import drjit as dr
 

@@ -20,10 +20,11 @@ from ...detection.outcomes import Outcome, Status
 from ...detection.returns import Detection
 from ...light.beams import reported
 from ...light.hits import Hits
-from ...maths.arrays import Lanes, Numbers, inverse, is_drjit, xp
+from ...maths.arrays import Array, Lanes, Mask, Numbers, inverse, is_drjit, xp
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.types import DeviceArray
 from ..world.build import World
 
 ABSENT: dict[str, Any] = {
@@ -38,7 +39,7 @@ OF_WAYS = ("interactions", "ghost")
 """Columns that only pulses have which go on through panes, mirrors or gaps."""
 
 
-def lanes_where(flag: Any) -> Any:
+def lanes_where(flag: Mask) -> Any:
     """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
     import drjit as dr
 
@@ -46,7 +47,7 @@ def lanes_where(flag: Any) -> Any:
     return None if dr.width(lanes) == 0 else lanes
 
 
-def more_than_one(lanes: Any) -> Any:
+def more_than_one(lanes: DeviceArray) -> Any:
     """Return at least two lanes: the given ones, or a single one twice."""
     import drjit as dr
 
@@ -55,7 +56,7 @@ def more_than_one(lanes: Any) -> Any:
     return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
-def gathered(values: Any, lanes: Any) -> Any:
+def gathered(values: Array, lanes: Array) -> Any:
     """Return the entries of these lanes, computed."""
     import drjit as dr
 
@@ -64,7 +65,7 @@ def gathered(values: Any, lanes: Any) -> Any:
     return found
 
 
-def any_of_pulse(flag: Any, rays: int) -> Any:
+def any_of_pulse(flag: Mask, rays: int) -> Any:
     """Return (n,) whether a flag of (n rays,) lanes is set for any ray of each pulse."""
     ops = xp(flag)
     found = ops.column(flag, 0, rays)
@@ -74,7 +75,7 @@ def any_of_pulse(flag: Any, rays: int) -> Any:
 
 
 def kept_lanes(
-    detection: Detection, lane_of: Any = None, *, twice: bool = False
+    detection: Detection, lane_of: Array | None = None, *, twice: bool = False
 ) -> tuple[Any, Any, int] | None:
     """Return lane and stop number of every reported return, by pulse and then by stop, and their number k; or None.
 
@@ -133,7 +134,7 @@ class _Ends:
     found: Any
 
     @classmethod
-    def of(cls, staged: Staged, lane: Any, source: Any) -> _Ends:
+    def of(cls, staged: Staged, lane: Array, source: Array | None) -> _Ends:
         """Find the surfaces of these pulse lanes.
 
         source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, way by way
@@ -175,8 +176,8 @@ def columns(
     world: World,
     sensor: Sensor,
     staged: Staged,
-    air_classes: Any,
-    lanes: tuple[Any, Any],
+    air_classes: Array | None,
+    lanes: tuple[Array, Array],
     turn: tuple[Lanes, ...],
     shift: tuple[Lanes, Lanes, Lanes],
 ) -> dict[str, Any]:
@@ -197,7 +198,7 @@ def columns(
     paths, rays, detection = staged.paths, staged.rays, staged.detection
     stops = len(detection.stops)
 
-    def of_lane(values: Any) -> Any:
+    def of_lane(values: Lanes) -> Any:
         return dr.gather(type(values), values, lane)
 
     def of_stop(name: str) -> Any:
@@ -258,14 +259,14 @@ def columns(
     }
 
 
-def one_by_one(columns: dict[str, Any]) -> dict[str, Any]:
+def one_by_one(columns: dict[str, DeviceArray]) -> dict[str, Any]:
     """Return `columns` with xyz_m as one array of x, y, z of the first point, then of the second, and so on."""
     import drjit as dr
 
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
-def by_pulse(parts: Sequence[tuple[dict[str, Any], int]]) -> dict[str, Any]:
+def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, Any]:
     """Merge several `columns` by pulse number, in the layout of `one_by_one`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
@@ -327,7 +328,7 @@ def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, An
         return None
     lane = more_than_one(lane)
 
-    def of_lane(values: Any) -> Any:
+    def of_lane(values: Lanes) -> Any:
         return dr.gather(type(values), values, lane)
 
     source = None if detection.source is None else of_lane(detection.source)
@@ -347,7 +348,7 @@ def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, An
     return columns, count
 
 
-def _where_known(table: Any, index: Any) -> Any:
+def _where_known(table: Array, index: Array) -> Any:
     """Look up (k,) entries of an Int32 table; the result is -1 where the index is -1."""
     import drjit as dr
 
@@ -355,7 +356,7 @@ def _where_known(table: Any, index: Any) -> Any:
     return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
 
 
-def _interleaved(arrays: list[Any]) -> Any:
+def _interleaved(arrays: Sequence[object]) -> Any:
     """Join a arrays of n lanes into one of n a: the entry of array i at lane j becomes number j a + i."""
     import drjit as dr
 

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Lanes, Table, xp
+from ...maths.arrays import Lanes, Mask, Table, xp
 from ..device.backend import mitsuba
+from ..device.types import Surface
 
 _SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
 """Slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes a
@@ -50,7 +51,7 @@ class Draws:
         return place - ops.floor(place)
 
 
-def gap_share(surface: Any, here: Any) -> Any:
+def gap_share(surface: Surface, here: Mask) -> Any:
     """Return the share of gaps of a porous surface, 0 to 1; 0 where ``here`` does not hold."""
     import drjit as dr
 

@@ -14,7 +14,7 @@ import dataclasses
 import math
 from typing import Any
 
-from ...maths.arrays import xp
+from ...maths.arrays import Mask, xp
 from ...physics.optics import glint, receiver
 from ..device.backend import mitsuba
 from .meeting import Meeting, Moment
@@ -26,7 +26,7 @@ goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and
 a few per cent."""
 
 
-def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Any) -> tuple[Any, Way]:
+def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask) -> tuple[Any, Way]:
     """Find where the reflected beam comes back to the receiver. Returns (n,) flags, and the path that ends there.
 
     way      the path up to the pane or mirror

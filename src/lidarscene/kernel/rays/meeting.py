@@ -13,13 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 from ...light.footprint import Aim
+from ...maths.arrays import Lanes, Mask
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
 from ..world.build import Mover, World
 from ..world.speculars import Speculars
 from .gaps import Draws
@@ -71,25 +74,27 @@ class Moment:
         assert self.world.speculars is not None
         return self.world.speculars
 
-    def meet(self, ray: Any, active: Any = True) -> Meeting:
+    def meet(self, ray: Ray, active: Mask = True) -> Meeting:
         """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame."""
         return self._nearest(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
 
-    def pane(self, ray: Any, before: Any, active: Any) -> Meeting:
+    def pane(self, ray: Ray, before: Lanes, active: Mask) -> Meeting:
         """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
         panes = [mover.panes for mover, _ in self.moving]
         return self._nearest(_shorter(ray, before), active, self.world.panes, panes)
 
-    def blocked(self, ray: Any, active: Any) -> Any:
+    def blocked(self, ray: Ray, active: Mask) -> Any:
         """Return whether each active ray meets anything, panes left out."""
         return self._any(ray, active, self.world.scene, [mover.scene for mover, _ in self.moving])
 
-    def glazed(self, ray: Any, active: Any, before: Any = None) -> Any:
+    def glazed(self, ray: Ray, active: Mask, before: Lanes | None = None) -> Any:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         panes = [mover.panes for mover, _ in self.moving]
         return self._any(_shorter(ray, before), active, self.world.panes, panes)
 
-    def _nearest(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Meeting:
+    def _nearest(
+        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
+    ) -> Meeting:
         """Return the nearest surface among several Mitsuba scenes; a scene that is None is empty.
 
         still   of what stands still, in the traced frame
@@ -132,7 +137,7 @@ class Moment:
             found=found, t=first.t, surface=surface, seen=seen, to_sun=to_sun, shift=shift, here=tuple(here)
         )
 
-    def _surface(self, first: Any, seen: Any, found: Any) -> Any:
+    def _surface(self, first: Hit, seen: Ray, found: Mask) -> Any:
         """Return Mitsuba's interaction at a hit, as far as our BSDFs ask for it."""
         import drjit as dr
 
@@ -152,7 +157,9 @@ class Moment:
         surface.wi = surface.to_local(-seen.d)
         return surface
 
-    def _any(self, ray: Any, active: Any, still: Any, moving: Sequence[Any]) -> Any:
+    def _any(
+        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
+    ) -> Any:
         """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
@@ -171,30 +178,30 @@ class Moment:
         self._apart(met)
         return met
 
-    def outside(self, met: Meeting, point: Any) -> Any:
+    def outside(self, met: Meeting, point: DeviceVector) -> Any:
         """Transform points from the frame of the body that was met to the traced frame."""
         import drjit as dr
 
         mi = mitsuba()
         for (_, place), here in zip(self.moving, met.here, strict=True):
-            point = dr.select(here, mi.Point3f(*place.point(tuple(point))), point)
+            point = dr.select(here, mi.Point3f(*place.point(components(point))), point)
         return point
 
-    def _apart(self, *arrays: Any) -> None:
+    def _apart(self, *arrays: object) -> None:
         """Keep the queries of several scenes in kernels of their own, if there are several (`transfer.apart`)."""
         if self.moving or self.world.has_panes:
             transfer.apart(*arrays)
 
 
-def _carried(mi: Any, ray: Any, place: Placement) -> Any:
+def _carried(mi: ModuleType, ray: Ray, place: Placement) -> Any:
     """Transform rays from the traced frame to that of a body."""
-    origin, direction = place.point_within(tuple(ray.o)), place.vector_within(tuple(ray.d))
+    origin, direction = place.point_within(components(ray.o)), place.vector_within(components(ray.d))
     carried = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction))
     carried.maxt = ray.maxt
     return carried
 
 
-def _shorter(ray: Any, before: Any) -> Any:
+def _shorter(ray: Ray, before: Lanes | None) -> Any:
     """Return rays that end at a length; None: they stay as they are."""
     if before is None:
         return ray
@@ -203,10 +210,10 @@ def _shorter(ray: Any, before: Any) -> Any:
     return ray
 
 
-def _near(dr: Any, ray: Any, mover: Mover) -> Any:
+def _near(dr: ModuleType, ray: Ray, mover: Mover) -> Any:
     """Return whether rays in the body's frame pass through the sphere around it."""
     x, y, z, radius = mover.sphere
-    to = type(ray.o)(x, y, z) - ray.o
+    to = mitsuba().Point3f(x, y, z) - ray.o
     along = dr.dot(to, ray.d)
     # The vector from the sphere's centre to the nearest point of the ray: its square keeps its precision, while
     # |to|^2 - along^2 would be the difference of two large numbers.

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
-from ...maths.arrays import Lanes, Mask, xp
+from ...maths.arrays import Array, Lanes, Mask, xp
 from ...physics.optics import dielectrics
 from ..device.backend import mitsuba
+from ..device.types import Ray
 from .gaps import gap_share
 from .meeting import Meeting, Moment
 
@@ -50,12 +51,15 @@ class Way:
     glint_per_sr: Lanes = 0.0
 
 
-def chosen(mask: Any, here: Any, elsewhere: Any) -> Any:
+Followed = TypeVar("Followed", Way, Meeting)
+
+
+def chosen(mask: Mask, here: Followed, elsewhere: Followed) -> Followed:
     """Select field by field between two objects of type `Way` or `Meeting`: ``here`` where the mask holds."""
     import drjit as dr
 
-    def one(a: Any, b: Any) -> Any:
-        if isinstance(a, tuple):
+    def one(a: object, b: object) -> Any:
+        if isinstance(a, tuple) and isinstance(b, tuple):
             return tuple(one(x, y) for x, y in zip(a, b, strict=True))
         # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
@@ -85,7 +89,7 @@ def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
     return porous & (moment.draws.uniform(way.interactions) >= gap_share(pane.surface, porous))
 
 
-def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: bool) -> Way:
+def gone_on(moment: Moment, way: Way, met: Meeting, active: Mask, *, reflected: bool) -> Way:
     """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them."""
     import drjit as dr
 
@@ -117,7 +121,7 @@ def gone_on(moment: Moment, way: Way, met: Meeting, active: Any, *, reflected: b
     )
 
 
-def _lobe(moment: Moment, met: Meeting, kind: Any, active: Any, *, reflected: bool) -> tuple[Any, Any]:
+def _lobe(moment: Moment, met: Meeting, kind: Array, active: Mask, *, reflected: bool) -> tuple[Any, Any]:
     """Return (n,) direction in the surface's own frame, and (n,) share of the light that goes there."""
     import drjit as dr
 
@@ -159,7 +163,7 @@ def _of_pane(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> L
     return law(surface=surface, internal=internal)
 
 
-def sunlight_share(moment: Moment, ray: Any, active: Any, *, interactions: int) -> Any:
+def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int) -> Any:
     """Return the share of the sun's light along these shadow rays: 1 in the open, less through panes, 0 in shadow.
 
     interactions  largest number of panes and porous surfaces on a ray; behind more of them there is shadow. Sunlight

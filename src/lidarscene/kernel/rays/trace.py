@@ -16,16 +16,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 from ...light.beams import Beams
 from ...light.footprint import Aim
 from ...light.hits import Hits
 from ...light.limits import INTERACTIONS
-from ...maths.arrays import Lanes, is_drjit, xp
+from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.paths import Placement
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
+from ..device.types import DeviceVector, Ray, Surface
 from ..world.build import World
 from .gaps import Draws, gap_share
 from .glints import returned
@@ -90,7 +92,7 @@ def trace(
         return (_surveyed(moment, first, moment.meet(ray)),)
     ways = _ways(moment, first, interactions)
 
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
+    def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
     return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
@@ -102,7 +104,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
     through_glass = mi.Bool(False)
 
     # `_ended` asks for the sunlight once, with the shadow rays: the same rays tell whether glass is in the sun's way.
-    def sunshine(ray: Any, sunny: Any) -> tuple[Any, Lanes]:
+    def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         nonlocal through_glass
         lit = sunny & ~moment.blocked(ray, sunny)
         through_glass = moment.glazed(ray, lit)
@@ -143,7 +145,7 @@ def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meetin
     return [(way, met), (second, end)]
 
 
-def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple[Way, Meeting]:
+def _mirrored(moment: Moment, way: Way, active: Mask, interactions: int) -> tuple[Way, Meeting]:
     """Follow the second path from the first pane on, on the lanes that have one."""
     import drjit as dr
 
@@ -157,19 +159,19 @@ def _mirrored(moment: Moment, way: Way, active: Any, interactions: int) -> tuple
     return way, _at_last_pane(moment, way, met, on | back)
 
 
-def _pane_before(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting | None:
+def _pane_before(moment: Moment, way: Way, met: Meeting, on: Mask) -> Meeting | None:
     """Return the nearest pane or porous surface in front of what was met; None in a world without any."""
     return moment.pane(way.ray, met.t, on) if moment.speculars.lets_through else None
 
 
-def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Any) -> Meeting:
+def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Mask) -> Meeting:
     """Return the end of a path that has used all its interactions: what was met, or a pane in front of it."""
     pane = _pane_before(moment, way, met, on)
     return met if pane is None else chosen(pane.found, pane, met)
 
 
 def _a_step_on(
-    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Any
+    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Mask
 ) -> tuple[Way, Meeting, Any]:
     """Take one step where ``on`` holds: through a pane or gap, or off a mirror.
 
@@ -197,7 +199,9 @@ def _a_step_on(
     return way, met, gone
 
 
-def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any], tuple[Any, Lanes]]) -> Hits:
+def _ended(
+    moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]]
+) -> Hits:
     """Return the Hits at the end of a path.
 
     sunshine  from shadow rays and (n,) flags of those that matter: (n,) whether the sun is seen, and share of its light
@@ -249,7 +253,7 @@ def _ended(moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Any, Any]
     )
 
 
-def _sunshine(moment: Moment, ray: Any, sunny: Any, interactions: int) -> tuple[Any, Lanes]:
+def _sunshine(moment: Moment, ray: Ray, sunny: Mask, interactions: int) -> tuple[Any, Lanes]:
     """Return whether the sun is seen along these shadow rays, and the share of its light that arrives."""
     speculars = moment.world.speculars
     if speculars is None or not speculars.lets_through:
@@ -267,7 +271,7 @@ def _along(velocity_m_s: Vector, direction: Vector) -> Lanes:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
-def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Lanes, Any]:
+def _let_through(world: World, met: Meeting, cos_sun: Array) -> tuple[Lanes, Any]:
     """Return the diffuse transmittance tau of what was met, and where sunlight on its far side is seen (T68).
 
     The second is None in a world in which nothing transmits diffusely.
@@ -283,7 +287,13 @@ def _let_through(world: World, met: Meeting, cos_sun: Any) -> tuple[Lanes, Any]:
 
 
 def _scattering(
-    mi: Any, dr: Any, world: World, surface: Any, to_sun: Any, found: Any, lit: Any
+    mi: ModuleType,
+    dr: ModuleType,
+    world: World,
+    surface: Surface,
+    to_sun: DeviceVector,
+    found: Mask,
+    lit: Mask,
 ) -> tuple[Any, Any, Any]:
     """Return f_r cos(theta) back along the ray and towards the sun, 1/sr, and the diffuse reflectivity."""
     # Mitsuba's `eval` includes the cosine of the outgoing direction. Outgoing is `wi` itself in the first call: the

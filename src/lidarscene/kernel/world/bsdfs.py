@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import xp
+from ...maths.arrays import Lanes, Mask, xp
 from ...physics.optics import dielectrics
 from ..device.backend import mitsuba
+from ..device.types import DeviceVector, Surface
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
 
@@ -47,7 +48,7 @@ def diffuse_share(values: Mapping[str, Any]) -> float:
     return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
 
 
-def _two_sided(inner: dict[str, Any]) -> dict[str, Any]:
+def _two_sided(inner: dict[str, object]) -> dict[str, Any]:
     return {"type": "twosided", "inner": inner}
 
 
@@ -184,7 +185,7 @@ def _retroreflector_class() -> Any:
         angle between the incoming and outgoing rays, beta the entrance angle.
         """
 
-        def __init__(self, props: Any) -> None:
+        def __init__(self, props: Mapping[str, float]) -> None:
             mi.BSDF.__init__(self, props)
             self.reflectivity = mi.Float(props.get("reflectivity", 0.0))
             half_angle_deg = props.get("half_angle_deg", 0.4)
@@ -200,7 +201,7 @@ def _retroreflector_class() -> Any:
             self.m_components = [flags | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
             self.m_flags = self.m_components[0]
 
-        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        def eval(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
             cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
             same_side = si.wi.z * wo.z > 0.0
             # For small angles |wi - wo| is the observation angle alpha; acos would lose it in rounding.
@@ -213,7 +214,9 @@ def _retroreflector_class() -> Any:
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
-        def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
+        def sample(
+            self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True
+        ) -> Any:
             # Our tracer never samples it. Mitsuba's own integrators do, in tests: any density that covers the
             # hemisphere is right, and the cosine's is the simplest.
             wo = mi.warp.square_to_cosine_hemisphere(sample2)
@@ -225,21 +228,21 @@ def _retroreflector_class() -> Any:
             value = self.eval(ctx, si, wo, active) / xp(bs.pdf).maximum(bs.pdf, 1e-12)
             return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
 
-        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        def pdf(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
             same_side = si.wi.z * wo.z > 0.0
             return dr.select(active & same_side, dr.abs(wo.z) * dr.inv_pi, 0.0)
 
-        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        def eval_pdf(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
             return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
-        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+        def eval_diffuse_reflectance(self, si: Surface, active: Mask = True) -> Any:
             return mi.Spectrum(self.reflectivity)
 
         def traverse(self, callback: Any) -> None:
             callback.put("reflectivity", self.reflectivity, mi.ParamFlags.Differentiable)
             callback.put("peak", self.peak, mi.ParamFlags.Differentiable)
 
-        def parameters_changed(self, keys: Any) -> None:
+        def parameters_changed(self, keys: object) -> None:
             dr.make_opaque(self.reflectivity, self.peak)
 
         def to_string(self) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from ...maths.trajectory import Motion
 from ...scene.model import Ball, Body, Part, Scene
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.types import Shape, TracedScene
 from . import mitsuba_xml
 from .bsdfs import absorption, bsdf_dict, diffuse_share
 from .speculars import Speculars, lets_through
@@ -187,7 +189,9 @@ def build_world(
     )
 
 
-def _own_shapes(bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, Any]) -> list[_Shape]:
+def _own_shapes(
+    bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]]
+) -> list[_Shape]:
     """Return one mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
     mi = mitsuba()
     grouped: dict[str, list[tuple[int, Numbers, Numbers]]] = {}
@@ -206,7 +210,7 @@ def _own_shapes(bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str,
     return shapes
 
 
-def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
+def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]]) -> list[_Moving]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
@@ -223,7 +227,9 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, Any]) -> list[_Moving]:
     return moving
 
 
-def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Numbers, Numbers]], values: Any) -> _Shape:
+def _merged(
+    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Numbers]], values: dict[str, object]
+) -> _Shape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
@@ -243,7 +249,9 @@ def _merged(mi: Any, material: str, pieces: Sequence[tuple[int, Numbers, Numbers
     return _Shape(mesh, bodies, material, values, is_plain=True)
 
 
-def _ball(mi: Any, ball: Ball, centre_m: Numbers, index: int, resolved: dict[str, Any]) -> _Shape:
+def _ball(
+    mi: ModuleType, ball: Ball, centre_m: Numbers, index: int, resolved: dict[str, dict[str, object]]
+) -> _Shape:
     values = resolved[ball.material]
     shape = mi.load_dict(
         {
@@ -368,7 +376,7 @@ def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
     )
 
 
-def _registry_number(shape: Any) -> int:
+def _registry_number(shape: Shape) -> int:
     """Return the number by which the device knows a shape."""
     import drjit as dr
 
@@ -376,7 +384,9 @@ def _registry_number(shape: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _mover(scene: Any, panes: Any, body: Body, centre: Numbers, face_shift: int) -> Mover:
+def _mover(
+    scene: TracedScene | None, panes: TracedScene | None, body: Body, centre: Numbers, face_shift: int
+) -> Mover:
     # Half the diagonal of the box: not the smallest sphere around a body, but one that surely holds it.
     low, high = _extent(body)
     middle = (low + high) / 2.0

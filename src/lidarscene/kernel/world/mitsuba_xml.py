@@ -17,6 +17,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..device.backend import mitsuba
+from ..device.types import Bsdf, Shape
 from .bsdfs import bsdf_dict, diffuse_share
 
 Element = ElementTree.Element
@@ -36,7 +37,9 @@ class FoundShape:
     reflectivity: float | None
 
 
-def load_shapes(path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]) -> list[FoundShape]:
+def load_shapes(
+    path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]]
+) -> list[FoundShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
     replaced   from BSDF id to material name
@@ -55,7 +58,11 @@ def load_shapes(path: Path, replaced: Mapping[str, str], materials: Mapping[str,
 
 
 def _found(
-    shape: Any, unnamed: str, path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]
+    shape: Shape,
+    unnamed: str,
+    path: Path,
+    replaced: Mapping[str, str],
+    materials: Mapping[str, dict[str, object]],
 ) -> FoundShape:
     name = _plain(shape.id(), unnamed)
     if shape.class_name() == "Instance":
@@ -78,7 +85,7 @@ def _found(
     )
 
 
-def _require_answer(bsdf: Any, where: str) -> None:
+def _require_answer(bsdf: Bsdf, where: str) -> None:
     """Raise InputError for a BSDF that cannot answer at one wavelength, such as Mitsuba's `hair`."""
     import drjit as dr
 
@@ -158,7 +165,7 @@ def _paths_from(folder: Path) -> Iterator[None]:
 
 
 def _replace_bsdfs(
-    root: Element, path: Path, replaced: Mapping[str, str], materials: Mapping[str, Any]
+    root: Element, path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]]
 ) -> None:
     """Write our BSDFs over those of the file, by id."""
     # A BSDF inside another one (the base of a `twosided`) may have an id, but no shape refers to it.

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from ...maths.arrays import Array
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.types import Bsdf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +40,7 @@ class Speculars:
     gaps: bool
 
     @classmethod
-    def of(cls, shapes: Sequence[tuple[int, Any, Hashable, Any]]) -> Speculars | None:
+    def of(cls, shapes: Sequence[tuple[int, Bsdf, Hashable, tuple[float, float] | None]]) -> Speculars | None:
         """Make the tables from (registry number, Mitsuba BSDF, identity of the material, `bsdfs.absorption`) of shapes.
 
         Returns None if every beam ends at its first surface.
@@ -78,25 +81,25 @@ class Speculars:
         """Whether there are panes or gaps."""
         return self.panes > 0 or self.gaps
 
-    def is_pane(self, kind: Any) -> Any:
+    def is_pane(self, kind: Array) -> Any:
         """Return where a kind is a pane."""
         return (kind > 0) & (kind <= self.panes)
 
-    def is_mirror(self, kind: Any) -> Any:
+    def is_mirror(self, kind: Array) -> Any:
         """Return where a kind is a mirror."""
         return (kind > self.panes) & (kind <= len(self.bsdfs))
 
-    def is_porous(self, kind: Any) -> Any:
+    def is_porous(self, kind: Array) -> Any:
         """Return where a kind is a porous surface."""
         return kind > len(self.bsdfs)
 
 
-def lets_through(bsdf: Any) -> bool:
+def lets_through(bsdf: Bsdf) -> bool:
     """Return whether light goes straight through surfaces of this BSDF, or through their gaps."""
     return _what(mitsuba(), bsdf) in ("pane", "porous")
 
 
-def _what(mi: Any, bsdf: Any) -> str:
+def _what(mi: ModuleType, bsdf: Bsdf) -> str:
     """Return "pane", "mirror", "porous", or "" for a BSDF at which the beam ends."""
     flags, kinds = bsdf.flags(), mi.BSDFFlags
     # Mitsuba's flags: Null is light that passes straight through; Smooth is any lobe of finite density, such as a

@@ -7,13 +7,13 @@ are approximated here, as profiles turned about an axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scene.model import Scene
 from ..device.backend import mitsuba
+from ..device.types import Shape
 from . import mitsuba_xml
 
 SEGMENTS = 48  # of a drawn circle
@@ -49,7 +49,7 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
     return [Drawn(found.name, *made, found.material) for found, made in drawn if made is not None]
 
 
-def _triangles(shape: Any) -> tuple[Numbers, Numbers] | None:
+def _triangles(shape: Shape) -> tuple[Numbers, Numbers] | None:
     if shape.is_mesh():
         vertices, faces = shape.vertex_positions_buffer().numpy(), shape.faces_buffer().numpy()
         return vertices.reshape(-1, 3).astype(np.float64), faces.reshape(-1, 3).astype(np.uint32)

@@ -1,0 +1,150 @@
+"""Names for what Mitsuba and Dr.Jit hand out, as far as this package uses it.
+
+Neither brings types that a checker can read: their classes exist only once a variant is set. A signature that names
+a `Ray` or a `Surface` still says what goes in, and a misspelt attribute of one is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+from ...maths.arrays import Array, Lanes, Mask, Numbers
+from ...maths.vectors import Vector
+
+
+class DeviceArray(Array, Protocol):
+    """A Dr.Jit array of the active variant: numbers, whole numbers or flags, one for each lane."""
+
+    def numpy(self) -> Numbers:
+        """The values; waits until they are computed."""
+
+    def __iter__(self) -> Iterator[Array]:
+        """The components of a vector, or the numbers of the lanes."""
+
+
+class DeviceVector(DeviceArray, Protocol):
+    """Mitsuba's vector, point or normal of each lane."""
+
+    @property
+    def x(self) -> Array:
+        """The first component."""
+
+    @property
+    def y(self) -> Array:
+        """The second one."""
+
+    @property
+    def z(self) -> Array:
+        """The third one."""
+
+
+class Ray(Protocol):
+    """`mitsuba.Ray3f`: origin, unit direction and largest distance of each lane."""
+
+    o: DeviceVector
+    d: DeviceVector
+    maxt: Lanes
+
+    def __call__(self, t: Lanes, /) -> DeviceVector:
+        """The points at these distances."""
+
+
+class Bsdf(Protocol):
+    """`mitsuba.BSDF`: of one material, or a pointer to that of each lane."""
+
+    def flags(self) -> int:
+        """What kinds of lobes it has."""
+
+    def id(self) -> str:
+        """Its name in a Mitsuba file."""
+
+    def eval(self, ctx: object, si: object, wo: object, active: Mask = True, /) -> Any:
+        """f_r cos(theta_o), 1/sr."""
+
+    def eval_null_transmission(self, si: object, active: Mask = True, /) -> Any:
+        """Share of the light that goes straight on."""
+
+    def eval_diffuse_reflectance(self, si: object, active: Mask = True, /) -> Any:
+        """Diffuse hemispherical reflectivity."""
+
+
+class Surface(Protocol):
+    """`mitsuba.SurfaceInteraction3f`: the place of each lane at which it met a surface.
+
+    t, p, n     distance, point and normal
+    wi          direction back along the ray, in the frame whose z is the normal
+    shape       pointer to the shape; on the device its number in Mitsuba's registry
+    prim_index  number of the triangle within the shape
+    """
+
+    t: Lanes
+    p: DeviceVector
+    n: DeviceVector
+    wi: DeviceVector
+    shape: Any
+    prim_index: Array
+
+    def bsdf(self) -> Bsdf:
+        """That of the shape that was met."""
+
+    def to_local(self, direction: object, /) -> DeviceVector:
+        """A direction in the frame whose z is the normal."""
+
+    def to_world(self, direction: object, /) -> DeviceVector:
+        """A direction in that frame, in the frame of the ray."""
+
+
+class Hit(Protocol):
+    """`mitsuba.PreliminaryIntersection3f`: distance, shape and triangle, and nothing else yet."""
+
+    t: Lanes
+    shape: Any
+    prim_index: Array
+
+    def is_valid(self) -> Array:
+        """Where anything was met."""
+
+    def compute_surface_interaction(self, ray: Ray, flags: object, active: object, /) -> Surface:
+        """All of the rest, as Mitsuba computes it."""
+
+
+class TracedScene(Protocol):
+    """`mitsuba.Scene`, as rays ask it."""
+
+    def ray_intersect_preliminary(self, ray: Ray, *, coherent: bool, active: object) -> Any:
+        """The nearest `Hit` of each active ray."""
+
+    def ray_test(self, ray: Ray, *, coherent: bool, active: object) -> Any:
+        """Whether each active ray meets anything."""
+
+
+class Shape(Protocol):
+    """`mitsuba.Shape`: a mesh, or a shape of a Mitsuba file."""
+
+    def id(self) -> str:
+        """Its name in the file."""
+
+    def class_name(self) -> str:
+        """Its kind."""
+
+    def bsdf(self) -> Any:
+        """Its `Bsdf`."""
+
+    def primitive_count(self) -> int:
+        """Triangles of a mesh, 1 of others."""
+
+    def is_mesh(self) -> bool:
+        """Whether it is made of triangles."""
+
+    def vertex_positions_buffer(self) -> Any:
+        """(3 v,) of a mesh, on the device."""
+
+    def faces_buffer(self) -> Any:
+        """(3 f,) indices into the vertices of a mesh."""
+
+
+def components(vector: DeviceVector) -> Vector:
+    """Return x, y and z, as the formulas for NumPy and Dr.Jit take them."""
+    x, y, z = vector
+    return x, y, z
