@@ -70,6 +70,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
     require_writable(manifest)
     threads = None
     if arguments.scheduler is None:
+        # Each worker renders with its share of the cores, so that workers do not fight over them.
         workers = arguments.workers or cluster.usable_cores()
         threads = max(1, cluster.usable_cores() // workers)
         connection = cluster.local_client(workers)
@@ -124,6 +125,7 @@ class _Followed:
     def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """One more frame is done, or has failed."""
         self._bar.update(self._task, completed=progress.done)
+        # A job with a mistake in it fails a million times: the first lines tell enough.
         if task is not None and len(progress.failed) <= MOST_LINES:
             self._console.print(f"failed        {_frame(task)}: {cause}")
 

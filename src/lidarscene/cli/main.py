@@ -26,6 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         with notes():
             answer = arguments.run(arguments)
+        # Most commands return a text; those that may fail in part also their code.
         text, code = (answer, 0) if isinstance(answer, str) else answer
         if text:
             say(text)

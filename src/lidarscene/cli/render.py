@@ -143,6 +143,7 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
     )  # fmt: skip
     of_sensor = arguments.overrides
     sensor = arguments.sensor
+    # `load_rig` applies the overrides itself: they may name one sensor of the rig.
     if arguments.rig is not None:
         sensor, of_sensor = load_rig(arguments.rig, overrides=of_sensor), ()
     with _progress(history) as progress:
@@ -171,6 +172,7 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
     told = report.as_dict(done.summary)
     if history is not None:
         told["profile"] = report.profile_as_dict(history)
+    # A single cloud keeps the flat form that scripts read; several have a list.
     if len(names) == 1:
         return json.dumps(told | names[0])
     frames = [report.as_dict(one.summary) | files for one, files in zip(done.clouds, names, strict=True)]
@@ -187,6 +189,7 @@ def _progress(history: KernelHistory | None) -> Iterator[Callable[[int, int], No
     bars: list[Callable[[int], None]] = []
 
     def told(done: int, pulses: int) -> None:
+        # Only where someone watches, and where it is worth watching; the bar's package is loaded no earlier.
         if pulses >= LONG and sys.stderr.isatty() and not bars:
             bars.append(shown.enter_context(_bar(pulses)))
         for bar in bars:

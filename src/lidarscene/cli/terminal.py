@@ -33,6 +33,7 @@ def option(name: str) -> str:
 def say(text: str) -> None:
     """Print a text, whatever the terminal's encoding. A reader that has gone (`| head`) is no mistake."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    # A terminal of another encoding gets an escape for a letter that it lacks, not a traceback.
     shown = text.rstrip("\n").encode(encoding, "backslashreplace").decode(encoding)
     try:
         sys.stdout.write(shown + "\n")

@@ -74,6 +74,7 @@ def view_text(arguments: argparse.Namespace) -> str:
         save(source, arguments.save)
         return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
     with Server(arguments.port) as server:
+        # The port is taken before the scene is loaded: a busy one is told at once.
         source = _source(arguments)
         sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
         sys.stdout.flush()

@@ -63,6 +63,7 @@ def pulses(text: str) -> tuple[int, ...]:
     found: list[int] = []
     try:
         for word in text.split(","):
+            # "7" is the range from 7 to 7.
             first, _, last = word.partition("-")
             numbers = range(int(first), int(last or first) + 1)
             if not numbers or len(numbers) + len(found) > MOST_PULSES:
@@ -78,6 +79,7 @@ def pulses(text: str) -> tuple[int, ...]:
 def with_joined_pose(argv: Sequence[str]) -> list[str]:
     """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
     words = list(argv)
+    # From the end, because joining two words moves those behind them.
     for position in range(len(words) - 1, 0, -1):
         value = words[position]
         if words[position - 1] == "--pose" and value.startswith("-") and "," in value:

@@ -87,9 +87,11 @@ class AirLight:
         pulse         (n,) uint32 pulse numbers
         """
         found = []
+        # Each kind has random draws of its own, so that snow in a scene does not move the raindrops.
         for number, (tables, _) in enumerate(self.particles):
             for range_m, strength in hits(tables, seed=seed, pulse=pulse, first_draw=number * _DRAWS_APART):
                 ops = xp(range_m)
+                # The pulse does not light what is behind the surface at which it ends.
                 power = ops.where(range_m < end_m, scale * strength, 0.0)
                 found.append(SubEchoes(range_m=range_m, peak_power_w=power, count=1))
         return found
@@ -104,6 +106,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     if not media:
         return None
     overlap = overlap_of(sensor)
+    # Light that returns after the window closes is not recorded: R = c t / 2.
     far_m = 0.5 * SPEED_OF_LIGHT_M_S * float(sensor.tdc.window_s)
     nearest_m = _nearest_m(overlap, far_m)
     area = _area_m2(sensor)
@@ -161,6 +164,7 @@ def _enough(
     # If even the largest number does not reach that far down, it is used all the same.
     for count in MEAN_HITS:
         found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, count=count)
+        # The table runs from strong to weak: its last entry is the weakest particle that is drawn.
         if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
             break
     return found
@@ -171,8 +175,10 @@ def _least_strength(sensor: Sensor) -> float:
 
     Without background the threshold is lowest, so no background asks for weaker particles than this.
     """
+    # Backwards through the electronics: from the threshold to the optical power that just reaches it.
     point = sensor.working_point(np.zeros(1))
     seen_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
+    # The lidar equation at 1 m, 1 per sr and clear air gives P_t eta A, the unit of a strength.
     sent = radiometry.echo_power_w(
         peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=1.0, range_m=1.0, transmittance=1.0,
         aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
@@ -196,6 +202,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
 
 def _nearest_m(overlap: Overlap, far_m: float) -> float:
     """Range from which on the receiver sees at least `NEAREST_SHARE` of the share that it sees at best."""
+    # Even steps of log R: the share changes fastest close to the sensor.
     ranges = np.geomspace(1e-2, far_m, 2000)
     share = np.asarray(overlap.share(ranges))
     seen = share >= NEAREST_SHARE * share.max()
@@ -209,6 +216,7 @@ def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
     second = (
         laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
     )
+    # On each axis the radius follows a hyperbola, from the exit (the waist) to the cone of the divergence.
     slopes = (math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second))
 
     def area(range_m: Numbers) -> Numbers:

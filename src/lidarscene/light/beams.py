@@ -50,6 +50,7 @@ def fire(
     rotation  nine numbers, row by row, sensor to tracing coordinates: scalars, or (n,) each if the sensor moves
     seed      32-bit frame seed, for the jitter
     """
+    # The mechanism's true direction; the encoders of the sensor do not see the jitter that is added to it.
     direction = sensor.scanner.direction(pulse)
     if sensor.scanner.jitter_rad is not None:
         direction = _jittered(direction, sensor.scanner.jitter_rad, seed=seed, pulse=pulse)
@@ -58,6 +59,7 @@ def fire(
 
 def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
     """The rays of these pulses by the angles that the sensor reports; arguments as of `fire`."""
+    # From encoder readings alone: rounded to their steps, and without the jitter.
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
     return _placed(sensor, pulse, direction, origin_m, rotation)
@@ -76,6 +78,8 @@ def _placed(
     if start is not None:
         x, y, z = (o + moved for o, moved in zip(origin_m, _turned(rotation, start), strict=True))
         origin_m = x, y, z
+    # Optics that trade aperture for field of view, such as rotating wedges, dim the echo and not the background. So
+    # each has a share of its own (4), (8).
     return Beams(
         pulse=pulse,
         origin_m=origin_m,

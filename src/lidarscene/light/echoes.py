@@ -171,8 +171,11 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         aperture_m2=beams.aperture_m2,
         efficiency=optics.efficiency_laser * hits.throughput * hits.throughput,
     )
+    # Close by, the spot lies partly outside of the field of view or is out of focus: only a share of the echo
+    # reaches the detector.
     if optics.overlap is not None:
         peak = peak * optics.overlap.share(hits.range_m)
+    # Lamps light surfaces from all sides, as the sky does. But a ray that meets nothing sees only the sky.
     diffuse = ambient.sky_irradiance_w_m2
     if ambient.lamps_w_m2 is not None:
         diffuse = diffuse + ambient.lamps_w_m2
@@ -194,6 +197,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         transmittance=ops.where(hits.found, transmittance, ambient.transmittance),
         efficiency=optics.efficiency_sun * hits.throughput,
     )
+    # Only a ray that ends at no surface can look into the sun.
     if ambient.sun_direction is not None:
         background = background + ops.where(hits.found, 0.0, _sun_disc_w(beams, hits, sensor, ambient))
     return Echoes(
@@ -201,6 +205,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         peak_power_w=ops.where(hits.found, peak, 0.0),
         background_power_w=background,
+        # Its pulses arrive directly: no range and no surface of ours is in their power, only our aperture and optics.
         interference=tuple(
             Interference(
                 rate_hz=one.rate_hz,

@@ -46,6 +46,7 @@ class Skirt:
     def weight(self, ray: Lanes, rays: int) -> Lanes:
         """Share of the pulse's power in a ray, for ``ray`` of 0 to ``rays`` - 1."""
         core = rays - self.count
+        # The core's rays share what the halo leaves; both shares add up to 1 over the rays of a pulse.
         return xp(ray, self.share).where(
             ray < core, (1.0 - self.share) * (1.0 / core), self.share * (1.0 / self.count)
         )
@@ -209,5 +210,6 @@ def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tu
     x, y, z = (ops.where(steep, other, own) for other, own in zip(left, aside, strict=True))
     azimuth = unit((x, y, z))
     elevation = cross(direction, azimuth)
+    # The beam's own axes are turned about the beam against azimuth and elevation.
     cos, sin = ops.cos(turn_rad), ops.sin(turn_rad)
     return mixed(cos, azimuth, sin, elevation), mixed(-sin, azimuth, cos, elevation)

@@ -57,6 +57,7 @@ def together(
     skirt  the rays of a halo among them; None: all rays share the power evenly
     air    the air that the pulses pass; None: it sends nothing back
     """
+    # What all paths have in common (background, interference, calibration) stands on the first one.
     first = paths[0]
     ops = xp(first.range_m)
 
@@ -96,6 +97,7 @@ def together(
         end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
         volume = air.light.volume(scale=scale, end_m=end_m)
         drops = air.light.sub_echoes(scale=scale, end_m=end_m, seed=air.seed, pulse=air.pulse)
+    # A pulse met a surface if any of its rays did, on any of its paths.
     met = [ops.column(path.found, ray, rays) for path in paths for ray in range(rays)]
     found = met[0]
     for one in met[1:]:
@@ -119,6 +121,7 @@ def _end_m(path: Echoes, far_m: Lanes, rays: int, core: int) -> Lanes:
     Rays of a halo do not count: the light of the air has no halo.
     """
     ops = xp(path.range_m)
+    # A ray that meets nothing lights the air to the end of the window.
     last = ops.where(path.found, path.range_m, far_m)
     end = ops.column(last, 0, rays)
     for ray in range(1, core):

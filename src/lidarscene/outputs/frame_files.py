@@ -82,6 +82,7 @@ class FrameFiles:
     def _takers(self, picture: Thinned | None) -> Iterator[Sequence[Append]]:
         """What takes the points of each simulator; their files are there when the block ends."""
         with ExitStack() as opened:
+            # Points take two routes: as they were seen, and without the sensor's motion. One without files is dropped.
             raw, still = (
                 [opened.enter_context(_named(path, stream)) for path, stream in streams]
                 for streams in (self._streams("output"), self._streams("deskewed"))
@@ -134,6 +135,7 @@ class FrameFiles:
 
     def _merged(self, change: Change) -> Change:
         """Pieces that are changed so, as pieces of one cloud."""
+        # Names and metadata are known before anything is traced, so that pieces can be merged one by one.
         empty = [one.empty(self.frame) for one in self._simulators]
         merging = Merging([change(number, one) for number, one in enumerate(empty)], list(self.simulators))
         return lambda number, cloud: merging.piece(number, change(number, cloud))

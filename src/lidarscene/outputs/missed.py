@@ -33,6 +33,7 @@ def missed_stream(
         atomic_output(path) as temporary,
         Spool(temporary.parent, [("pulse", np.uint32), ("reason", np.uint8)]) as spool,
     ):
+        # Only number and reason are kept while a frame runs, on disk: most of its pulses may be missed.
         yield lambda pulse, reason: spool.append(pulse=pulse, reason=reason)
         with zipfile.ZipFile(temporary, "w") as archive:
             for name, of_rows in _arrays(sensor, _begin_s(sensor, spool)).items():
@@ -59,6 +60,7 @@ def _none(spool: Spool) -> Numbers:
 
 def _begin_s(sensor: Sensor, spool: Spool) -> float:
     """When the frame of these pulses began, by the scanner's clock."""
+    # Pulse numbers go on from frame to frame: the first pulse of this frame is a multiple of a frame's.
     first = next(spool.blocks(), _none(spool))["pulse"][:1] // sensor.scanner.pulses * sensor.scanner.pulses
     return float(sensor.scanner.time_s(first).sum())
 
@@ -66,6 +68,7 @@ def _begin_s(sensor: Sensor, spool: Spool) -> float:
 def _write_array(archive: zipfile.ZipFile, name: str, rows: int, blocks: Any, like: Numbers) -> None:
     """An array of so many rows of the type of ``like``, from its blocks."""
     with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+        # The head of a .npy needs the number of rows before they are written, which np.savez would gather first.
         head = {"descr": np.lib.format.dtype_to_descr(like.dtype), "fortran_order": False, "shape": (rows,)}
         np.lib.format.write_array_header_1_0(file, head)
         for block in blocks:

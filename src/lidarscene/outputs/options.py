@@ -116,6 +116,7 @@ class Outputs:
             return FORMATS["kitti"]
         if self.format is not None or folder:
             return FORMATS[self.format or "ply"]
+        # The registry's message speaks of a path; here the user can name the format instead.
         try:
             return format_of(self.place)
         except InputError:

@@ -70,6 +70,7 @@ class Plan:
 
         label  of the rig's sensor; "" for clouds of a single one, and for those that are merged
         """
+        # F.png of a single cloud is F.png; of several, F_front_0003.png, so that none writes over another.
         counted = "" if self.frames is None else f"{number:04d}"
         files = self._clouds(label, number)
         for option in ENDINGS:
@@ -91,10 +92,12 @@ class Plan:
             path = path / f"{label}{suffix}"
         files = {"output": path}
         if outputs.deskew:
+            # `Path.stem` would leave half of a suffix with two dots, such as .pcd.bin.
             stem = path.name[: -len(suffix)] if path.name.lower().endswith(suffix) else path.stem
             files["deskewed"] = path.with_name(f"{stem}.deskewed{suffix}")
         if outputs.labels is not None:
             for key, cloud in list(files.items()):
+                # Some labels are two files, such as boxes and their calibration.
                 for count, beside in enumerate(label_paths(cloud, format=outputs.labels), start=1):
                     files[f"{key}_labels{count if count > 1 else ''}"] = beside
         return files
@@ -111,6 +114,7 @@ def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) ->
     """Refuse to write over a file that is read. Raises InputError."""
     for files in wanted:
         for key, path in files.items():
+            # By identity of the file, not by name: links and ../ lead to the same one.
             if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
                 option = key if key in ENDINGS else "path"
                 raise OptionError(f"{{{option}}} {{0}}: must be another name, got an input of this run", path)

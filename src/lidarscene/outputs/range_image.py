@@ -41,6 +41,7 @@ def images(cloud: PointCloud) -> dict[str, Numbers]:
     azimuth_deg (columns + 1,) falls and elevation_deg (rows + 1,) falls: the edges of the pixels.
     """
     cells = cells_of(cloud)
+    # Cells count from the lowest and rightmost; an image from its top left, as the sensor sees it.
     point = cells.point[::-1, ::-1]
     names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
     found = {name: _pixels(cloud.column(name), point) for name in names}
@@ -95,12 +96,14 @@ def _shown(cloud: PointCloud) -> PointCloud:
     for column in measured.columns:
         if column.name not in needed:
             values = getattr(measured, column.attribute)
+            # One number that looks like a column: a cloud needs all of them, memory only one.
             repeated[column.attribute] = np.broadcast_to(values.dtype.type(0), values.shape)
     return dataclasses.replace(measured, **repeated)
 
 
 def _pixels(values: Numbers, point: Numbers) -> Numbers:
     """The values of the points that the pixels show."""
+    # One value more than points: the pixels without a point take it.
     return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]
 
 
@@ -109,6 +112,7 @@ def _levels(image: Numbers, name: str, cloud: PointCloud) -> tuple[Numbers, str]
     if image.dtype.kind != "f":
         return image.astype(np.uint16), "1"
     step, unit = RANGE_STEP_M, "m"
+    # Ranges have a fixed step, so that images compare. Others are scaled to their own largest value.
     if name != "range":
         step, unit = float(image.max(initial=0.0)) / 65535.0 or 1.0, unit_of(cloud, name)
     return np.rint(image.astype(np.float64) / step).clip(0, 65535).astype(np.uint16), f"{step!r} {unit}"

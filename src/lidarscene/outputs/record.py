@@ -109,21 +109,25 @@ def record(
     plan.check(frame.coordinates)
     before, since = Summary(), time.perf_counter()
     labels = [""] if rig is None else [one.label for one in rig.sensors]
+    # Each group of sensors becomes one cloud: all of them when merged, else one at a time.
     groups = [labels] if outputs.merge else [[label] for label in labels]
     numbers = range(frame.number, frame.number + (frames or 1))
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
     wanted = [plan.files(label, number) for label, _, number in clouds]
+    # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
     check_writable(wanted)
     described = load_scene(scene, overrides=scene_overrides)
     sensors = _sensors(described, sensor, overrides, frame)
     _warn_of_thin_beams(trace, sensors)
     keep_inputs(wanted, [*_inputs(scene, scene_overrides, sensor)])
+    # Wrong pulse numbers are told now, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:
             pulses_of_waveforms(outputs, mounted.sensor)
     since = before.spent("load", since)
     if outputs.merge:
         require_common_frames(sensors, len(numbers))
+    # Simulators are made once for all frames: worlds and compiled kernels are kept.
     made = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
     for simulator in made.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
@@ -136,6 +140,7 @@ def record(
             plan=plan, scene=described, simulators={name: made[name] for name in group},
             frame=replace(frame, number=number, pose=None), files=files,
             placed=rig is not None or frame.pose is not None,
+            # Loading and building happened once; the first frame is charged for it.
             summary=Summary(seconds={} if written else before.seconds),
         )  # fmt: skip
         one.write(progress)
@@ -190,5 +195,6 @@ class _Progress:
 
     def __call__(self, done: int, pulses: int) -> None:
         self._told(self._before + done, self._pulses)
+        # A frame has ended: the next one counts from 0 again.
         if done == pulses:
             self._before += pulses

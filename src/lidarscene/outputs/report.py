@@ -76,6 +76,7 @@ def as_text(summary: Summary, written: Sequence[str]) -> str:
         + (f", {summary.weather:,} of the weather" if summary.weather else ""),
     ]
     for outcome, text in OUTCOME_TEXT.items():
+        # The word stands once, before the first reason.
         head = "missed        " if outcome == Outcome.NO_SURFACE else " " * 14
         lines.append(f"{head}{int(summary.outcomes[outcome]):>12,}   {text}")
     stages = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in summary.seconds.items())

@@ -29,6 +29,7 @@ def cloud_stream(plan: Plan, path: Path, points: int) -> Iterator[Append]:
         with chosen.stream(path, **options) as append:
             yield _kept(outputs, append)
         return
+    # A format that must know all points before the first is written: gather them.
     builder = CloudBuilder(capacity=points)
     yield _kept(outputs, builder.add)
     PointCloud(**builder.fields()).save(path, format=outputs.format, **options)

@@ -98,8 +98,10 @@ def numbered(first: int, count: int) -> PulseNumbers:
     return functools.partial(np.arange, first, first + count, dtype=np.uint32)
 
 
-def left_out(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
-    """A chunk; what goes on is left out of it."""
+def without_continuing(
+    pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None
+) -> Chunk:
+    """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
         return Chunk(pulse, paths, detection)
     kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
@@ -112,6 +114,7 @@ def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bo
 
     ordered  by pulse, or as they are on the lanes, which is enough to count them
     """
+    # A later part is the full trace of pulses that the first part only surveyed, so its values replace those.
     values: Numbers = getattr(parts[0].detection, name).numpy()
     order = parts[0].order
     if len(parts) > 1:
@@ -127,6 +130,7 @@ def all_of(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
     filled = [one for one in parts if one]
     if not filled:
         return {}
+    # Stable: returns of one pulse keep their order.
     order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
     return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
 
@@ -157,6 +161,7 @@ def of_light(light: Echoes) -> list[Any]:
 def needed_of(hits: Hits) -> list[Any]:
     """What the truth of points is made of."""
     needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+    # Plain numbers are the same for all lanes (nothing moves, no glass): there is nothing to compute.
     counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
     return [*needed, *(one for one in counted if is_drjit(one))]
 
@@ -176,6 +181,8 @@ class Placing:
     @classmethod
     def of(cls, goal: Pose) -> Placing:
         """The sensor stands at ``goal`` in the frame of the points."""
+        # Far from the origin, as in map coordinates, float32 would round points to metres. The device then computes
+        # relative to the sensor, and NumPy adds the position in float64.
         near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
         return cls(
             turn=transfer.opaque(numbers_of(goal.rotation)),

@@ -70,6 +70,8 @@ class Frame:
         start_s = asked.begin_s + scanner_s
         riding = motion_of(scene, sensor, asked.pose or scene.sensor_pose)
         place = pose_at(riding, start_s)
+        # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
+        # interpolates between the samples (`maths.paths`).
         paths = None
         if scene.ego is not None or world.movers:
             paths = Paths.of(
@@ -142,6 +144,7 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
             f"frame number: must be from 0 to {PULSE_NUMBERS // scanner.pulses - 1}, with {scanner.pulses} "
             f"pulses in a frame, got {number}"
         )
+    # The last pulse leaves before the frame ends: a motion needs to last only that long.
     edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
     scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
     _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
@@ -153,6 +156,7 @@ def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
     for name, motion in motions:
         if motion is None:
             continue
+        # Rounding of clocks that began in 1970 is no mistake of the scene.
         first, last = motion.span_s
         if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
             had, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))

@@ -194,7 +194,9 @@ class Simulator:
         The device is given the next chunk before this one is handed out: it works while numpy copies.
         """
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
+        # The option counts rays, since they take the memory; a chunk counts pulses.
         chunk = max(1, asked.chunk // max(self.trace.rays, self.trace.background_rays or 1))
+        # Whole bands of tiles, so that all chunks but the last are ordered in the same way.
         if self._tiling is not None and chunk > self._tiling.band:
             chunk -= chunk % self._tiling.band
         seed_word = transfer.opaque_uint32(asked.seed)
@@ -226,6 +228,7 @@ class Simulator:
             if told.points is not None:
                 told.points(pulse, all_of([self._surfaces(one) for one in parts]))
             summary.spent("collect", since)
+            # The next chunk is started before this one is handed out: the device works while a file is written.
             done = first
             if following is not None:
                 part, first = started(following), following
@@ -290,10 +293,12 @@ class Simulator:
         alone = parts[0].goes_on is None
         columns = transfer.columns(collect.one_by_one(kept[0][0]) if alone else collect.by_pulse(kept))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
+        # A single point is there twice (`columns.more_than_one`): the count leaves the copy out.
         count = sum(number for _, number in kept)
         columns = {name: values[:count] for name, values in columns.items()}
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
+        # The device hands on pulse numbers; times need float64, which only NumPy has here.
         pulse = columns["time_s"]
         columns["time_s"] = now.time_s(pulse)
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))

@@ -29,7 +29,7 @@ from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.model import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Lit, PulseNumbers, is_plain, left_out, needed_of, numbers_of, of_light
+from .chunk import Chunk, Lit, PulseNumbers, is_plain, needed_of, numbers_of, of_light, without_continuing
 from .frame import Frame, placements
 from .options import TraceOptions
 
@@ -83,12 +83,15 @@ class Stages:
         survey  leave out the pulses that meet panes or mirrors, and say which these are
         """
         sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey)
+        # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         if self.rays == len(lit.paths) == 1 and self.air is None and is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
-            return left_out(pulse, lit.paths, detection, lit.goes_on)
+            return without_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
-        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        return without_continuing(
+            pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on
+        )
 
     def pulse_train(self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
@@ -96,6 +99,7 @@ class Stages:
 
     def _lit(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False) -> Lit:
         """The optical stages: beams, hits, echoes."""
+        # The background may be gathered by rays of its own: the receiver can see more than the laser lights.
         background = None if self.field is None else self._background(places, pulse, seed, self.field)
         rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey)
         light = echoes.with_all_background(
@@ -112,11 +116,13 @@ class Stages:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = (pulse, None) if shape.rays == 1 else transfer.repeated(pulse, shape.rays)
         place, movers = places(shape.rays)
+        # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
         axes = beams.fire(
             self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
         )
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
         aimed = None
+        # Only the laser's own rays can come back from a mirror; rays that gather background carry no pulse.
         if self.world.speculars is not None and shape is self.footprint:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         firing = Firing(
@@ -132,6 +138,7 @@ class Stages:
         """Of each pulse, gathered over the receiver's field of view."""
         rays, paths = self._traced(places, pulse, seed, shape)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
+        # A kernel of its own, or these rays would be traced again wherever the power is used.
         transfer.start([power])
         return power
 
@@ -163,6 +170,7 @@ class Chain:
     ) -> Chunk:
         """Some pulses of a frame."""
         if self.repeats:
+            # A recording takes arrays only, so the paths of what moves go in as their parts.
             moving = (
                 ()
                 if now.paths is None
@@ -190,6 +198,7 @@ class Chain:
 
     def _replay(self, now: Frame, survey: bool) -> Replay:
         """The stages, written down for a sensor that moves or not among bodies that do or do not."""
+        # What chooses code is part of the key: each of these kinds is recorded for itself.
         moves, count = now.moves, 0 if now.paths is None else now.paths.count
         key = survey, moves, count > 0
         if key not in self._replays:

@@ -112,6 +112,7 @@ class Mechanism:
 
     def _read(self, pulse: Lanes) -> tuple[Lanes, ...]:
         """The mechanical angles as the encoders report them."""
+        # An encoder sits on the shaft: it rounds the mechanical angle, before any optics.
         step = self.encoder_rad
         turned = self._mechanism(pulse)
         return turned if step is None else tuple(xp(a).rint(a / step) * step for a in turned)

@@ -88,6 +88,7 @@ class Flash(Mechanism):
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         row, column = self._row_and_column(pulse)
+        # Twice the offset is a whole number, so the middle pixel looks exactly ahead.
         left = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.pitch)
         up = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.pitch)
         cos, ratio, pixel = _projected(self.projection, left * left + up * up)
@@ -111,11 +112,14 @@ def _projected(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     if projection == "orthographic":
         cos = ops.sqrt(1.0 - square)
         return cos, 1.0, 1.0 / cos
+    # h = 2 sin(t / 2): cos t = 1 - h^2 / 2, and every pixel has the same solid angle.
     if projection == "equisolid":
         return 1.0 - 0.5 * square, ops.sqrt(1.0 - 0.25 * square), 1.0
+    # h = 2 tan(t / 2): half-angle formulas give cos t and sin t / h without a square root.
     if projection == "stereographic":
         share = 1.0 / (1.0 + 0.25 * square)
         return (1.0 - 0.25 * square) * share, share, share * share
+    # Equidistant, t = h: sin(h) / h from its series near the axis, where the quotient is 0 / 0.
     h = ops.sqrt(square)
     ratio = ops.where(h < 1e-3, 1.0 - square * (1.0 / 6.0), ops.sin(h) / ops.maximum(h, 1e-6))
     return ops.cos(h), ratio, ratio

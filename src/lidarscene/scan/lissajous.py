@@ -59,6 +59,7 @@ class Lissajous(Mechanism):
         encoder_rad: Encoder = None,
     ) -> Lissajous:
         """From the two turns."""
+        # Phases as exact fractions of a turn from pulse to pulse, so that they do not drift over hours (`turns`).
         turns = [
             Turns.per_pulse(frequency_hz=one.frequency_hz, rate_hz=rate_hz, start_rad=one.phase_rad)
             for one in (azimuth, elevation)

@@ -77,13 +77,16 @@ class MirrorRaster(Mechanism):
         ops = xp(pulse)
         row, column = self._row_and_column(pulse)
         if self.waveform == "sine":
+            # Pulses at even times around the middle of the swing: a duty below 1 leaves the ends of the sine dark.
             middle = (ops.float32(2 * column + 1) / ops.float32(2 * self.columns) - 0.5) * self.line_duty
             fast: Lanes = -ops.sin(math.pi * middle)
         else:
             fast = _ends_included(column, self.columns)
+        # To and fro: every second line runs backwards.
         if self.waveform != "sawtooth":
             fast = ops.where(row % 2 == 0, fast, -fast)
         if self.slow == "ramp":
+            # The slow mirror moves on during a line, so lines are slanted by one line's step.
             within = ops.float32(column) / ops.float32(self.columns) * self.line_duty
             slow: Lanes = 1.0 - 2.0 * (ops.float32(row) + within) / ops.float32(self.rows)
         else:

@@ -40,6 +40,7 @@ class Pattern(GivenAngles):
         return cls(
             pulses=len(time_s),
             frame_s=frame_s,
+            # Times stay in float64: a frame lasts 0.1 s, and float32 is good to 7 ns of that.
             emission_s=np.asarray(time_s, dtype=np.float64),
             azimuth_rad=Table(np.asarray(azimuth_rad, dtype=np.float32)),
             elevation_rad=Table(np.asarray(elevation_rad, dtype=np.float32)),

@@ -133,14 +133,17 @@ class Polygon(Mechanism):
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         column = self._facet_and_column(pulse)[1]
+        # The turn counts from each facet's own middle: facets differ in tilt only.
         return (xp(pulse).float32(2 * column + 1 - self.columns) * (0.5 * self.turn_rad),)
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         ops = xp(pulse)
         (turn,) = turned
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
+        # `rest` is the normal of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
         rest = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
         incoming = mixed(1.0, (1.0, 0.0, 0.0), -2.0 * rest[0], rest)
+        # The facet has turned on, and leans by its tilt.
         angle = self.side * self.incidence_rad + turn
         level = ops.cos(angle), ops.sin(angle), 0.0
         normal = mixed(ops.cos(tilt), level, ops.sin(tilt), (0.0, 0.0, 1.0))

@@ -67,6 +67,7 @@ class Wedge:
         sine = ops.sin(self.angle_rad) * (-1.0 if self.tilted == "out" else 1.0)
         inclined = ops.cos(self.angle_rad), sine * ops.cos(phase_rad), sine * ops.sin(phase_rad)
         first, second = (_X, inclined) if self.tilted == "out" else (inclined, _X)
+        # Into the glass and out of it. The cross-section widens with the cosine at both faces.
         inside, widened = refracted(direction, first, 1.0 / self.index)
         outside, again = refracted(inside, second, self.index)
         return outside, widened * again
@@ -146,6 +147,7 @@ class Risley(Mechanism):
         if elevation_rad is not None:
             ops = xp(elevation_rad)
             direction = ops.cos(elevation_rad), 0.0 * elevation_rad, ops.sin(elevation_rad)
+        # The lens is the stop. Seen from the scene it is as wide as a beam that leaves it through the wedges.
         share: Lanes = 1.0
         for wedge, phase in zip(self.wedges, phases_rad, strict=True):
             direction, widened = wedge.bend(direction, phase)

@@ -99,6 +99,8 @@ class Spinning(Mechanism):
         azimuth_rad = bank.azimuth_rad or (0.0,) * len(bank.elevation_rad)
         firing_s, start_m = bank.firing_s or (0.0,) * len(bank.elevation_rad), bank.start_m
         period_s = 1.0 / abs(rotation_hz)
+        # Clocked by the encoder, a turn has a whole number of cycles and every frame looks alike. Clocked by time, the
+        # pattern drifts from turn to turn. A fraction keeps either exact over all pulse numbers.
         if cycles_per_turn is not None:
             cycle_s = period_s / cycles_per_turn
             step = Fraction(1 if rotation_hz > 0 else -1, cycles_per_turn)
@@ -106,6 +108,7 @@ class Spinning(Mechanism):
             assert cycle_s is not None
             cycles_per_turn = max(1, round(period_s / cycle_s))
             step = Fraction(rotation_hz) * Fraction(cycle_s)
+        # Pulse numbers follow time, while a data sheet lists lasers from the top: `lasers_by_place` leads back.
         order = np.argsort(np.asarray(firing_s), kind="stable")
 
         def table(values: object) -> Table:
@@ -154,7 +157,9 @@ class Spinning(Mechanism):
 
     def _azimuth_elevation(self, pulse: Lanes, head: Lanes) -> tuple[Lanes, Lanes]:
         ops, place = xp(pulse), self._place(pulse)[1]
+        # The head turns on while its lasers fire: `lead_rad` is in the head's angle, the laser's own offset comes here.
         azimuth = head + ops.float32(ops.take(self.azimuth_rad, place))
+        # Into -pi to pi, where single precision is finest and where sensors report.
         azimuth = azimuth - _TWO_PI * ops.rint(azimuth * (1.0 / _TWO_PI))
         return azimuth, ops.float32(ops.take(self.elevation_rad, place))
 

@@ -39,6 +39,7 @@ class Turns:
     @classmethod
     def of_fraction(cls, turns: Fraction, *, start_rad: float = 0.0) -> Turns:
         """From the number of turns between two pulses."""
+        # Exact fractions: 2^31 pulses times the rounding of a double would be degrees.
         steps = turns * _WORD
         high = math.floor(steps + Fraction(1, 2))
         start = round(start_rad / (2.0 * math.pi) % 1.0 * _WORD)
@@ -50,6 +51,7 @@ class Turns:
         number = ops.uint32(pulse)
         # The rest of the steps: at most half the pulse number, good to 1e-7 of that, which is 1e-8 turns.
         rest = ops.int32(ops.rint(ops.float32(number) * self.low))
+        # 32-bit numbers wrap around at a whole turn, which is what an angle does.
         word = number * ops.uint32(self.high) + ops.uint32(self.start) + ops.uint32(rest)
         return ops.float32(ops.int32(word)) * (2.0 * math.pi / _WORD)
 

@@ -74,6 +74,7 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
                     raise ValueError(f'{key}: must go with mirrors = "one", got "two"')
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         stop = self._mirrors(None, 0.0)
+        # The cosine of incidence is least in a corner of the field.
         for a, e in itertools.product((-1, 1), repeat=2):
             if stop.beam(a * turns[0], e * turns[1])[1] <= 1e-6:
                 raise ValueError("a mirror must face the beam at every turn, got one that turns too far")

@@ -84,6 +84,7 @@ class SpinningFile(ScannerFile[Spinning]):
         """In SI units; the laser's rate must be what the firing table gives, to 1 %."""
         lasers = len(self.elevation_deg)
         rate_hz = lasers / self.cycle_s
+        # The rate follows from the firing table. The file states it too, for the laser: both must agree.
         if abs(around.rate_hz / rate_hz - 1.0) > 0.01:
             raise InputError(
                 f"laser.repetition_rate_khz: must be {rate_hz * 1e-3:.3f}, for {lasers} lasers every"
@@ -103,6 +104,7 @@ class PolygonFile(ScannerFile[Polygon]):
     def _faces_the_beam(self) -> PolygonFile:
         if self.rotation_hz == 0.0:
             raise ValueError("rotation_hz: must not be 0")
+        # The last pulse of a facet finds it turned by half of the duty's part of a facet.
         swing = self.incidence_deg + self.duty * 180.0 / len(self.facet_tilt_deg)
         if swing >= 90.0:
             raise ValueError(
@@ -115,6 +117,7 @@ class PolygonFile(ScannerFile[Polygon]):
         """In SI units, if a facet has pulses; only a facet of known size needs the lens."""
         facets = len(self.facet_tilt_deg)
         on_facet = around.rate_hz * self.duty / (facets * abs(self.rotation_hz))
+        # float32 counts columns exactly up to 2^24.
         if not 1.0 - 1e-6 <= on_facet < 2**24:
             raise InputError(f"scanner: must have 1 to 2^24 pulses on each facet, got {on_facet:.3g}")
         lens_radius_m = None if self.inradius_mm is None else around.lens_radius_m
@@ -145,6 +148,7 @@ class RisleyFile(ScannerFile[Risley]):
 
     def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
         """Whether a beam is lost on its way; on the axis only the wedges' phases to each other matter."""
+        # All positions of the wedges to each other, in steps of 5 degrees: the losses change slowly with the angle.
         phases = np.radians(np.arange(0.0, 360.0, 5.0))
         first = np.zeros(1) if elevation_rad is None else phases
         turned = np.meshgrid(first, *[phases] * (len(self.wedges) - 1), indexing="ij", sparse=True)
