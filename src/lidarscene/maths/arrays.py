@@ -10,148 +10,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-
-class Mask(Protocol):
-    """Yes or no for each lane, or for all of them: a bool goes with arrays of them."""
-
-    def __and__(self, other: Any, /) -> Mask: ...
-    def __rand__(self, other: Any, /) -> Mask: ...
-    def __or__(self, other: Any, /) -> Mask: ...
-    def __ror__(self, other: Any, /) -> Mask: ...
-    def __invert__(self) -> Mask: ...
-
-
-class Array(Protocol):
-    """The operators that numpy and Dr.Jit arrays share, on numbers, whole numbers and masks; all lane by lane."""
-
-    def __add__(self, other: Any, /) -> Array: ...
-    def __radd__(self, other: Any, /) -> Array: ...
-    def __sub__(self, other: Any, /) -> Array: ...
-    def __rsub__(self, other: Any, /) -> Array: ...
-    def __mul__(self, other: Any, /) -> Array: ...
-    def __rmul__(self, other: Any, /) -> Array: ...
-    def __truediv__(self, other: Any, /) -> Array: ...
-    def __rtruediv__(self, other: Any, /) -> Array: ...
-    def __pow__(self, other: Any, /) -> Array: ...
-    def __floordiv__(self, other: Any, /) -> Array: ...
-    def __mod__(self, other: Any, /) -> Array: ...
-    def __lt__(self, other: Any, /) -> Array: ...
-    def __le__(self, other: Any, /) -> Array: ...
-    def __gt__(self, other: Any, /) -> Array: ...
-    def __ge__(self, other: Any, /) -> Array: ...
-    def __and__(self, other: Any, /) -> Array: ...
-    def __rand__(self, other: Any, /) -> Array: ...
-    def __or__(self, other: Any, /) -> Array: ...
-    def __ror__(self, other: Any, /) -> Array: ...
-    def __xor__(self, other: Any, /) -> Array: ...
-    def __rxor__(self, other: Any, /) -> Array: ...
-    def __lshift__(self, other: Any, /) -> Array: ...
-    def __rshift__(self, other: Any, /) -> Array: ...
-    def __eq__(self, other: Any, /) -> Array: ...  # type: ignore[override]
-    def __neg__(self) -> Array: ...
-    def __invert__(self) -> Array: ...
-    def __len__(self) -> int: ...
-    def __getitem__(self, index: Any, /) -> Any: ...
-    def __float__(self) -> float: ...
-    def __array__(self) -> Numbers: ...
-
-
-Lanes: TypeAlias = float | Array
-"""A number for each lane, or one number for all of them."""
-
-Numbers: TypeAlias = NDArray[Any]
-"""A numpy array; its dtype and shape stand in the docstring."""
-
-S = TypeVar("S")
-"""What a loop carries from step to step: a dataclass or tuple of arrays, of dataclasses and of tuples."""
-
-
-class Ops(Protocol):
-    """The shared functions; `NumpyOps` and `DrjitOps` have them."""
-
-    def exp(self, x: Lanes, /) -> Array:
-        """e^x."""
-
-    def log(self, x: Lanes, /) -> Array:
-        """Natural logarithm."""
-
-    def sqrt(self, x: Lanes, /) -> Array:
-        """Square root."""
-
-    def sin(self, x: Lanes, /) -> Array:
-        """Sine."""
-
-    def cos(self, x: Lanes, /) -> Array:
-        """Cosine."""
-
-    def asin(self, x: Lanes, /) -> Array:
-        """Arc sine."""
-
-    def abs(self, x: Lanes, /) -> Array:
-        """Absolute value."""
-
-    def floor(self, x: Lanes, /) -> Array:
-        """Next whole number below."""
-
-    def rint(self, x: Lanes, /) -> Array:
-        """Nearest whole number, halves to the even one."""
-
-    def atan2(self, y: Lanes, x: Lanes, /) -> Array:
-        """Angle of (x, y)."""
-
-    def maximum(self, a: Lanes, b: Lanes, /) -> Array:
-        """The larger of two."""
-
-    def minimum(self, a: Lanes, b: Lanes, /) -> Array:
-        """The smaller of two."""
-
-    def where(self, condition: Mask, then: Lanes | Mask, otherwise: Lanes | Mask, /) -> Array:
-        """``then`` where the condition holds, else ``otherwise``."""
-
-    def uint32(self, x: Lanes) -> Array:
-        """32-bit unsigned integers."""
-
-    def float32(self, x: Lanes) -> Array:
-        """Single precision, as the device computes in."""
-
-    def int32(self, x: Lanes) -> Array:
-        """32-bit signed integers."""
-
-    def take(self, table: Table | Lanes, index: Lanes) -> Array:
-        """Entries of a table's values, or of an array's, one after the other."""
-
-    def full(self, like: Lanes | Mask, value: float) -> Array:
-        """As many times this number as ``like`` is long."""
-
-    def width(self, values: Lanes) -> int:
-        """How many numbers these are."""
-
-    def index(self, like: Lanes) -> Array:
-        """Number of each lane."""
-
-    def column(self, lanes: Lanes | Mask, number: int, columns: int) -> Array:
-        """Entry ``number`` of each group of ``columns`` lanes."""
-
-    def room(self, like: Lanes, size: int) -> Array:
-        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
-
-    def put(self, room: Array, index: Lanes, value: Lanes) -> Array:
-        """The room with each lane's number ``index`` changed."""
-
-    def get(self, room: Array, index: Lanes) -> Array:
-        """Each lane's number ``index``."""
-
-    def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
-        """Step every lane of the state for as long as it is active."""
-
-    def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
-        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+from .lanes import Array as Array
+from .lanes import Lanes as Lanes
+from .lanes import Mask as Mask
+from .lanes import Numbers as Numbers
+from .lanes import Ops as Ops
+from .lanes import S as S
 
 
 def flattened(state: object) -> Iterator[Any]:

@@ -11,7 +11,7 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -26,9 +26,10 @@ from ...maths.trajectory import Motion
 from ...scene.model import Ball, Body, Part, Scene
 from ..device import transfer
 from ..device.backend import mitsuba
-from ..device.types import Shape, TracedScene
+from ..device.types import TracedScene
 from . import mitsuba_xml
-from .bsdfs import absorption, bsdf_dict, diffuse_share
+from .bsdfs import bsdf_dict
+from .faces import FaceTables, PlacedShape
 from .speculars import Speculars, lets_through
 
 
@@ -99,39 +100,11 @@ class World:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shape:
-    """A Mitsuba shape on its way into a world.
-
-    face_body  (faces,) index of the body of each face
-    values     its material by `Material.at`; None if only the BSDF knows it
-    is_plain   whether it is a mesh without smooth normals and textures
-    """
-
-    shape: Any
-    face_body: Numbers
-    material: str
-    values: Mapping[str, Any] | None
-    is_plain: bool = False
-
-    @property
-    def reflectivity(self) -> float | None:
-        return None if self.values is None else diffuse_share(self.values)
-
-    @property
-    def transmittance(self) -> float:
-        return 0.0 if self.values is None else self.values.get("transmittance", 0.0)
-
-    @property
-    def absorbs(self) -> tuple[float, float] | None:
-        return None if self.values is None else absorption(self.values)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
     """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
 
     bodies: tuple[int, ...]
-    shapes: list[_Shape]
+    shapes: list[PlacedShape]
 
 
 def build_world(
@@ -158,10 +131,10 @@ def build_world(
             body_names.append(found.name)
             class_of.append("unlabelled")
             values = None if found.reflectivity is None else resolved[found.material]
-            shapes.append(_Shape(found.shape, index, found.material, values))
+            shapes.append(PlacedShape(found.shape, index, found.material, values))
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
-    faces = _FaceTables()
+    faces = FaceTables()
     faces.add(shapes)
     movers: list[Mover] = []
     for group in moving:
@@ -191,11 +164,11 @@ def build_world(
 
 def _own_shapes(
     bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]]
-) -> list[_Shape]:
+) -> list[PlacedShape]:
     """Return one mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
     mi = mitsuba()
     grouped: dict[str, list[tuple[int, Numbers, Numbers]]] = {}
-    shapes: list[_Shape] = []
+    shapes: list[PlacedShape] = []
     for index, body in bodies.items():
         for part in body.parts:
             if isinstance(part, Part):
@@ -229,7 +202,7 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]]) -> l
 
 def _merged(
     mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Numbers]], values: dict[str, object]
-) -> _Shape:
+) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
@@ -246,12 +219,12 @@ def _merged(
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    return _Shape(mesh, bodies, material, values, is_plain=True)
+    return PlacedShape(mesh, bodies, material, values, is_plain=True)
 
 
 def _ball(
     mi: ModuleType, ball: Ball, centre_m: Numbers, index: int, resolved: dict[str, dict[str, object]]
-) -> _Shape:
+) -> PlacedShape:
     values = resolved[ball.material]
     shape = mi.load_dict(
         {
@@ -259,10 +232,10 @@ def _ball(
             "bsdf": bsdf_dict(values),
         }
     )  # fmt: skip
-    return _Shape(shape, np.array([index], np.int32), ball.material, values)
+    return PlacedShape(shape, np.array([index], np.int32), ball.material, values)
 
 
-def _mitsuba_scenes(shapes: Sequence[_Shape], see_through: bool) -> tuple[Any, Any]:
+def _mitsuba_scenes(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[Any, Any]:
     """Return two Mitsuba scenes: of everything but panes and porous surfaces, and of these; None if empty.
 
     Without ``see_through`` all shapes are in the first one.
@@ -272,7 +245,7 @@ def _mitsuba_scenes(shapes: Sequence[_Shape], see_through: bool) -> tuple[Any, A
     return _mitsuba_scene(others), _mitsuba_scene(panes)
 
 
-def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
+def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
     if not shapes:
         return None
     # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
@@ -282,106 +255,6 @@ def _mitsuba_scene(shapes: Sequence[_Shape]) -> Any:
     settings = {"type": "scene", "embree_use_robust_intersections": True}
     children = {f"shape_{i}": shape.shape for i, shape in enumerate(shapes)}
     return mitsuba().load_dict(settings | children, optimize=False)
-
-
-class _FaceTables:
-    """Per-face body and material indices, concatenated over shapes: what a World looks up behind a hit."""
-
-    def __init__(self) -> None:
-        self._body: list[Numbers] = []
-        self._material: list[Numbers] = []
-        self._first: dict[int, tuple[_Shape, int]] = {}
-        self._faces = 0
-        self.material_names: dict[str, int] = {}
-
-    def add(self, shapes: Sequence[_Shape], *, body: int | None = None) -> int:
-        """Append the faces of these shapes and return the number of the first.
-
-        body  index of the body that owns all of them; None: as the shapes say
-        A shape may come several times, once for each body that shares it. A hit's number is in its first set of faces.
-        """
-        start = self._faces
-        for shape in shapes:
-            count = len(shape.face_body)
-            material = self.material_names.setdefault(shape.material, len(self.material_names))
-            self._body.append(shape.face_body if body is None else np.full(count, body, np.int32))
-            self._material.append(np.full(count, material, np.int32))
-            self._first.setdefault(id(shape), (shape, self._faces))
-            self._faces += count
-        return start
-
-    def on_device(self, see_through: bool) -> dict[str, Any]:
-        """Return the fields of World that are looked up by a shape's registry number or by a face."""
-        mi = mitsuba()
-        # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
-        # with unused rows is the simplest map from number to shape.
-        numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
-        first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
-        reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
-        for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
-            first_face[number] = start
-            reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
-            transmittance[number] = shape.transmittance
-        return {
-            "first_face": mi.UInt32(first_face),
-            "shape_reflectivity": mi.Float(reflectivity),
-            "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
-            "face_normal": self._normals(),
-            "face_body": mi.Int32(np.concatenate(self._body)),
-            "face_material": mi.Int32(np.concatenate(self._material)),
-            "material_names": tuple(self.material_names),
-            "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()])
-            if see_through
-            else None,
-        }
-
-    def _normals(self) -> Any:
-        """Return `World.face_normal`, computed from the vertices as Mitsuba holds them, in single precision."""
-        import drjit as dr
-
-        mi = mitsuba()
-        # One shape that is not plain (a sphere, a shape of a Mitsuba file) sends all hits to Mitsuba's own interaction:
-        # a kernel with both ways would pay for both.
-        if not all(shape.is_plain for shape, _ in self._first.values()):
-            return None
-        table = dr.zeros(mi.Float, 4 * self._faces)
-        for shape, start in self._first.values():
-            vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
-            number = dr.arange(mi.UInt32, len(shape.face_body))
-            a, b, c = (
-                dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3)
-            )
-            normal = dr.normalize(dr.cross(b - a, c - a))
-            # The start is opaque, or each shape would compile a kernel of its own.
-            dr.scatter(table, mi.Vector4f(*normal, 0.0), number + transfer.opaque_uint32(start))
-        dr.eval(table)
-        return table
-
-
-def _surface(shape: _Shape) -> tuple[int, Any, Hashable, Any]:
-    """Return what `Speculars.of` wants of a shape: registry number, BSDF, identity of the material, absorption."""
-    import drjit as dr
-
-    mi = mitsuba()
-    bsdf = shape.shape.bsdf()
-    # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
-    # is the identity.
-    own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
-    return (
-        _registry_number(shape.shape),
-        bsdf,
-        own if shape.reflectivity is None else shape.material,
-        shape.absorbs,
-    )
-
-
-def _registry_number(shape: Shape) -> int:
-    """Return the number by which the device knows a shape."""
-    import drjit as dr
-
-    mi = mitsuba()
-    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
 def _mover(

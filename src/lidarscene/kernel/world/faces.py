@@ -1,0 +1,153 @@
+"""Tables of a world by face and by shape: what stands behind a hit.
+
+A hit is a shape's number in Mitsuba's registry and a triangle's number in that shape. The shape's number leads to that
+of its first face; the sum is the face's number in the tables of bodies, materials and normals.
+
+Symbols: f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ..device import transfer
+from ..device.backend import mitsuba
+from ..device.types import Shape
+from .bsdfs import absorption, diffuse_share
+from .speculars import Speculars
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedShape:
+    """A Mitsuba shape on its way into a world.
+
+    face_body  (faces,) index of the body of each face
+    values     its material by `Material.at`; None if only the BSDF knows it
+    is_plain   whether it is a mesh without smooth normals and textures
+    """
+
+    shape: Any
+    face_body: Numbers
+    material: str
+    values: Mapping[str, Any] | None
+    is_plain: bool = False
+
+    @property
+    def reflectivity(self) -> float | None:
+        """Diffuse reflectivity; None: ask the BSDF."""
+        return None if self.values is None else diffuse_share(self.values)
+
+    @property
+    def transmittance(self) -> float:
+        """Diffuse transmittance; 0 if it is opaque."""
+        return 0.0 if self.values is None else self.values.get("transmittance", 0.0)
+
+    @property
+    def absorbs(self) -> tuple[float, float] | None:
+        """`bsdfs.absorption` of a pane; None if it does not absorb."""
+        return None if self.values is None else absorption(self.values)
+
+
+class FaceTables:
+    """Per-face body and material indices, concatenated over shapes: what a World looks up behind a hit."""
+
+    def __init__(self) -> None:
+        self._body: list[Numbers] = []
+        self._material: list[Numbers] = []
+        self._first: dict[int, tuple[PlacedShape, int]] = {}
+        self._faces = 0
+        self.material_names: dict[str, int] = {}
+
+    def add(self, shapes: Sequence[PlacedShape], *, body: int | None = None) -> int:
+        """Append the faces of these shapes and return the number of the first.
+
+        body  index of the body that owns all of them; None: as the shapes say
+        A shape may come several times, once for each body that shares it. A hit's number is in its first set of faces.
+        """
+        start = self._faces
+        for shape in shapes:
+            count = len(shape.face_body)
+            material = self.material_names.setdefault(shape.material, len(self.material_names))
+            self._body.append(shape.face_body if body is None else np.full(count, body, np.int32))
+            self._material.append(np.full(count, material, np.int32))
+            self._first.setdefault(id(shape), (shape, self._faces))
+            self._faces += count
+        return start
+
+    def on_device(self, see_through: bool) -> dict[str, Any]:
+        """Return the fields of World that are looked up by a shape's registry number or by a face."""
+        mi = mitsuba()
+        # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
+        # with unused rows is the simplest map from number to shape.
+        numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
+        first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
+        reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
+        for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
+            first_face[number] = start
+            reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
+            transmittance[number] = shape.transmittance
+        return {
+            "first_face": mi.UInt32(first_face),
+            "shape_reflectivity": mi.Float(reflectivity),
+            "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
+            "face_normal": self._normals(),
+            "face_body": mi.Int32(np.concatenate(self._body)),
+            "face_material": mi.Int32(np.concatenate(self._material)),
+            "material_names": tuple(self.material_names),
+            "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
+            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()])
+            if see_through
+            else None,
+        }
+
+    def _normals(self) -> Any:
+        """Return `World.face_normal`, computed from the vertices as Mitsuba holds them, in single precision."""
+        import drjit as dr
+
+        mi = mitsuba()
+        # One shape that is not plain (a sphere, a shape of a Mitsuba file) sends all hits to Mitsuba's own interaction:
+        # a kernel with both ways would pay for both.
+        if not all(shape.is_plain for shape, _ in self._first.values()):
+            return None
+        table = dr.zeros(mi.Float, 4 * self._faces)
+        for shape, start in self._first.values():
+            vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
+            number = dr.arange(mi.UInt32, len(shape.face_body))
+            a, b, c = (
+                dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3)
+            )
+            normal = dr.normalize(dr.cross(b - a, c - a))
+            # The start is opaque, or each shape would compile a kernel of its own.
+            dr.scatter(table, mi.Vector4f(*normal, 0.0), number + transfer.opaque_uint32(start))
+        dr.eval(table)
+        return table
+
+
+def _surface(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
+    """Return what `Speculars.of` wants of a shape: registry number, BSDF, identity of the material, absorption."""
+    import drjit as dr
+
+    mi = mitsuba()
+    bsdf = shape.shape.bsdf()
+    # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
+    # is the identity.
+    own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    return (
+        _registry_number(shape.shape),
+        bsdf,
+        own if shape.reflectivity is None else shape.material,
+        shape.absorbs,
+    )
+
+
+def _registry_number(shape: Shape) -> int:
+    """Return the number by which the device knows a shape."""
+    import drjit as dr
+
+    mi = mitsuba()
+    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
