@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -223,18 +223,8 @@ def density(one: Seen) -> Figure:
     over = f"in {one.mapped_s:g} s"
     caption = f"Pulses per square degree of solid angle {over}; cells without one are grey."
     values = np.where(one.maps.pulses > 0, one.maps.density, np.nan)
-    finite = values[np.isfinite(values)]
-    log = bool(len(finite) and finite.max() > 30.0 * finite.min())
-    return _map(
-        one,
-        "density",
-        values,
-        f"pulses per square degree {over}",
-        "no pulse",
-        caption,
-        "density_per_deg2",
-        log,
-    )
+    words = _Words("density", f"pulses per square degree {over}", "no pulse", "density_per_deg2")
+    return _map(one, values, words, caption, log=_uneven(values))
 
 
 def revisit(one: Seen) -> Figure:
@@ -244,10 +234,8 @@ def revisit(one: Seen) -> Figure:
         "are grey."
     )
     values = one.revisits.revisit_s * 1e3
-    finite = values[np.isfinite(values)]
-    log = bool(len(finite) and finite.max() > 30.0 * finite.min())
-    return _map(one, "revisit", values, "mean time between visits [ms]", "fewer than two visits", caption,
-                "revisit_ms", log)  # fmt: skip
+    words = _Words("revisit", "mean time between visits [ms]", "fewer than two visits", "revisit_ms")
+    return _map(one, values, words, caption, log=_uneven(values))
 
 
 def far(one: Seen) -> Figure:
@@ -257,22 +245,37 @@ def far(one: Seen) -> Figure:
         "and those without a limit, are grey."
     )
     missing = "no limit, or no pulse" if np.any(np.isinf(one.range_m)) else "no pulse"
-    return _map(one, "range", one.range_m, "maximum range [m]", missing, caption, "range_m", False)
+    return _map(
+        one, one.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False
+    )
 
 
-def _map(
-    one: Seen, kind: str, values: Numbers, label: str, missing: str, caption: str, column: str, log: bool
-) -> Figure:
+class _Words(NamedTuple):
+    """Names of a map: of its file, on its scale, of cells without a value, and of its column."""
+
+    kind: str
+    label: str
+    missing: str
+    column: str
+
+
+def _uneven(values: Numbers) -> bool:
+    """Whether a linear scale would show only the largest values."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) and finite.max() > 30.0 * finite.min())
+
+
+def _map(one: Seen, values: Numbers, words: _Words, caption: str, *, log: bool) -> Figure:
     shown, outside, extent = image(one.cells, one.maps.cell, values)
     size = one.cells.size_deg
     picture = maps.Raster(
-        values=shown, outside=outside, extent=extent, label=label, missing=missing, log=log,
+        values=shown, outside=outside, extent=extent, label=words.label, missing=words.missing, log=log,
         title=f"{one.name}, cells of {size:g} degrees",
     )  # fmt: skip
     azimuth, elevation = one.cells.middle_deg(one.maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, picture=picture)
-    return f"{one.slug}-{kind}", draw, (("azimuth_deg", "elevation_deg", column), rows), caption
+    return f"{one.slug}-{words.kind}", draw, (("azimuth_deg", "elevation_deg", words.column), rows), caption
 
 
 def _extent(one: Seen) -> tuple[float, float, float, float]:
