@@ -275,3 +275,11 @@ def test_no_range_board_shades_another():
     range_m, _ = first_hits(triangles, start, np.broadcast_to(sun, start.shape))
     shaded = sorted({names[i // len(shares)] for i in np.flatnonzero(np.isfinite(range_m))})
     assert shaded == []
+
+
+def test_the_source_package_has_what_the_tests_read() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packed = project["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+    assert {"/assets", "/scenes", "/src", "/tests", "/docs", "/tools", "/benchmarks", "/Makefile"} <= set(
+        packed
+    )

@@ -1,4 +1,7 @@
-"""The command `batch`: a job file in; clouds of all its frames, made by many processes, and a manifest out."""
+"""The command `batch`: a job file in; clouds of all its frames, made by many processes, and a manifest out.
+
+A job may run for days. Its bar and its lines of failures go to the error stream, its result to the output.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The commands `catalog` and `schema`: what sensors and materials there are, and what may stand in files."""
+"""The commands `catalog` and `schema`: what sensors and materials there are, and what may stand in files.
+
+What can be named, and what can be written, is asked from the program itself: it cannot be out of date.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The command `compare`: the same scene and the same beams, seen by different sensors."""
+"""The command `compare`: the same scene and the same beams, seen by different sensors.
+
+The study does the work (`studies.compare`); options are read and told of here.
+"""
 
 from __future__ import annotations
 

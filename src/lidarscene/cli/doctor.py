@@ -1,4 +1,7 @@
-"""Doctor: this machine in, a report of what lidarscene can run on it out."""
+"""Doctor: this machine in, a report of what lidarscene can run on it out.
+
+A back end fails for reasons outside of this package (drivers, LLVM). Users see each reason and what helps.
+"""
 
 import importlib.metadata
 import os

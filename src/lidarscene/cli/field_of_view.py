@@ -1,4 +1,7 @@
-"""The command `fov`: what scan patterns cover, how densely, how soon and how far."""
+"""The command `fov`: what scan patterns cover, how densely, how soon and how far.
+
+The study does the work (`studies.field_of_view`); options are read and told of here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The command line: parse, one public call, print."""
+"""The command line: parse, one public call, print.
+
+Commands import what they need when they run, so that `--help` answers at once. All errors of users end here as one
+line and an exit code.
+"""
 
 from __future__ import annotations
 

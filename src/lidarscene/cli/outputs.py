@@ -1,4 +1,7 @@
-"""The options of `render` that choose formats."""
+"""The options of `render` that choose formats.
+
+The formats are asked from their registry: a new one is an option without a line here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The commands that trace nothing, `range` and `paper`: arguments in, files and a text to print out."""
+"""The commands that trace nothing, `range` and `paper`: arguments in, files and a text to print out.
+
+The studies do the work; here conditions are checked under the names of their options.
+"""
 
 from __future__ import annotations
 

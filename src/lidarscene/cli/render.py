@@ -1,4 +1,7 @@
-"""The command `render`: a scene and a sensor, or a rig of them, in; point clouds, frame after frame, out."""
+"""The command `render`: a scene and a sensor, or a rig of them, in; point clouds, frame after frame, out.
+
+Options of the library are made from arguments, one for one, and `outputs.record.record` does the rest.
+"""
 
 from __future__ import annotations
 

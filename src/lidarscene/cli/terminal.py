@@ -1,4 +1,7 @@
-"""What a terminal is told: a command's answer, its one line of complaint, its notes; whatever letters it has."""
+"""What a terminal is told: a command's answer, its one line of complaint, its notes; whatever letters it has.
+
+Names of files may hold letters that a terminal lacks, and a reader may be gone: neither may end in a traceback.
+"""
 
 from __future__ import annotations
 

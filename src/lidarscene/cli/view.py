@@ -1,4 +1,7 @@
-"""The command `view`: clouds and scenes in the browser."""
+"""The command `view`: clouds and scenes in the browser.
+
+The page is served on this machine, or saved as one file that needs no server.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Words of the command line, parsed: whole numbers, numbers, pulses, poses."""
+"""Words of the command line, parsed: whole numbers, numbers, pulses, poses.
+
+An argument that does not fit is told in one line that says what would: "must be ..., got ...".
+"""
 
 from __future__ import annotations
 

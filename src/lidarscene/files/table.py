@@ -1,4 +1,8 @@
-"""Tables of files whose keys are declared by the class that is made of them, with `maths.units.Quantity`."""
+"""Tables of files whose keys are declared by the class that is made of them, with `maths.units.Quantity`.
+
+A number of a sensor is declared once, on the frozen class that the simulation uses. The file's model, its bounds, its
+defaults, its JSON Schema and the conversion to SI units follow from there, so that they cannot differ.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""How many panes, mirrors and gaps a beam may meet."""
+"""How many panes, mirrors and gaps a beam may meet.
+
+The kernel unrolls the steps of a path, so their number is code. The command line names these limits too, and must not
+load the light for it.
+"""
 
 INTERACTIONS = 3
 """Default: enough for both windows of a car and one of the next car."""

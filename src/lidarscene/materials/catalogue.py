@@ -1,4 +1,7 @@
-"""The materials of the catalogue, by name."""
+"""The materials of the catalogue, by name.
+
+Scenes name a material, and its numbers with their sources stand in one place for all of them.
+"""
 
 from __future__ import annotations
 

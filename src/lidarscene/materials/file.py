@@ -1,4 +1,8 @@
-"""Material files of the catalogue, and the inline materials of scene files, to `Material`."""
+"""Material files of the catalogue, and the inline materials of scene files, to `Material`.
+
+People write tables of published values, by wavelength, and each kind of surface has keys of its own. What a kind
+lacks, or has too much, is told here, before anything is traced.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""One frame: simulators in, its files out, all that can be written while the frame is traced."""
+"""One frame: simulators in, its files out, all that can be written while the frame is traced.
+
+A frame may be larger than the memory. So everything that can be written piece by piece is written while the frame is
+traced, and one pass over the points serves all files.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Light in files: the ambient counts of a frame in, or waveforms of chosen pulses, an NPZ or a 16-bit PNG out."""
+"""Light in files: the ambient counts of a frame in, or waveforms of chosen pulses, an NPZ or a 16-bit PNG out.
+
+Both are arrays over pulses and not over points, so no format of point clouds holds them.
+"""
 
 from __future__ import annotations
 

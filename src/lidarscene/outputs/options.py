@@ -1,4 +1,8 @@
-"""Outputs: every file that a frame becomes, declared once for the library and the command line."""
+"""Outputs: every file that a frame becomes, declared once for the library and the command line.
+
+A wrong combination is told when the options are made, in the words of whoever made them: the errors name options, and
+the command line puts its own names in their place.
+"""
 
 from __future__ import annotations
 

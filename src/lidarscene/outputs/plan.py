@@ -1,4 +1,8 @@
-"""Plan: `Outputs`, how many frames and of what in; the names of all files out, checked before any work is done."""
+"""Plan: `Outputs`, how many frames and of what in; the names of all files out, checked before any work is done.
+
+A run may take hours. So all names are known at its start, and what cannot be written, or would write over what is
+read, is refused there.
+"""
 
 from __future__ import annotations
 

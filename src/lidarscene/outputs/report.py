@@ -1,4 +1,7 @@
-"""What a run says of itself: the summary as text and as JSON, the missed pulses, the catalogue's lists."""
+"""What a run says of itself: the summary as text and as JSON, the missed pulses, the catalogue's lists.
+
+The simulator only counts. How a count is told is decided here, once for people and once for machines.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Streams: clouds that come in pieces in; a file in a format, or a frame of a data set, out."""
+"""Streams: clouds that come in pieces in; a file in a format, or a frame of a data set, out.
+
+Most formats take a cloud piece by piece, a few need all of it. Who hands on the pieces need not know which.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What users call from Python: names or files in, point clouds out."""
+"""What users call from Python: names or files in, point clouds out.
+
+Most users want one cloud of one scene. They need not know of simulators, which are for several frames.
+"""
 
 from __future__ import annotations
 

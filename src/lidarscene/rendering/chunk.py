@@ -1,4 +1,8 @@
-"""Chunk: some pulses of a frame on the device, after the stages, and what takes them apart and puts them together."""
+"""Chunk: some pulses of a frame on the device, after the stages, and what takes them apart and puts them together.
+
+Two kinds of pulses are traced apart, those that end at the first surface and those that go on through glass. What
+belongs to a chunk is in several parts until here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Frame: which pulses one frame has, when they leave, and where the sensor and all that moves are then."""
+"""Frame: which pulses one frame has, when they leave, and where the sensor and all that moves are then.
+
+All that depends on time is decided here, before the device starts: the stages get arrays of poses and times and do
+not know what a motion is.
+"""
 
 from __future__ import annotations
 

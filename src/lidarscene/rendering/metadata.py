@@ -1,4 +1,7 @@
-"""Metadata: what a cloud says of the frame that it is."""
+"""Metadata: what a cloud says of the frame that it is.
+
+A file that is found years later says how it was made: scene and sensor by name, seed, number and poses.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Simulators of a rig: one for each of its sensors."""
+"""Simulators of a rig: one for each of its sensors.
+
+Sensors of one wavelength share a world, which is dear to build. Frames that are to be merged must begin together.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Simulator: a Scene, a Sensor and a Pose in, a PointCloud out, chunk by chunk through the `stages`."""
+"""Simulator: a Scene, a Sensor and a Pose in, a PointCloud out, chunk by chunk through the `stages`.
+
+What costs time once (the world, the compiled kernels) is kept here for all frames; what differs from frame to frame
+goes in as numbers on the device.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Summary: what happened in a frame, counted while it is rendered."""
+"""Summary: what happened in a frame, counted while it is rendered.
+
+Counts come chunk by chunk, so that no array of all pulses is needed for them.
+"""
 
 from __future__ import annotations
 

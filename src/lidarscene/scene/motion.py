@@ -1,4 +1,8 @@
-"""What scene files say of motion: the pydantic models of [ego] and of a body's motion."""
+"""What scene files say of motion: the pydantic models of [ego] and of a body's motion.
+
+A motion is given by poses or by a velocity and a turn. Each file form becomes one `maths.trajectory.Motion`, so that
+the rest knows one kind.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""What a scene file may hold: the pydantic models of its tables."""
+"""What a scene file may hold: the pydantic models of its tables.
+
+Keys that go together are checked here, with the table and the key in the message; `scene.file` then reads a scene
+that fits together.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The sensors of the catalogue, by name; sensor files too."""
+"""The sensors of the catalogue, by name; sensor files too.
+
+A name of the catalogue and a path are taken alike, so that a sensor of one's own needs no other call.
+"""
 
 from __future__ import annotations
 

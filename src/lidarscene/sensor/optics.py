@@ -1,4 +1,8 @@
-"""[optics] of a sensor file: the receiver, and how the laser's spot lies in its field of view."""
+"""[optics] of a sensor file: the receiver, and how the laser's spot lies in its field of view.
+
+A receiver is described by what a data sheet has: a filter as its transmittance or as a number, an overlap as the
+place of the transmitter. The simulation wants watts and a share by range.
+"""
 
 from __future__ import annotations
 

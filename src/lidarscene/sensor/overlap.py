@@ -1,4 +1,8 @@
-"""Overlap of the laser's spot with the receiver's field of view, as a table over the range."""
+"""Overlap of the laser's spot with the receiver's field of view, as a table over the range.
+
+The share follows from an integral over the spot, too dear for every pulse, and depends on the range alone. So it is
+tabulated once, even in s / (s + R), which is fine near the sensor, where it changes.
+"""
 
 from __future__ import annotations
 

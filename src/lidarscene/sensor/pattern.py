@@ -1,4 +1,8 @@
-"""Pattern files: azimuth, elevation and time of every pulse of a frame, from CSV or npz, to a `Pattern`."""
+"""Pattern files: azimuth, elevation and time of every pulse of a frame, from CSV or npz, to a `Pattern`.
+
+Where a scanner is known only from measured angles, its table is used as it is. Units are in the names of the columns,
+as in all files here.
+"""
 
 from __future__ import annotations
 

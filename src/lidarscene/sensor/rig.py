@@ -1,4 +1,7 @@
-"""A rig: several sensors on one vehicle."""
+"""A rig: several sensors on one vehicle.
+
+Each sensor simulates on its own: a rig adds only names and places.
+"""
 
 from __future__ import annotations
 

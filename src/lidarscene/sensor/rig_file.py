@@ -1,4 +1,7 @@
-"""Rig files: the sensors of a vehicle, TOML in, `Rig` out. Sensor files are named relative to the rig file."""
+"""Rig files: the sensors of a vehicle, TOML in, `Rig` out. Sensor files are named relative to the rig file.
+
+A rig can be copied with its sensors. An override may name one sensor or reach all.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What the scanner models of a sensor file share: types, the options of all, and the models with mirrors."""
+"""What the scanner models of a sensor file share: types, the options of all, and the models with mirrors.
+
+Mechanisms differ, but all fire at the laser's rate and number their pulses in 31 bits.
+"""
 
 from __future__ import annotations
 

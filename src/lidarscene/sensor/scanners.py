@@ -1,4 +1,8 @@
-"""The scanner in a sensor file: one model for each mechanism, in the units that people write, to a `Scanner`."""
+"""The scanner in a sensor file: one model for each mechanism, in the units that people write, to a `Scanner`.
+
+What can be wrong about a mechanism depends on others of its numbers (a facet that turns away from the beam, a laser
+that fires after its cycle). Such mistakes are told here, by key, before anything is traced.
+"""
 
 from __future__ import annotations
 
