@@ -202,7 +202,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
         ("scanner.elevation_fov_deg=0.0", "scanner.elevation_fov_deg: must be > 0, got 0.0"),
         (
             "scanner.azimuth_step_deg=41",
-            "scanner: azimuth_step_deg = 41.0 is wider than azimuth_fov_deg = 40.0",
+            "scanner: azimuth_step_deg: must be <= 40, azimuth_fov_deg, got 41",
         ),
         ("scanner.azimuth_step_deg=1e-9", "must have fewer than 2^31 pulses in a frame, got"),
         (

@@ -96,7 +96,11 @@ MISTAKES = [
         {"cycle_us": None},
         "scanner: one of cycle_us and columns_per_turn must be given, got both or none",
     ),
-    ("spinning", {"height_mm": [1.0]}, "scanner: height_mm has 1 entries, elevation_deg has 16"),
+    (
+        "spinning",
+        {"height_mm": [1.0]},
+        "scanner: height_mm: must have 16 entries, as elevation_deg has, got 1",
+    ),
     ("spinning", {"elevation_deg": []}, "scanner.elevation_deg: must be a list of at least 1, got []"),
     ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us: must be < 30, the cycle, got "),
     ("spinning", {"rotation_hz": 0.0}, "scanner: rotation_hz: must not be 0"),

@@ -40,7 +40,7 @@ class RasterFile(ScannerFile[Raster]):
         for axis in ("azimuth", "elevation"):
             fov, step = getattr(self, f"{axis}_fov_deg"), getattr(self, f"{axis}_step_deg")
             if step > fov:
-                raise ValueError(f"{axis}_step_deg = {step} is wider than {axis}_fov_deg = {fov}")
+                raise ValueError(f"{axis}_step_deg: must be <= {fov:g}, {axis}_fov_deg, got {step:g}")
         pulses = (self.azimuth_fov_deg / self.azimuth_step_deg + 1) * (
             self.elevation_fov_deg / self.elevation_step_deg + 1
         )
@@ -77,7 +77,9 @@ class SpinningFile(ScannerFile[Spinning]):
         for key in ("azimuth_offset_deg", "firing_time_us", "forward_mm", "left_mm", "height_mm"):
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
-                raise ValueError(f"{key} has {len(values)} entries, elevation_deg has {lasers}")
+                raise ValueError(
+                    f"{key}: must have {lasers} entries, as elevation_deg has, got {len(values)}"
+                )
         last_us = max(self.firing_time_us or (0.0,))
         if si(last_us, "us") >= self.cycle_s:
             raise ValueError(f"firing_time_us: must be < {self.cycle_s * 1e6:g}, the cycle, got {last_us:g}")
