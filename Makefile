@@ -9,6 +9,9 @@ SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact -
 .PHONY: car test quick test-all lint docs format bench bench-check lock clean
 .DELETE_ON_ERROR:
 
+# Without what Python keeps of a compiled module, each of some 200 starts compiles all libraries anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 car: $(READY)
 	@mkdir -p out
 	$(BIN)/lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png \

@@ -5,6 +5,7 @@ import gc
 import os
 import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,14 +20,10 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-os.environ["LIDARSCENE_CACHE"] = ""  # what an earlier run left must not decide a test
 TESTS = Path(__file__).parent
-if sys.dont_write_bytecode:
-    # Many tests start a Python. Without bytecode each compiles all that it imports: 3 s of CPU instead of 1 s for
-    # one `lidarscene render`. So it is kept, but in a folder of its own, which puts no file beside a source.
-    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(TESTS.parent / ".pytest_cache" / "bytecode")
-    sys.dont_write_bytecode = False
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers share it; what an earlier run left must not decide a test
+    CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
+    os.environ["LIDARSCENE_CACHE"] = CACHE.name
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.batch import cluster
-from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch.run import Connect, Progress, run_job
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
 from lidarscene.errors import LidarSceneError
@@ -34,15 +33,18 @@ def _dask(mi: Any) -> None:
 
 
 class Standing:
-    """A scheduler of its own, on a free port, and what is started beside it."""
+    """A scheduler of its own, on a free port, and workers beside it."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir()
         self.folder, self.processes = folder, list[subprocess.Popen[bytes]]()
         about = folder / "scheduler.json"
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(about))
-        wait_until(lambda: _is_whole(about) or self.processes[0].poll() is not None)
+        wait_until(lambda: _is_whole(about) or not self.runs)
         self.address = json.loads(about.read_text())["address"]
+
+    @property
+    def runs(self) -> bool:
+        return self.processes[0].poll() is None
 
     def start(self, *command: str, first: Path | None = None) -> None:
         """Start a part of Dask; ``first`` is where its Python looks for modules first."""
@@ -54,18 +56,19 @@ class Standing:
             )  # fmt: skip
         self.processes.append(started)
 
-    def start_worker(self, first: Path | None = None) -> None:
+    def start_workers(self, count: int, first: Path | None = None) -> None:
+        """By the command of docs/scaling.md."""
         self.start(
-            "worker",
-            self.address,
-            "--nthreads",
-            "1",
-            "--memory-limit",
-            "0",
-            "--host",
-            "127.0.0.1",
-            first=first,
-        )
+            "worker", self.address, "--nworkers", str(count), "--nthreads", "1", "--memory-limit", "0",
+            "--host", "127.0.0.1", first=first,
+        )  # fmt: skip
+
+    def end(self, processes: int) -> None:
+        """End all but the first of its processes, so many; workers end their own ones."""
+        while len(self.processes) > processes:
+            process = self.processes.pop()
+            process.terminate()
+            process.wait(PATIENCE_S)
 
 
 def _is_whole(file: Path) -> bool:
@@ -75,30 +78,48 @@ def _is_whole(file: Path) -> bool:
     return False
 
 
-@contextmanager
-def standing(folder: Path) -> Iterator[Standing]:
-    """A scheduler until the end of the block, and no process of it after."""
-    one = Standing(folder)
-    try:
-        yield one
-    finally:
-        for process in reversed(one.processes):  # workers end their own processes
-            process.terminate()
-        for process in reversed(one.processes):
-            process.wait(PATIENCE_S)
+@pytest.fixture(scope="module")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Standing]]:
+    """Starts a scheduler; no process of it lives after this module."""
+    started: list[Standing] = []
+
+    def one() -> Standing:
+        started.append(Standing(tmp_path_factory.mktemp("dask")))
+        return started[-1]
+
+    yield one
+    for standing in started:
+        standing.end(0)
 
 
-def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> None:
+@pytest.fixture(scope="module")
+def bare(start: Callable[[], Standing]) -> Standing:
+    """Without workers."""
+    return start()
+
+
+@pytest.fixture
+def equipped(start: Callable[[], Standing], _known: list[Standing]) -> Standing:
+    """With two workers: the same for all tests until one of them kills it."""
+    if not (_known and _known[-1].runs):
+        _known.append(start())
+        _known[-1].start_workers(2)
+    return _known[-1]
+
+
+@pytest.fixture(scope="module")
+def _known() -> list[Standing]:
+    return []
+
+
+def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, capsys: Printed) -> None:
     """Two workers, started by hand, by address; then once more, when nothing is left to do."""
     out = tmp_path / "out"
-    argv = ["batch", str(job_file), "-o", str(out), "--json"]
-    with standing(tmp_path / "dask") as dask:
-        for _ in range(2):
-            dask.start_worker()
-        assert main.main([*argv, "--scheduler", dask.address]) == 0
-        first = capsys.readouterr()
-        assert "dashboard     http://127.0.0.1:" in first.err
-        assert main.main([*argv, "--scheduler", dask.address]) == 0
+    argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", equipped.address]
+    assert main.main(argv) == 0
+    first = capsys.readouterr()
+    assert "dashboard     http://127.0.0.1:" in first.err
+    assert main.main(argv) == 0
     again = json.loads(capsys.readouterr().out)
     assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
     assert [again[name] for name in ("rendered", "reused")] == [0, 4]
@@ -114,7 +135,9 @@ def test_the_bits_of_render(job_file: Path, tmp_path: Path, capsys: Printed) -> 
         assert written.read_bytes() == alone.read_bytes()
 
 
-def test_a_scheduler_that_dies(write_job: Callable[..., Path], tmp_path: Path, capfd: Printed) -> None:
+def test_a_scheduler_that_dies(
+    equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
+) -> None:
     """SIGKILL after the third frame of forty: one line; with a new scheduler the rest is rendered, and no more."""
     path = write_job(tmp_path, step=0.2)
     path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 20"))
@@ -122,21 +145,18 @@ def test_a_scheduler_that_dies(write_job: Callable[..., Path], tmp_path: Path, c
 
     def kill(progress: Progress, *_: object) -> None:
         if progress.rendered == 3:
-            first.processes[0].kill()
+            equipped.processes[0].kill()
 
-    with standing(tmp_path / "first") as first:
-        first.start_worker()
-        with pytest.raises(
-            LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done"
-        ) as told:
-            run_job(job, out, connect=lambda: cluster.remote_client(first.address), told=kill)
+    with pytest.raises(
+        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done"
+    ) as told:
+        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""
+    equipped.end(0)
     done = len(list(out.rglob("*.json")))
     assert 3 <= done < 40
-    with standing(tmp_path / "second") as second:
-        second.start_worker()
-        progress = run_job(job, out, connect=lambda: cluster.remote_client(second.address))
+    progress = run_job(job, out, connect=threads)
     assert (progress.reused, progress.rendered, progress.failed) == (done, 40 - done, {})
 
 
@@ -149,15 +169,16 @@ def test_a_scheduler_that_dies(write_job: Callable[..., Path], tmp_path: Path, c
     ids=["without", "older"],
 )
 def test_workers_that_do_not_fit(
-    job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, told: str
+    bare: Standing, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, told: str
 ) -> None:
     """Every frame fails with that cause; nothing is written, and nothing waits for ever."""
     (tmp_path / "path").mkdir()
     (tmp_path / "path" / module).write_text(text)
-    with standing(tmp_path / "dask") as dask:
-        dask.start_worker(first=tmp_path / "path")
-        argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", dask.address]
-        assert main.main(argv) == 1
+    bare.start_workers(1, first=tmp_path / "path")
+    argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", bare.address]
+    code = main.main(argv)
+    bare.end(1)
+    assert code == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed")]
     assert len(lines) == 4
     assert all(line.endswith(told) for line in lines)

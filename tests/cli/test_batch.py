@@ -14,29 +14,32 @@ import pytest
 from helpers.waiting import PATIENCE_S
 
 from lidarscene.batch import cluster
+from lidarscene.batch.run import Connect
 from lidarscene.cli import main
 
 ROOT = Path(__file__).parents[2]
 
+Printed = pytest.CaptureFixture[str]
 
-def test_as_a_user_runs_it(mi: Any, job_file: Path, tmp_path: Path) -> None:
+
+def test_what_a_user_sees(
+    threads: Connect, job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
     """Good frames are written, the bad ones have a line each, and the exit code is 1."""
     wall = (tmp_path / "wall.toml").read_text()
     (tmp_path / "bad.toml").write_text(wall.replace("concrete", "concrate"))
     job_file.write_text(job_file.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml"]'))
-    done = subprocess.run(
-        [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, capture_output=True, text=True,
-        timeout=PATIENCE_S,
-    )  # fmt: skip
-    assert done.returncode == 1, done.stderr
-    assert [line.split()[:3] for line in done.stdout.splitlines()][1:4] == [
+    monkeypatch.setattr(cluster, "local_client", threads)
+    monkeypatch.chdir(tmp_path)
+    assert main.main(["batch", "job.toml", "-o", "out", "--workers", "1"]) == 1
+    out, err = capsys.readouterr()
+    assert [line.split()[:3] for line in out.splitlines()][1:4] == [
         ["rendered", "4"], ["there", "already", "0"], ["failed", "4", "their"],
     ]  # fmt: skip
-    failed = [line for line in done.stderr.splitlines() if line.startswith("failed")]
+    failed = [line for line in err.splitlines() if line.startswith("failed")]
     assert len(failed) == 4
     assert all("bad.toml table1-apd" in line and "no material 'concrate'" in line for line in failed)
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in err
     assert (tmp_path / "out" / "manifest.parquet").is_file()
 
 
@@ -103,7 +106,7 @@ def _read(terminal: int) -> bytes:
     ],
 )
 def test_mistakes(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed,
     argv: list[str], told: str,
 ) -> None:  # fmt: skip
     pytest.importorskip("distributed")
@@ -118,7 +121,7 @@ def test_mistakes(
 
 
 def test_without_dask(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     find = importlib.util.find_spec
     monkeypatch.setattr(

@@ -1,13 +1,15 @@
 """A small job: a wall under two suns, two seeds, a coarse raster; and a cluster of two processes."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from helpers.walls import WALL
-from lidarscene.batch import cluster
+from lidarscene.batch import cluster, work
+from lidarscene.batch.run import Connect
 from lidarscene.batch.tasks import FrameTask, Job
 
 JOB = """
@@ -53,6 +55,23 @@ def client(mi: Any) -> Iterator[Any]:
     pytest.importorskip("distributed")
     pytest.importorskip("pyarrow")
     with cluster.local_client(2) as client:
+        yield client
+
+
+@pytest.fixture
+def threads(mi: Any, monkeypatch: pytest.MonkeyPatch) -> Connect:
+    """A scheduler and one worker that are threads of this process, where no process of a worker matters."""
+    for name in ("_scenes", "_sensors", "_worlds"):
+        monkeypatch.setattr(work, name, work._Kept())
+    return threads_of_this_process
+
+
+@contextmanager
+def threads_of_this_process(*_: object) -> Iterator[Any]:
+    """A client of them."""
+    from distributed import Client
+
+    with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
         yield client
 
 
