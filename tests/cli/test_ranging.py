@@ -14,7 +14,6 @@ from lidarscene import catalog
 from lidarscene.studies.ranging import report
 
 APD, SIPM = "table1-apd", "table1-sipm"
-PRINTED = (f"--set={SIPM}:detector.statistics=published", f"--set={SIPM}:detector.cell_floor=0")
 
 
 def done(run: Run, *argv: str) -> str:
@@ -40,7 +39,7 @@ def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
 
 
 def test_summary(run: Run) -> None:
-    out = done(run, APD, SIPM, *PRINTED)
+    out = done(run, APD, SIPM)
     assert "100 klux, sun 60° off the normal, reflectivity 0.1, incidence 0°, transmittance 0.98" in out
     apd, sipm = out.splitlines()[-2:]
     assert apd.split() == ["table1-apd", "350.605", "m", "352.751", "m", "599.6", "m", "61.4618", "1"]
@@ -91,13 +90,13 @@ def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
 
 
 def test_crossing_of_table_1(run: Run) -> None:
-    out = done(run, APD, SIPM, *PRINTED, "--over", "illuminance")
+    out = done(run, APD, SIPM, "--over", "illuminance")
     assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
     assert "table1-apd: its window ends at 599.6 m" in out
 
 
 def test_maximum_range_from_the_snr(run: Run) -> None:
-    out = done(run, APD, SIPM, *PRINTED, "--over", "distance")
+    out = done(run, APD, SIPM, "--over", "distance")
     assert "table1-apd: maximum range 350.605 m, where SNR 5" in out
     assert "table1-sipm: maximum range 280.871 m, where SNR 5" in out
     assert done(run, APD, "--over", "distance", "--quantity", "pd").count("P_d 0.5") == 1

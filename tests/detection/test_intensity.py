@@ -75,7 +75,7 @@ def test_a_sipm_knows_its_cells():
 
     The median, because the inverse is curved and lifts the mean; 4000 shots leave 0.4 of it.
     """
-    sensor = chain.sensor("table1-sipm", *REFLECTIVITY)
+    sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", *REFLECTIVITY)
     assert np.median(reported(sensor, 150.0, reflectivity=0.5)) == pytest.approx(50.0, abs=1.5)
 
 

@@ -25,8 +25,6 @@ NARROW = [
 ]  # fmt: skip
 """A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
 
-PUBLISHED = ["detector.statistics='published'", "detector.cell_floor=0"]
-
 
 def sensor(name, *overrides):
     return load_sensor(name, overrides=list(overrides))

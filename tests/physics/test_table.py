@@ -16,7 +16,7 @@ TABLE_1 = Target()
 
 # The published (27), without the one-cell floor, is the reference of Fig. 6.
 APD = load_sensor("table1-apd")
-SIPM = load_sensor("table1-sipm", overrides=["detector.statistics='published'", "detector.cell_floor=0"])
+SIPM = load_sensor("table1-sipm")
 
 
 def six(value):
@@ -76,8 +76,6 @@ def test_snr_at_100_m(sensor, expected):
     assert plane.snr(sensor, TABLE_1, 100.0)[0] == six(expected)
 
 
-# The first reference had 414.434 m for the APD at 50 klux; (19) written out with SciPy's constants and root finder
-# gives 414.464 as this code does, and every other number of the table agrees: a slip of the pen.
 @pytest.mark.parametrize(
     ("klux", "apd_m", "sipm_m"),
     [(100, 350.605, 280.871), (50, 414.464, 347.782), (10, 593.591, 539.426), (1, 817.209, 971.009)],
@@ -155,7 +153,7 @@ def test_steady_state_cells_of_table_1():
 def test_one_cell_floor_at_no_light():
     """(27) alone would have the SiPM see 4105 m in the dark; a comparator cannot see less than one cell."""
     dark = Target(illuminance_klux=0.0)
-    floored = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
+    floored = load_sensor("table1-sipm", overrides=["detector.cell_floor=1"])
     assert plane.maximum_range_m(SIPM, dark)[0] == pytest.approx(4105.0, rel=2e-3)
     assert plane.maximum_range_m(floored, dark)[0] < 2600.0
 
@@ -173,5 +171,5 @@ def test_claims_of_figure_6():
 
 def test_range_without_light_or_limit_is_a_status():
     assert plane.maximum_range_m(APD, Target(reflectivity=0.0))[1] == RangeStatus.NEVER_DETECTED
-    silent = load_sensor("table1-sipm", overrides=["detector.cell_floor=0", "detector.dark_count_rate_hz=0"])
+    silent = load_sensor("table1-sipm", overrides=["detector.dark_count_rate_hz=0"])
     assert plane.maximum_range_m(silent, Target(illuminance_klux=0.0))[1] == RangeStatus.NO_LIMIT

@@ -47,10 +47,7 @@ def snr_sipm(range_m, klux):
 
 SENSORS = (
     (load_sensor("table1-apd"), snr_apd),
-    (
-        load_sensor("table1-sipm", overrides=["detector.statistics='published'", "detector.cell_floor=0"]),
-        snr_sipm,
-    ),
+    (load_sensor("table1-sipm"), snr_sipm),
 )
 
 

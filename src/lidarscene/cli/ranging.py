@@ -25,7 +25,7 @@ RANGE_HELP = """\
 examples:
   lidarscene range table1-apd table1-sipm
   lidarscene range table1-apd table1-sipm --over distance --plot out/snr.png --csv out/snr.csv
-  lidarscene range table1-apd table1-sipm --over illuminance --set table1-sipm:detector.statistics=published
+  lidarscene range table1-apd table1-sipm --over illuminance --set table1-sipm:detector.statistics=time_domain
   lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
 """
 

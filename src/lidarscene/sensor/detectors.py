@@ -221,9 +221,9 @@ class Apd:
 class Sipm:
     """Silicon photomultiplier, (21)-(27). SI units.
 
-    statistics   "steady_state" (derived) or "published" ((23)-(27) as printed), see `physics.electronics.sipm`;
-                 "time_domain": noise as derived, signal from the cells' course in time through a table,
-                 see `physics.electronics.sipm_response`
+    statistics   "time_domain": busy cells in steady state, signal from the cells' course in time through a table,
+                 see `physics.electronics.sipm_response`; "steady_state": the same noise, but (24)'s half pulse;
+                 "published": (23)-(27) as printed, see `physics.electronics.sipm`
     counting     "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which
                  matter where the background fires few cells
     cell_floor   least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to
@@ -236,7 +236,7 @@ class Sipm:
     dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each cell")]
     cell_floor: Annotated[Lanes, Quantity(ge=0)] = 1.0
-    statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "steady_state"
+    statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "time_domain"
     counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
 
     @property
@@ -286,18 +286,25 @@ class Sipm:
             largest=free_cells - 0.5,
         )  # fmt: skip
 
+    def captured(self, pulse_fwhm_s: Lanes) -> Lanes:
+        """Photons that can be busy cells at the peak over those that (24) counts, half a pulse's."""
+        if self.statistics != "time_domain":
+            return 1.0
+        return sipm_response.captured_photons(
+            photons=1.0, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=self.dead_time_s
+        )
+
     def _in_time(
         self, busy_share: Lanes, pulse_fwhm_s: Lanes
     ) -> tuple[Callable[[Lanes], Lanes], Callable[[Lanes], Lanes]]:
         """From photons of (24) to those that count at the peak, and back; the same but for "time_domain"."""
         if self.statistics != "time_domain":
             return (lambda photons: photons), (lambda photons: photons)
-        pulse = {"pulse_fwhm_s": pulse_fwhm_s, "dead_time_s": self.dead_time_s}
         state = {
             "busy_share": busy_share, "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s,
             "pde": self.pde, "cells": self.cells,
         }  # fmt: skip
-        captured = sipm_response.captured_photons(photons=1.0, **pulse)
+        captured = self.captured(pulse_fwhm_s)
         return (
             lambda photons: sipm_response.peak_photons(photons=photons * captured, **state),
             lambda photons: sipm_response.captured_for_peak(photons=photons, **state) / captured,

@@ -172,8 +172,12 @@ def test_dead_time_is_not_minimal(claims):
 def test_errata_carry_the_sizes_of_the_reference():
     """docs/theory.md 11."""
     told = {erratum.place: erratum.size for erratum in errata() if erratum.place != "(29), (30)"}
-    assert "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5" in told["(23)"]
-    assert "86.2 for 79.6" in told["(25)"]
+    assert (
+        "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5"
+        in told["(23), and with it (24) and (25)"]
+    )
+    assert "86.2 for 79.6" in told["(23), and with it (24) and (25)"]
+    assert "296.2 for 333.2 m (+12 %)" in told["(24)"]
     assert "factor 6.67" in told["after (20)"]
     assert "16 % too short" in told["(29)"]
     assert "4105" in told["(27) in the dark"]

@@ -15,8 +15,7 @@ from lidarscene.studies.ranging.curves import Question, curves, is_flat
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
-PRINTED = ("table1-sipm:detector.statistics=published", "table1-sipm:detector.cell_floor=0")
-BOTH = subjects(["table1-apd", "table1-sipm"], PRINTED)
+BOTH = subjects(["table1-apd", "table1-sipm"])
 
 
 def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **question):

@@ -64,7 +64,7 @@ def test_sensors_stack():
 
 def test_what_differs_in_words_does_not_stack():
     assert plane.stacked([APD, SIPM]) is None
-    assert plane.stacked([SIPM, of("table1-sipm", detector__statistics="published")]) is None
+    assert plane.stacked([SIPM, of("table1-sipm", detector__statistics="time_domain")]) is None
 
 
 def test_scalars_stay_scalars():
@@ -184,8 +184,7 @@ def test_more_aperture_sees_farther(more, light):
 
 
 def test_sipm_aperture_has_a_best():
-    printed = {"detector__statistics": "published", "detector__cell_floor": 0.0}
-    found = [reach(of("table1-sipm", optics__aperture_radius_mm=a, **printed)) for a in (25.0, 41.0, 80.0)]
+    found = [reach(of("table1-sipm", optics__aperture_radius_mm=a)) for a in (25.0, 41.0, 80.0)]
     assert found[1] > found[0] > found[2]
 
 
@@ -227,16 +226,21 @@ def test_gain_one_is_a_photodiode():
     assert close == pytest.approx(ranges[0.3], rel=1e-6)
 
 
-@pytest.mark.parametrize("statistics", ["published", "steady_state"])
-def test_many_cells_are_the_approximation(statistics):
-    """N -> infinity: (27), published or derived, becomes (28), and its range the closed form. 1e9 cells: 1e-4."""
+@pytest.mark.parametrize(
+    ("statistics", "tolerance"), [("published", 1e-4), ("steady_state", 1e-4), ("time_domain", 2.5e-3)]
+)
+def test_many_cells_are_the_approximation(statistics, tolerance):
+    """N -> infinity: (27), published or derived, becomes (28), and its range the closed form.
+
+    1e9 cells: 1e-4; in the time domain half of the table's 0.5 %.
+    """
     many = of(
         "table1-sipm",
         detector__cells=10**9,
         detector__dark_count_rate_hz=0.0,
         detector__statistics=statistics,
     )
-    assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=1e-4)
+    assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=tolerance)
 
 
 def test_no_sun_is_a_limit_not_a_jump():

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
+from scipy.optimize import brentq
 
 from lidarscene.physics.electronics import sipm, sipm_response
 from lidarscene.studies.ranging import plane
@@ -111,6 +112,41 @@ def test_table_1_against_events():
     assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
     assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("cells", "pde", "dead_ns", "fwhm_ns", "klux", "expected", "half"),
+    [(900, 0.15, 11.0, 2.2, 100.0, 0.965, 0.104), (400, 0.22, 20.0, 3.0, 10.0, 0.687, 0.027)],
+)
+def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half):
+    """Two arrays whose pulse is short of the dead time, at the range where the time domain has this P_d.
+
+    By events to 3.5 standard errors (a false alarm rate of 5e-4) and 0.015: the Gaussian at whole counts, and 0.5 % of
+    the signal at 5 sigma. With (24)'s half pulse next to nothing would be seen.
+    """
+    sensors = {
+        statistics: chain.sensor(
+            "table1-sipm", f"detector.statistics='{statistics}'", f"detector.cells={cells}", f"detector.pde={pde}",
+            f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "detector.cell_floor=1",
+        )
+        for statistics in ("time_domain", "steady_state")
+    }  # fmt: skip
+    target = Target(illuminance_klux=klux)
+
+    def detected(statistics, distance_m):
+        return float(plane.detection_probability(sensors[statistics], target, distance_m)[0])
+
+    distance_m = brentq(lambda r: detected("time_domain", r) - expected, 50.0, 1000.0)
+    assert detected("steady_state", distance_m) == pytest.approx(half, abs=1e-3)
+    light = plane.echoes_of_plane(sensors["time_domain"], target, distance_m)
+    photon, shots = sensors["time_domain"].laser.photon_energy_j, 5000
+    shown = Light(
+        background_photons=float(light.background_power_w[0]) * dead_ns * 1e-9 / photon,
+        signal_photons=0.5 * float(light.peak_power_w[0]) * fwhm_ns * 1e-9 / photon, pulse_fwhm_s=fwhm_ns * 1e-9,
+    )  # fmt: skip
+    found = measure(CellArray.of(sensors["time_domain"].detector), shown, shots=shots, seed=5)
+    error = 3.5 * math.sqrt(expected * (1.0 - expected) / shots)
+    assert found.detection_probability == pytest.approx(expected, abs=error + 0.015)
 
 
 def test_published_error_by_events():

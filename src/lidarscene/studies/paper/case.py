@@ -20,8 +20,8 @@ from ..ranging import plane
 from ..ranging.plane import Target
 
 TABLE_1 = Target()
-AS_PRINTED = ("detector.statistics='published'", "detector.cell_floor=0")
-"""(23)-(27) as printed, and no floor of one cell: what Fig. 6 was drawn from."""
+FLOOR = "detector.cell_floor=1"
+"""A comparator cannot see less than one cell; the paper has no such floor."""
 
 
 @cache
@@ -32,14 +32,20 @@ def apd_lidar(*changes: str) -> Sensor:
 
 @cache
 def sipm_printed(*changes: str) -> Sensor:
-    """Table 1 with its SiPM, (23)-(27) as printed."""
-    return load_sensor("table1-sipm", overrides=[*AS_PRINTED, *changes])
+    """Table 1 with its SiPM, (23)-(27) as printed and without a floor: what Fig. 6 was drawn from."""
+    return load_sensor("table1-sipm", overrides=changes)
 
 
 @cache
-def sipm_derived(*changes: str) -> Sensor:
-    """Table 1 with its SiPM as derived: busy cells in steady state, and a threshold of at least one cell."""
-    return load_sensor("table1-sipm", overrides=changes)
+def sipm_steady(*changes: str) -> Sensor:
+    """Table 1 with its SiPM, busy cells in steady state instead of (23) and (25), and a floor of one cell."""
+    return load_sensor("table1-sipm", overrides=["detector.statistics='steady_state'", FLOOR, *changes])
+
+
+@cache
+def sipm_in_time(*changes: str) -> Sensor:
+    """Table 1 with its SiPM as derived: `sipm_steady`, and the whole pulse instead of (24)'s half."""
+    return load_sensor("table1-sipm", overrides=["detector.statistics='time_domain'", FLOOR, *changes])
 
 
 def range_m(sensor: Sensor, **target: Any) -> float:

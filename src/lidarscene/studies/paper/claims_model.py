@@ -11,7 +11,17 @@ import numpy as np
 
 from ...physics.electronics import apd, sipm, tdc
 from ..ranging import plane
-from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_counts, sipm_derived, sipm_printed, snr_at
+from .case import (
+    TABLE_1,
+    apd_lidar,
+    apd_noise,
+    range_m,
+    sipm_counts,
+    sipm_in_time,
+    sipm_printed,
+    sipm_steady,
+    snr_at,
+)
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 
@@ -184,11 +194,11 @@ def _sipm_snr() -> list[Claim]:
     bound = float(plane.closed_form_range_m(sipm_printed(), TABLE_1))
     share = counts.variance / (counts.variance + counts.dark)
     steady = {
-        k: (range_m(sipm_printed(), illuminance_klux=k), range_m(sipm_derived(), illuminance_klux=k))
+        k: (range_m(sipm_printed(), illuminance_klux=k), range_m(sipm_steady(), illuminance_klux=k))
         for k in (100.0, 1.0)
     }
-    snrs = snr_at(sipm_printed(), 100.0), snr_at(sipm_derived(), 100.0)
-    in_time = range_m(sipm_derived("detector.statistics='time_domain'"))
+    snrs = snr_at(sipm_printed(), 100.0), snr_at(sipm_steady(), 100.0)
+    in_time = range_m(sipm_in_time())
     load = edge.signal_photons * edge.pde / edge.cells
     dim = snr_at(sipm_printed(), 900.0, illuminance_klux=1.0) / float(_rough_snr(900.0, 1.0)) - 1.0
     return [

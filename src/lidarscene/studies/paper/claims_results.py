@@ -17,7 +17,7 @@ from ...physics.optics import radiometry
 from ...sensor.model import Sensor
 from ..ranging import aperture, plane
 from ..ranging.plane import Target
-from .case import TABLE_1, apd_lidar, apd_noise, range_m, ranges_m, sipm_counts, sipm_derived, sipm_printed
+from .case import TABLE_1, apd_lidar, apd_noise, range_m, ranges_m, sipm_counts, sipm_printed, sipm_steady
 from .claims_model import FAILS, HOLDS, IN_PART, Claim
 
 Make = Callable[..., Sensor]
@@ -108,7 +108,7 @@ def _shorter_pulse() -> Claim:
 
 def _figure_6a() -> list[Claim]:
     r = np.geomspace(1.0, 1000.0, 400)
-    apd, printed, derived = (plane.snr(s, TABLE_1, r) for s in (apd_lidar(), sipm_printed(), sipm_derived()))
+    apd, printed, derived = (plane.snr(s, TABLE_1, r) for s in (apd_lidar(), sipm_printed(), sipm_steady()))
     noise = apd_noise()
     optical = noise.optical_a2 * 80.0**2.3
     share = optical / (noise.multiplied_a2 * 80.0**2.3 + noise.unmultiplied_a2)
@@ -187,9 +187,9 @@ def _figure_6b() -> list[Claim]:
 
 def _figure_6c() -> list[Claim]:
     equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
-    other = plane.equal_range_illuminance_klux(apd_lidar(), sipm_derived(), TABLE_1)
+    other = plane.equal_range_illuminance_klux(apd_lidar(), sipm_steady(), TABLE_1)
     levels = (10.0, 3.0, 1.0, 0.1, 0.01, 0.0)
-    trios = [ranges_m((apd_lidar(), sipm_printed(), sipm_derived()), illuminance_klux=k) for k in levels]
+    trios = [ranges_m((apd_lidar(), sipm_printed(), sipm_steady()), illuminance_klux=k) for k in levels]
     ratio = [b / a for a, b, _ in trios]
     floored = [c / a for a, _, c in trios]
     rising = all(y > x for x, y in itertools.pairwise(ratio))
@@ -236,13 +236,13 @@ def _widest(make: Make) -> tuple[float, float]:
 
 
 def _conclusions() -> list[Claim]:
-    dark = ranges_m((apd_lidar(), sipm_printed(), sipm_derived()), illuminance_klux=0.0)
+    dark = ranges_m((apd_lidar(), sipm_printed(), sipm_steady()), illuminance_klux=0.0)
     plain = [range_m(s()) for s in (apd_lidar, sipm_printed)]
     half = [range_m(s("optics.sun_irradiance_w_m2=14.7")) for s in (apd_lidar, sipm_printed)]
     narrow = [range_m(s("detector.radius_mm=0.05")) for s in (apd_lidar, sipm_printed)]
-    best = {name: _widest(make) for name, make in (("printed", sipm_printed), ("steady", sipm_derived))}
-    pde = [(p, range_m(sipm_derived(f"detector.pde={p}"))) for p in (0.4, 0.6, 0.8)]
-    crowded = range_m(sipm_derived("detector.pde=0.6", "detector.cells=4000"))
+    best = {name: _widest(make) for name, make in (("printed", sipm_printed), ("steady", sipm_steady))}
+    pde = [(p, range_m(sipm_steady(f"detector.pde={p}"))) for p in (0.4, 0.6, 0.8)]
+    crowded = range_m(sipm_steady("detector.pde=0.6", "detector.cells=4000"))
     return [
         Claim(
             place="3.2, engineering", says="A smaller receiving angle, a narrower filter or a wavelength "

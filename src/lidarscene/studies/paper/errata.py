@@ -11,8 +11,22 @@ from dataclasses import dataclass
 from ...physics.electronics import apd, range_limit, sipm
 from ...physics.optics import pulse
 from ...sensor.detectors import Apd, Sipm
-from ..ranging import plane
-from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_counts, sipm_derived, sipm_printed
+from .case import (
+    FLOOR,
+    TABLE_1,
+    apd_lidar,
+    apd_noise,
+    range_m,
+    sipm_counts,
+    sipm_in_time,
+    sipm_printed,
+    sipm_steady,
+)
+
+SHORT_PULSE = (
+    "detector.cells=900", "detector.pde=0.15", "detector.dead_time_ns=11", "laser.pulse_fwhm_ns=2.2",
+)  # fmt: skip
+"""Cells whose dead time is five pulses long: nearly all of the pulse is in the count's peak."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,12 +110,19 @@ def _gain() -> list[Erratum]:
     best, equal = float(apd.best_gain(**parts)), float(apd.gain_of_equal_noise(**parts))
     bias = {"bias_v": 0.95, "breakdown_v": 1.0, "exponent": 0.7}
     forms = float(apd.gain_from_bias(**bias)), float(apd.gain_from_bias_miller(**bias))
+    dark = noise.bulk_dark_a2 * 80.0**2.3
     return [
         Erratum(
             place="after (20)", printed="optical noise equals electrical noise at the best gain",
             derived="d SNR / dM = 0 gives M^(2+x) = 2c / (x (a + b)): the multiplied variance is 2/x times the rest",
             size=f"factor {2 / 0.3:.2f}; gain {best:.2f}, not {equal:.2f}; SNR at 100 m {noise.snr(best):.2f}, not "
             f"{noise.snr(equal):.2f}",
+        ),
+        Erratum(
+            place="after (19)", printed="the last three terms depend on the multiplication factor alone",
+            derived="of them only the bulk dark current's share of the second does; the rest is (20)'s constant c",
+            size=f"{100 * noise.unmultiplied_a2 / (noise.unmultiplied_a2 + dark):.0f} % of these three terms do not "
+            "depend on the gain",
         ),
         Erratum(
             place="under (12)", printed="M = (1 - V/Vbd)^-n", derived="Miller: M = 1 / (1 - (V/Vbd)^n), the "
@@ -122,23 +143,27 @@ def _cells() -> list[Erratum]:
         400.0 * float(sipm.busy_share_steady_state(
             photons=2000.0, pde=0.22, cells=400.0, dark_count_rate_hz=0.0, dead_time_s=6e-9)),
     ]  # fmt: skip
-    dark = [range_m(sensor, illuminance_klux=0.0) for sensor in (sipm_printed(), sipm_derived())]
+    steady = range_m(sipm_steady())
+    short_pulse = [range_m(make(*SHORT_PULSE)) for make in (sipm_steady, sipm_in_time)]
+    whole = [steady, range_m(sipm_in_time())]
+    dark = [range_m(sensor, illuminance_klux=0.0) for sensor in (sipm_printed(), sipm_printed(FLOOR))]
     energy = float(pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=1.0))
     return [
         Erratum(
-            place="(23)", printed="N_b = N (1 - exp(-x)): every dead time starts with all cells alive",
+            place="(24)", printed="half of the pulse's photons fire cells: those that have come when it peaks",
+            derived="a cell stays busy for the dead time, so the count peaks with all light of the last dead time in "
+            "it: up to twice the half, and cells that fired early are missing",
+            size=f"range by the half {whole[0]:.1f} for {whole[1]:.1f} m ({100 * (whole[1] / whole[0] - 1):+.0f} %); "
+            "900 cells of PDE 15 %, dead for 11 ns, and a pulse of 2.2 ns: "
+            f"{short_pulse[0]:.1f} for {short_pulse[1]:.1f} m ({100 * (short_pulse[1] / short_pulse[0] - 1):+.0f} %)",
+        ),
+        Erratum(
+            place="(23), and with it (24) and (25)",
+            printed="N_b = N (1 - exp(-x)): every dead time starts with all cells alive",
             derived="a cell dead for tau after firing is busy x / (1 + x) of the time",
-            size=f"{counts.busy:.1f} busy cells for {counts.cells * share:.1f}; at 2000 photons "
-            f"{many[0]:.1f} for {many[1]:.1f}",
-        ),
-        Erratum(
-            place="(25)", printed="variance from the same formula", derived="busy cells are binomial: N x / "
-            "(1 + x)^2",
-            size=f"{counts.variance:.1f} for {variance:.1f}",
-        ),
-        Erratum(
-            place="(24) with (23)", printed="free cells N - N_b", derived="those of the steady state",
-            size=f"SiPM range {range_m(sipm_printed()):.1f} for {range_m(sipm_derived()):.1f} m",
+            size=f"{counts.busy:.1f} busy cells for {counts.cells * share:.1f}; at 2000 photons {many[0]:.1f} for "
+            f"{many[1]:.1f}; variance {counts.variance:.1f} for {variance:.1f}; SiPM range "
+            f"{range_m(sipm_printed()):.1f} for {steady:.1f} m",
         ),
         Erratum(
             place="(S2), hence (22)", printed="k photons split evenly over the cells", derived="Poisson "
@@ -161,8 +186,11 @@ def _cells() -> list[Erratum]:
 
 
 def _words() -> list[Erratum]:
-    reference = float(plane.maximum_range_m(apd_lidar(), plane.Target(illuminance_klux=50.0))[0])
     return [
+        Erratum(
+            place="under (15)", printed="k_e is the electron ionization rate",
+            derived="the ratio of the holes' rate to the electrons', as McIntyre's F needs it", size="none",
+        ),
         Erratum(place="(S6)", printed="standard deviation", derived="it is the variance", size="none"),
         Erratum(
             place="after (10)", printed="according to Eq. (5)", derived="Eq. (10)", size="none",
@@ -172,9 +200,5 @@ def _words() -> list[Erratum]:
             "into Eq. (15); improve "
             "the APD trigger SNR; Eq. (28, 29)",
             derived="Eq. (12); (15)-(17) into (13); the SiPM's; Eq. (29, 30)", size="none",
-        ),
-        Erratum(
-            place="our reference table (not the paper)", printed="414.434 m for the APD at 50 klux",
-            derived="three independent computations of (19)", size=f"{reference:.3f} m",
         ),
     ]  # fmt: skip

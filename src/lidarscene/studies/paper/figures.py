@@ -16,7 +16,7 @@ from ...physics.electronics import apd, sipm
 from ...sensor.model import Sensor
 from ..ranging import aperture, plane
 from ..ranging.plane import Target
-from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_derived, sipm_printed
+from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_printed, sipm_steady
 
 _DEAD_TIME_S, _DARK_HZ = 6e-9, 2007.0
 
@@ -151,7 +151,7 @@ def fig_5c() -> PaperFigure:
 def fig_6a() -> PaperFigure:
     """SNR over distance at 100 klux."""
     x = np.geomspace(5.0, 1000.0, 300)
-    three = (apd_lidar(), sipm_printed(), sipm_derived())
+    three = (apd_lidar(), sipm_printed(), sipm_steady())
     limits = [range_m(sensor) for sensor in three]
     lines = (
         Line(label="APD (19)", x=x, y=plane.snr(three[0], TABLE_1, x), colour=0),
@@ -190,7 +190,7 @@ def fig_6b() -> PaperFigure:
 
     pair = ((0, "APD", apd_lidar()), (1, "SiPM", sipm_printed()))
     lines = [Line(label=f"{n}, A cos θ", x=angle, y=reach(s, aperture.cosine), colour=i) for i, n, s in pair]
-    lines.append(Line(label="SiPM, A cos θ, steady state", x=angle, y=reach(sipm_derived(), aperture.cosine),
+    lines.append(Line(label="SiPM, A cos θ, steady state", x=angle, y=reach(sipm_steady(), aperture.cosine),
                       colour=1, style="dashed", width=1.4))  # fmt: skip
     for style, name, law in (
         ("dashdot", "mirror", aperture.mirror),
@@ -218,7 +218,7 @@ def fig_6c() -> PaperFigure:
     """Maximum range over illuminance."""
     x = np.geomspace(1e-3, 100.0, 251)
     target = Target(illuminance_klux=x)
-    three = (apd_lidar(), sipm_printed(), sipm_derived())
+    three = (apd_lidar(), sipm_printed(), sipm_steady())
     ranges = [plane.maximum_range_m(sensor, target)[0] for sensor in three]
     equal = plane.equal_range_illuminance_klux(three[0], three[1], TABLE_1)
     other = plane.equal_range_illuminance_klux(three[0], three[2], TABLE_1)

@@ -212,7 +212,8 @@ def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
 def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     """The derived closed forms (29) and (30) for this sensor: background shot noise only.
 
-    An upper bound of `maximum_range_m`, unless a SiPM is far from linear. With extinction the range is on both sides,
+    An upper bound of `maximum_range_m`, unless a SiPM is far from linear; for one in the time domain (30) has all light
+    of the dead time around the peak, not half of the pulse. With extinction the range is on both sides,
     R = R_0 exp(-3/4 alpha R), solved by Lambert's W: R = W(3/4 alpha R_0) / (3/4 alpha). inf without background, 0
     without an echo. Raises ValueError for a fixed threshold.
     """
@@ -252,7 +253,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         bound = range_limit.maximum_range_sipm_m(
             wall,
             receiver,
-            pulse_fwhm_s=laser.pulse_fwhm_s,
+            pulse_fwhm_s=laser.pulse_fwhm_s * detector.captured(laser.pulse_fwhm_s),
             pde=detector.pde,
             dead_time_s=detector.dead_time_s,
         )
