@@ -247,6 +247,10 @@ class Sensor:
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 
+    def source_of(self, key: str) -> str | None:
+        """Where the number of a dotted key of the sensor file comes from: its own source, or its table's."""
+        return self.sources.get(key, self.sources.get(key.partition(".")[0]))
+
     @property
     def measures_width(self) -> bool:
         """Whether it knows for how long a pulse was above the threshold."""
