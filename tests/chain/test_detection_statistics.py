@@ -80,6 +80,29 @@ def test_share_of_false_alarms(tnr):
     assert agrees(np.count_nonzero(times < 2e-6), len(cloud), half)
 
 
+@pytest.mark.parametrize(
+    ("name", "changes", "rate_hz"),
+    [
+        ("table1-apd", ("tdc.threshold_to_noise=4.0",), 167e6 / np.sqrt(3.0) * np.exp(-8.0)),
+        # At 1 MHz of dark counts 0.02 of the 400 cells are busy at any time, 7.8 in the mean; U is 11.9 cells.
+        (
+            "table1-sipm",
+            ("detector.dark_count_rate_hz=1e6", "detector.dead_time_ns=20", "tdc.threshold_to_noise=4.3"),
+            20.0 * binom.pmf(20, 400, 0.02 / 1.02) / 20e-9,
+        ),
+    ],
+)
+def test_share_of_crossings(name, changes, rate_hz):
+    """Beams into a dark sky with `false_alarms = "crossings"`: 1 - exp(-rate t)."""
+    few = ["scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5"]
+    sensor = chain.sensor(name, *few, *changes, 'tdc.false_alarms="crossings"')
+    cloud, summary = frame(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))), sensor)
+    expected = 1.0 - np.exp(-rate_hz * float(sensor.tdc.window_s))
+    assert 0.02 < expected < 0.9
+    assert (cloud.status == 1).all()
+    assert agrees(len(cloud), summary.beams, expected)
+
+
 def test_correct_probability():
     """(10): a target at the end of the window with P_d 0.5, at a low threshold so that alarms matter."""
     tnr = 3.2

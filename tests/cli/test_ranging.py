@@ -219,11 +219,26 @@ sys.exit(code)
 
 
 def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:
-    assert "class 1" in done(run, APD, "--eye-safety")
+    assert "scanned: not class 1; stationary: not class 1" in done(run, APD, "--eye-safety")
     out = done(run, SIPM, "--sensitivities", "--plot", "tornado.png")
     assert "laser.peak_power_w" in out
     assert "wrote tornado.png" in out
     assert (tmp_path / "tornado.png").stat().st_size > 10_000
+
+
+def test_eye_safety_of_a_fitted_laser_is_no_verdict(run: Run) -> None:
+    """The exit code, the headline and the JSON say so; a power that the user gives is judged."""
+    ran = run("range", "vlp-16", "--eye-safety")
+    assert (ran.code, ran.err) == (1, "")
+    assert "\nNOT JUDGED: laser.peak_power_w is fitted" in ran.out
+    ran = run("range", APD, "vlp-16", "--eye-safety", "--json")
+    verdicts = [(one["sensor"], one["motion"], one["verdict"]) for one in json.loads(ran.out)]
+    assert (ran.code, verdicts) == (
+        1,
+        [(APD, "scanned", "not class 1"), (APD, "stationary", "not class 1")]
+        + [("vlp-16", motion, "not judged") for motion in ("scanned", "stationary")],
+    )
+    assert "stationary: class 1" in done(run, "vlp-16", "--eye-safety", "--set", "laser.peak_power_w=0.01")
 
 
 def test_every_aperture_law_is_told_in_a_line() -> None:
@@ -279,7 +294,7 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--over", "distance", "--csv", "o.txt"), "--csv o.txt: the name must end in .csv"),
         ((APD, "--over", "distance", "--csv", "file/o.csv"), "'file' is a file, not a folder"),
         ((APD, "--over", "distance", "--sensitivities"), "--sensitivities does not go with --over"),
-        ((APD, "--eye-safety", "--json"), "--json does not go with --eye-safety"),
+        ((APD, "--eye-safety", "--sensitivities", "--json"), "--json does not go with --sensitivities"),
         ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
     ],
 )  # fmt: skip

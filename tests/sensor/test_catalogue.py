@@ -65,7 +65,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
     published = catalogue_published(name)
     if name == "mems-1550":
         assert published is None
-        assert power.startswith("assumed")
+        assert power.startswith("a design of ours")
     else:
         assert published is not None
         assert power.startswith(f"fitted: {published.range_m:g} m at ")
@@ -126,6 +126,18 @@ def test_hdl64e_angles() -> None:
     assert np.all(steps > 0.05)
     assert np.median(steps[:31]) == pytest.approx(0.5, abs=0.05)
     assert np.median(steps[32:]) == pytest.approx(1.0 / 3.0, abs=0.05)
+
+
+def test_hdl64e_times() -> None:
+    """Pairs k and k + 32 in fours every 7.2 us; the cycle has half the 2 222 220 points a second of two returns."""
+    sensor = load_sensor("hdl-64e")
+    pulse = np.arange(64, dtype=np.uint32)
+    time, channel = 1e6 * sensor.scanner.time_s(pulse), sensor.scanner.channel(pulse)
+    by_laser = time[np.argsort(channel)]
+    assert by_laser[:32] == pytest.approx(by_laser[32:], abs=1e-3)
+    assert by_laser[:32:4] == pytest.approx(7.2 * np.arange(8), abs=1e-3)
+    assert by_laser[[29, 30, 31]] - by_laser[28] == pytest.approx([1.3, 2.5, 3.7], abs=1e-3)
+    assert 1e6 * sensor.scanner.time_s(np.uint32(64)) == pytest.approx(64 / 1.11111, rel=1e-5)
 
 
 def test_vls128_angles_and_groups() -> None:

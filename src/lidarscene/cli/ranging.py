@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import Whole
+from .terminal import Answer
 from .words import number, whole
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def _add_range(commands: Any) -> None:
     scale.add_argument("--log", action="store_true", help="logarithmic steps")
     scale.add_argument("--linear", action="store_true", help="even steps")
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
-    add("--eye-safety", action="store_true", help="check against the limits of class 1")
+    add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
     add = command.add_argument_group("what is held").add_argument
     add("--distance", metavar="M", type=number, help="of the target, for snr and pd (default 100)")
     add("--illuminance", metavar="KLUX", type=number, help="default 100")
@@ -88,16 +89,21 @@ def _add_range(commands: Any) -> None:
     command.set_defaults(run=range_text)
 
 
-def range_text(arguments: argparse.Namespace) -> str:
-    """Run `range`; returns what is printed. Raises InputError and OutputError before anything is written."""
+def range_text(arguments: argparse.Namespace) -> str | Answer:
+    """Run `range`; returns what is printed. Raises InputError and OutputError before anything is written.
+
+    The code is 1 where eye safety is asked of a sensor that cannot be judged.
+    """
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)
     held = _target(arguments)
     found = subjects(arguments.sensors, arguments.overrides)
     _check_outputs(arguments, found)
-    if arguments.sensitivities or arguments.eye_safety:
-        return "\n\n".join(_reports(arguments, found, held))
+    if arguments.eye_safety:
+        return _eye_safety(arguments, found, held)
+    if arguments.sensitivities:
+        return "\n\n".join(_sensitivities(arguments, found, held))
     if arguments.over is None:
         return _summary(arguments, found, held)
     return _sweep(arguments, found, held)
@@ -112,8 +118,8 @@ def _require_sense(arguments: argparse.Namespace) -> None:
             idle = [name for name in idle if name != "plot"]
         if idle:
             raise InputError(f"{_option(idle[0])} goes with --over: say what is swept")
-        if reports and arguments.json:
-            raise InputError(f"--json does not go with {_option(reports[0])}")
+        if arguments.sensitivities and arguments.json:
+            raise InputError("--json does not go with --sensitivities")
         return
     if reports:
         raise InputError(f"{_option(reports[0])} does not go with --over")
@@ -264,8 +270,9 @@ def _summary(arguments: argparse.Namespace, found: list[Subject], held: Target) 
     return text_of(rows, held, distance_m, _sun_angle(arguments), visibility_m)
 
 
-def _reports(arguments: argparse.Namespace, found: list[Subject], held: Target) -> list[str]:
-    """What the sensitivities and the eye-safety check say of each sensor."""
+def _sensitivities(arguments: argparse.Namespace, found: list[Subject], held: Target) -> list[str]:
+    """What each parameter of each sensor is worth."""
+    from ..studies.ranging import sensitivities as worth
     from ..studies.ranging.curves import with_haze
 
     visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
@@ -273,18 +280,24 @@ def _reports(arguments: argparse.Namespace, found: list[Subject], held: Target) 
     for subject in found:
         sensor = subject.sensor()
         target = with_haze(sensor, held, visibility_m)
-        if arguments.sensitivities:
-            from ..studies.ranging import sensitivities as worth
-
-            texts.append(worth.report_text(sensor, target, distance_m=arguments.distance))
-            if arguments.plot is not None:
-                worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
-                texts[-1] += f"\nwrote {arguments.plot}"
-        if arguments.eye_safety:
-            from ..studies.eye_safety.report import report_text
-
-            texts.append(report_text(sensor))
+        texts.append(worth.report_text(sensor, target, distance_m=arguments.distance))
+        if arguments.plot is not None:
+            worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
+            texts[-1] += f"\nwrote {arguments.plot}"
     return texts
+
+
+def _eye_safety(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Answer:
+    """Class 1 or not, or no verdict, of each sensor; with the sensitivities if they are asked for too."""
+    from ..studies.eye_safety.report import both_reports, not_known, report_text
+
+    sensors = [subject.sensor() for subject in found]
+    if arguments.json:
+        text = json.dumps([report.as_dict() for sensor in sensors for report in both_reports(sensor)])
+    else:
+        first = _sensitivities(arguments, found, held) if arguments.sensitivities else []
+        text = "\n\n".join([*first, *(report_text(sensor) for sensor in sensors)])
+    return Answer(text, int(any(not_known(sensor) for sensor in sensors)))
 
 
 def paper_text(arguments: argparse.Namespace) -> str:

@@ -254,8 +254,8 @@ def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms
     # (T28): M = B_w t comparisons stay quiet with (1 - P_f)^M = exp(-lambda t) for every t. A Poisson process of rate
     # lambda does the same in continuous time. It has no memory, so it may begin when blanking ends, or run backwards
     # from the end of the window.
-    p_false = shots.point.false_alarm_probability(shots.threshold)
-    noise_rate = tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=converter.bandwidth_hz)
+    # Crossings of the noise come as rarely and as independently, so they are one too.
+    noise_rate = shots.sensor.false_alarm_rate_hz(shots.point, shots.threshold)
     crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, others=others)
     if converter.keep == "strongest":
         return [partial(crossings.by_height, number) for number in range(1 + len(others))]

@@ -33,6 +33,8 @@ class WorkingPoint:
     knee              amplitude from which a pulse's width tells its power better than its height; None: none
     largest           amplitude above which the height tells no power at all; None: none
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
+    crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
+                      hold; None where it does
     """
 
     noise: Lanes
@@ -48,6 +50,7 @@ class WorkingPoint:
     knee: Lanes | None = None
     largest: Lanes | None = None
     noise_tail: Callable[[Lanes], Lanes] | None = None
+    crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
 
     @property
     def exact(self) -> bool:
@@ -103,6 +106,14 @@ class WorkingPoint:
             tail = self._tail(threshold, self.cells, self.busy, self.busy / self.cells)
         return self.reachable(threshold, tail)
 
+    def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
+        """How often a second noise of this bandwidth rises through the threshold: Rice's (T100) or `crossings_hz`."""
+        if self.crossings_hz is not None:
+            rate = self.crossings_hz(threshold, bandwidth_hz)
+        else:
+            rate = tdc.rice_rate_hz(threshold=threshold, noise=self.noise, bandwidth_hz=bandwidth_hz)
+        return self.reachable(threshold, rate)
+
     def detection_probability(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
         if self.cells is not None and self.busy is not None:
@@ -113,10 +124,13 @@ class WorkingPoint:
     @staticmethod
     def _tail(threshold: Lanes, cells: Lanes, busy: Lanes, share: Lanes) -> Lanes:
         """Probability of a count that lies ``threshold`` or more above the mean background."""
-        ops = xp(threshold, share)
-        # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
-        least = -ops.floor(-(threshold + busy - 1e-4))
-        return binomial_tail(least=least, trials=cells, probability=share)
+        return binomial_tail(least=_least_count(threshold + busy), trials=cells, probability=share)
+
+
+def _least_count(level: Lanes) -> Lanes:
+    """The least whole number of cells at or above a level."""
+    # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
+    return -xp(level).floor(-(level - 1e-4))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,11 +210,13 @@ class Apd:
         rest = self.unmultiplied_variance_a2(bandwidth_hz)
         variance = multiplied + rest
 
+        electrons = {**avalanche, "primary_current_a": primary, "unmultiplied_variance_a2": rest}
+
         def mcintyre_tail(threshold: Lanes) -> Lanes:
-            return mcintyre.false_alarm_probability(
-                threshold_a=threshold, unmultiplied_variance_a2=rest, **avalanche,
-                primary_current_a=primary,
-            )  # fmt: skip
+            return mcintyre.false_alarm_probability(threshold_a=threshold, **electrons)
+
+        def mcintyre_crossings_hz(threshold: Lanes, _: Lanes) -> Lanes:
+            return mcintyre.crossing_rate_hz(threshold_a=threshold, **electrons)
 
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(
@@ -214,6 +230,7 @@ class Apd:
             recovery_s=self.recovery_s,
             knee=self.saturation_a,
             noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
+            crossings_hz=mcintyre_crossings_hz if self.tail == "mcintyre" else None,
         )
 
 
@@ -278,8 +295,15 @@ class Sipm:
             arriving = photons_of(share=level / free_cells, pde=self.pde, cells=self.cells)
             return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
 
+        def crossings_hz(threshold: Lanes, _: Lanes) -> Lanes:
+            busy = self.cells - free_cells
+            return counting.upcrossings_hz(
+                least=_least_count(threshold + busy), cells=self.cells, busy_share=busy / self.cells,
+                dead_time_s=self.dead_time_s,
+            )  # fmt: skip
+
         return WorkingPoint(
-            noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2,
+            noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2, crossings_hz=crossings_hz,
             least_threshold=self.cell_floor, signal=signal, power_w=power_w,
             cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
             knee=sipm.MOST_TELLING_SHARE * free_cells,

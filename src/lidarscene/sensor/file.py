@@ -192,9 +192,12 @@ def sensor_from_tables(
     """A sensor from the tables of a sensor file that ``where`` names, and whose files lie in ``folder``."""
     file = validated(SensorFile, with_overrides(tables, overrides), where, overrides=overrides)
     try:
-        return file.build(folder or Path())
+        sensor = file.build(folder or Path())
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+    # What was said of a number does not hold for the one that is put in its place.
+    given = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
+    return replace(sensor, sources={**sensor.sources, **given})
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import Key, Quantity
+from ..physics.electronics import tdc
 from ..physics.optics import radiometry
 from ..scan import Scanner
 from .detectors import Detector, WorkingPoint
@@ -137,6 +138,8 @@ class Tdc:
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is (of a saturated pulse its width, if that is known), "none" takes off
                               exactly what it is
+    false_alarms              "published": (9) and (10), independent comparisons at the bandwidth's rate; "crossings":
+                              how often the noise rises through the threshold (docs/theory.md, section 9)
     """
 
     window_s: Annotated[Lanes, Quantity("us", gt=0)]
@@ -158,6 +161,9 @@ class Tdc:
     ] = 0.0
     both_edges: bool = False
     walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
+    false_alarms: Annotated[Literal["published", "crossings"], Key(about="how often noise trips")] = (
+        "published"
+    )
     ambient_window_s: Annotated[
         Lanes | None,
         Quantity("us", gt=0, about="time in which the background is counted; the window if left out"),
@@ -247,6 +253,10 @@ class Sensor:
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 
+    def source_of(self, key: str) -> str | None:
+        """Where the number of a dotted key of the sensor file comes from: its own source, or its table's."""
+        return self.sources.get(key, self.sources.get(key.partition(".")[0]))
+
     @property
     def measures_width(self) -> bool:
         """Whether it knows for how long a pulse was above the threshold."""
@@ -259,6 +269,15 @@ class Sensor:
             photon_energy_j=self.laser.photon_energy_j,
             bandwidth_hz=self.tdc.bandwidth_hz,
             pulse_fwhm_s=self.laser.pulse_fwhm_s,
+        )
+
+    def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
+        """How often a second noise trips the comparator: (T28), or the rate of its crossings."""
+        bandwidth_hz = self.tdc.bandwidth_hz
+        if self.tdc.false_alarms == "crossings":
+            return point.crossing_rate_hz(threshold, bandwidth_hz)
+        return tdc.false_alarm_rate_hz(
+            p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz
         )
 
     def threshold(self, point: WorkingPoint) -> Lanes:

@@ -10,7 +10,7 @@ from scipy.special import gammaln
 from scipy.stats import invgauss, nbinom, norm, poisson
 
 from lidarscene import Simulator, load_sensor
-from lidarscene.physics.electronics import apd, mcintyre
+from lidarscene.physics.electronics import apd, mcintyre, tdc
 from lidarscene.rendering.simulator import Summary
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target
@@ -203,3 +203,53 @@ def test_rendered_false_alarms(mi):
     assert abs(summary.false_alarms - expected) < 4.0 * math.sqrt(expected)
     gaussian = load_sensor("table1-apd", overrides=fine)
     assert expected > 20.0 * statistics.false_points(gaussian, Target(), 300.0).per_frame
+
+
+@pytest.mark.parametrize(
+    ("primaries", "amplifier", "level", "slack"),
+    [(24.0, 300.0, 3.0, 0.25), (24.0, 1000.0, 2.5, 0.1), (100.0, 300.0, 2.5, 0.1)],
+)
+def test_crossings_of_multiplied_shot_noise(
+    primaries: float, amplifier: float, level: float, slack: float
+) -> None:
+    """Electrons at random times through McIntyre's avalanche and an ideal low-pass, counted sample by sample.
+
+    (T101) takes slopes as independent of heights and heights as those of a box of 1 / (2 B): up to 25 % low with 24
+    electrons in that time, 10 % with more or behind a noisy amplifier; besides 4 standard errors.
+    """
+    gain, k, samples, oversampling = 80.0, 0.02225, 2**19, 16
+    rng = np.random.default_rng(15)
+    size = np.arange(1.0, 8000.0)
+    share = np.exp(mcintyre.log_probability(primary=1.0, total=size, gain=gain, ionisation_ratio=k))
+    number = rng.poisson(2.0 * primaries * samples / oversampling)
+    electrons = np.searchsorted(np.cumsum(share / share.sum()), rng.random(number)) + 1.0
+    shots = np.bincount(rng.integers(0, samples, number), weights=electrons, minlength=samples)
+    white = shots + rng.standard_normal(samples) * amplifier / math.sqrt(0.5 * oversampling)
+    spectrum = np.fft.rfft(white) * 0.5 * oversampling
+    spectrum[np.fft.rfftfreq(samples, 1.0 / oversampling) > 1.0] = 0.0
+    spectrum[0] = 0.0
+    noise = np.fft.irfft(spectrum, samples)
+    deviation = math.hypot(amplifier, gain * math.sqrt(primaries * second_moment(gain, k)))
+    assert noise.std() == pytest.approx(deviation, rel=0.02)
+    excess = level * deviation
+    per_frequency = mcintyre.crossings_per_frequency(
+        excess=excess, primaries=primaries, gain=gain, ionisation_ratio=k, amplifier=amplifier
+    )
+    expected = float(per_frequency) * tdc.MEAN_FREQUENCY_LOW_PASS * samples / oversampling
+    found = np.count_nonzero((noise[1:] >= excess) & (noise[:-1] < excess))
+    assert abs(found - expected) < 4.0 * math.sqrt(expected) + slack * expected
+    assert found > 1.2 * tdc.MEAN_FREQUENCY_LOW_PASS * samples / oversampling * math.exp(-0.5 * level**2)
+
+
+def test_crossings_without_electrons_are_rices() -> None:
+    """With next to none, and with so many that the sum is Gaussian."""
+    for primaries, amplifier, rel in ((0.0, 300.0, 1e-6), (1e-4, 300.0, 1e-3), (1e7, 300.0, 2e-2)):
+        deviation = math.hypot(amplifier, 80.0 * math.sqrt(primaries * second_moment(80.0, 0.02225)))
+        share = mcintyre.crossings_per_frequency(
+            excess=4.0 * deviation,
+            primaries=primaries,
+            gain=80.0,
+            ionisation_ratio=0.02225,
+            amplifier=amplifier,
+        )
+        assert float(share) == pytest.approx(math.exp(-8.0), rel=rel)

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lidarscene.catalog import names
 from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
-from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, report_text
+from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, not_known, report_text
 
 TABLE_1 = load_sensor("table1-apd")
 PULSE_J = 45 * 6e-9 * math.sqrt(math.pi / (4 * math.log(2)))  # 287.4 nJ
@@ -123,6 +124,35 @@ def test_report_as_data_and_text() -> None:
         assert phrase in text
     assert max(len(line) for line in text.splitlines()) <= 120
     assert "within class 1: " in report_text(with_laser(peak_power_w=0.1))
+
+
+@pytest.mark.parametrize(
+    ("source", "judged"),
+    [
+        ({}, True),  # the user's own number
+        ({"laser": "data sheet, page 3"}, True),
+        ({"laser": "unknown; assumed: as its sisters"}, False),
+        ({"laser": "data sheet", "laser.peak_power_w": "fitted: 100 m at 80 %"}, False),
+        ({"laser": "unknown", "laser.peak_power_w": "measured", "laser.pulse_fwhm_ns": "measured"}, True),
+        ({"laser.peak_power_w": "measured", "laser.pulse_fwhm_ns": "assumed"}, False),
+    ],
+)
+def test_no_verdict_of_a_laser_that_is_not_known(source: dict[str, str], judged: bool) -> None:
+    """Neither with a margin below one nor with one far above it."""
+    for power, verdict in ((45.0, "not class 1"), (0.1, "class 1")):
+        sensor = replace(with_laser(peak_power_w=power), sources=source)
+        report = eye_safety_report(sensor)
+        assert report.verdict == (verdict if judged else "not judged")
+        assert report.is_class_1 == ((verdict == "class 1") if judged else None)
+        assert report.as_dict()["verdict"] == report.verdict
+        text = report_text(sensor)
+        assert ("within class 1" in text.replace("NOT within", "within")) == judged
+        assert text.splitlines()[1].startswith("scanned: " if judged else "NOT JUDGED: laser.p")
+
+
+def test_no_product_of_the_catalogue_is_judged_by_a_guess() -> None:
+    known = [name for name in names("sensors") if not not_known(load_sensor(name))]
+    assert known == ["biaxial-905", "mems-1550", "table1-apd", "table1-sipm"]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...maths.arrays import Array, Lanes, xp
+from ...maths.special import log1p, log_gamma
 
 _FEW = 10.0  # below this mean the distribution is inverted term by term
 _TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
@@ -25,6 +26,21 @@ def detected_photons_hz(*, power_w: Lanes, efficiency: Lanes, photon_energy_j: L
 def fired_cells_hz(*, busy_share: Lanes, cells: Lanes, dead_time_s: Lanes) -> Lanes:
     """Firings of all cells per second, N b / tau: each busy cell has fired once in the last dead time."""
     return cells * busy_share / dead_time_s
+
+
+def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s: Lanes) -> Lanes:
+    """How often a second the number of busy cells rises to ``least``: least P(least) / tau (docs/theory.md, T102).
+
+    Exact for independent cells, each dead for tau after it fires: the number rises to k as often as it falls from k,
+    and each of k busy cells recovers 1 / tau times a second. P is binomial, N cells of which each is busy for a share
+    b of the time.
+    """
+    ops = xp(least, cells, busy_share)
+    k = ops.minimum(ops.maximum(least, 1.0), cells)
+    share = ops.minimum(ops.maximum(busy_share, 1e-30), 1.0 - 1e-7)
+    ways = log_gamma(cells + 1.0) - log_gamma(k) - log_gamma(cells - k + 1.0)  # of k N! / (k! (N - k)!)
+    rate = ops.exp(ways + k * ops.log(share) + (cells - k) * log1p(-share)) / dead_time_s
+    return ops.where(least > cells, 0.0, rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

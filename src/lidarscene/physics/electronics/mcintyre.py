@@ -15,12 +15,14 @@ Symbols: M gain, F excess noise factor, k ionisation ratio, N mean number of pri
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import log1p, log_gamma, normal_tail, scaled_normal_tail
 from ..constants import ELEMENTARY_CHARGE_C
+from .tdc import MEAN_FREQUENCY_LOW_PASS
 
 _STEPS = 14  # of Newton's method for the saddle point
 _TERMS = 14  # of the cumulants' series near the mean
@@ -113,10 +115,57 @@ def tail_probability(
     low with 24 primaries, 10 % with 2.4 and a half with 0.5. With fewer it misses single electrons that stand out of
     the amplifier's noise. numpy and Dr.Jit.
     """
+    found = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
+    ops = xp(found.exponent)
+    # Barndorff-Nielsen's tail: r from the exponent at the saddle point, v from its curvature.
+    r = ops.sqrt(ops.maximum(2.0 * found.exponent, _TINY))
+    v = found.s * ops.sqrt(found.curvature)
+    tail = normal_tail(r + ops.log(ops.maximum(v / r, _TINY)) / r)
+    # The amplifier alone, when no electron comes at all: a lower bound, and the whole of it in the dark.
+    alone = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
+    tail = ops.where(primaries > 1e-3, ops.maximum(tail, alone), alone)
+    return ops.where(found.variance > 0.0, tail, 0.0)
+
+
+def crossings_per_frequency(
+    *, excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
+) -> Lanes:
+    """Upward crossings of a level in units of f_rms, sqrt(2 pi) sigma p(U), of `tail_probability`'s noise (T101).
+
+    S. O. Rice's rate is the density p of the height times the mean of the positive slopes, sqrt(2 pi) f_rms sigma for
+    slopes that are Gaussian whatever the height: the electrons that make a peak arrive together, where the response
+    of the amplifier has no slope. The density is the saddle point's, exp(-I) / sqrt(2 pi K''). numpy and Dr.Jit.
+    """
+    found = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
+    ops = xp(found.exponent)
+    narrower = ops.sqrt(found.variance / ops.maximum(found.curvature, _TINY))
+    over = (excess + primaries * gain) / ops.maximum(amplifier, 1e-3)
+    share = ops.where(
+        primaries > 1e-3, narrower * ops.exp(-found.exponent), ops.exp(-primaries - 0.5 * over * over)
+    )
+    return ops.where(found.variance > 0.0, share, 0.0)
+
+
+class _Saddle(NamedTuple):
+    """The saddle point s, the exponent s x - K(s) and the curvature K''(s) there, and the variance K''(0)."""
+
+    s: Lanes
+    exponent: Lanes
+    curvature: Lanes
+    variance: Lanes
+
+
+_TINY = 1e-30
+
+
+def _saddle_point(
+    excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
+) -> _Saddle:
+    """Where electrons and amplifier, tilted by exp(s x), have their mean at the level; `tail_probability`'s symbols."""
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
     variance = amplifier * amplifier
-    tiny = 1e-30
+    tiny = _TINY
 
     def log_z(d: Lanes) -> Lanes:
         return log1p(d) - log1p(b * d) / (1.0 - k)
@@ -150,19 +199,13 @@ def tail_probability(
     for coefficient in coefficients[:0:-1]:
         series = d * (coefficient - series)
     beyond = gain * ops.where(d < 0.125, -d * series, log_z(d) - d / gain)
-    # Step 3, Barndorff-Nielsen's tail: r from the exponent at the saddle point, v from its curvature.
+    # Step 3, the exponent there, and its curvature.
     s = (d + beyond) / gain
     room = ops.maximum(1.0 / gain - k * q * d, 1e-7 / gain)
     grown = (1.0 + d) * (1.0 + b * d) / room  # G'(s)
     bend = grown * (1.0 + b + 2.0 * b * d + k * q * grown) / room  # G''(s)
     exponent = s * excess + primaries * beyond - 0.5 * variance * s * s
-    r = ops.sqrt(ops.maximum(2.0 * exponent, tiny))
-    v = s * ops.sqrt(primaries * bend + variance)
-    tail = normal_tail(r + ops.log(ops.maximum(v / r, tiny)) / r)
-    # The amplifier alone, when no electron comes at all: a lower bound, and the whole of it in the dark.
-    alone = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
-    tail = ops.where(primaries > 1e-3, ops.maximum(tail, alone), alone)
-    return ops.where(total > 0.0, tail, 0.0)
+    return _Saddle(s, exponent, primaries * bend + variance, total)
 
 
 def false_alarm_probability(
@@ -180,14 +223,48 @@ def false_alarm_probability(
     unmultiplied_variance_a2  variance of the noise that is not multiplied, as in (18); taken as Gaussian
     excess_noise              F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
     """
-    electrons_per_ampere = resolution_time_s(bandwidth_hz=bandwidth_hz) / ELEMENTARY_CHARGE_C
     return tail_probability(
-        excess=threshold_a * electrons_per_ampere,
-        primaries=primary_current_a * electrons_per_ampere,
-        gain=gain,
-        ionisation_ratio=ionisation_ratio(gain=gain, excess_noise=excess_noise),
-        amplifier=xp(unmultiplied_variance_a2).sqrt(unmultiplied_variance_a2) * electrons_per_ampere,
+        **_electrons(
+            threshold_a, primary_current_a, unmultiplied_variance_a2, gain, excess_noise, bandwidth_hz
+        )
     )
+
+
+def crossing_rate_hz(
+    *,
+    threshold_a: Lanes,
+    primary_current_a: Lanes,
+    unmultiplied_variance_a2: Lanes,
+    gain: Lanes,
+    excess_noise: Lanes,
+    bandwidth_hz: Lanes,
+) -> Lanes:
+    """Upward crossings a second, `tdc.rice_rate_hz` with McIntyre's tail: `crossings_per_frequency` in amperes."""
+    share = crossings_per_frequency(
+        **_electrons(
+            threshold_a, primary_current_a, unmultiplied_variance_a2, gain, excess_noise, bandwidth_hz
+        )
+    )
+    return MEAN_FREQUENCY_LOW_PASS * bandwidth_hz * share
+
+
+def _electrons(
+    threshold_a: Lanes,
+    primary_current_a: Lanes,
+    unmultiplied_variance_a2: Lanes,
+    gain: Lanes,
+    excess_noise: Lanes,
+    bandwidth_hz: Lanes,
+) -> dict[str, Lanes]:
+    """Currents as numbers of electrons in one resolution time, as `tail_probability` takes them."""
+    electrons_per_ampere = resolution_time_s(bandwidth_hz=bandwidth_hz) / ELEMENTARY_CHARGE_C
+    return {
+        "excess": threshold_a * electrons_per_ampere,
+        "primaries": primary_current_a * electrons_per_ampere,
+        "gain": gain,
+        "ionisation_ratio": ionisation_ratio(gain=gain, excess_noise=excess_noise),
+        "amplifier": xp(unmultiplied_variance_a2).sqrt(unmultiplied_variance_a2) * electrons_per_ampere,
+    }
 
 
 def tail_probability_exact(

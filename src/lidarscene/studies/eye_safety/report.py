@@ -2,12 +2,17 @@
 
 Every criterion of 4.3 f is applied to an eye (condition 3 of table 10) and to an eye behind a telescope (condition
 1), with the beam standing still and as the scanner moves it. An aid to design, not a certification.
+
+A verdict needs the energy of the real pulse. Where the file's source says that power or width is fitted, assumed or
+unknown there is none: the margins are those of the model's pulse, and every form of the report says so first.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from ...errors import InputError
 from ...physics import eye_safety as iec
@@ -20,15 +25,34 @@ NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it
 TIME_BASE_S = 100.0
 """4.3 e: for light beyond 400 nm that nobody is meant to look into."""
 
+_NEEDED = ("laser.peak_power_w", "laser.pulse_fwhm_ns")
+"""What a pulse's energy follows from."""
+_GUESSED = re.compile(r"\b(fitted|assumed|unknown)\b")
+
+Verdict = Literal["class 1", "not class 1", "not judged"]
+
+
+def not_known(sensor: Sensor) -> tuple[str, ...]:
+    """Keys that a pulse's energy follows from and whose source says fitted, assumed or unknown, with that word.
+
+    A number without a source is the user's own and counts as known.
+    """
+    found = ((key, _GUESSED.search(sensor.source_of(key) or "")) for key in _NEEDED)
+    return tuple(f"{key} is {word.group()}" for key, word in found if word is not None)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EyeSafetyReport:
-    """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted")."""
+    """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted").
+
+    not_known  why the sensor is not judged: numbers that are guesses, `not_known`; () if there are none
+    """
 
     sensor: str
     motion: str
     pulse_energy_j: float
     peak_power_w: float
+    not_known: tuple[str, ...]
     assumptions: tuple[str, ...]
     criteria: tuple[Criterion, ...]
 
@@ -38,9 +62,16 @@ class EyeSafetyReport:
         return min(self.criteria, key=lambda criterion: criterion.margin)
 
     @property
-    def is_class_1(self) -> bool:
-        """Whether every criterion passes."""
-        return self.limiting.margin >= 1.0
+    def verdict(self) -> Verdict:
+        """Whether every criterion passes; no verdict of a laser that is not known."""
+        if self.not_known:
+            return "not judged"
+        return "class 1" if self.limiting.margin >= 1.0 else "not class 1"
+
+    @property
+    def is_class_1(self) -> bool | None:
+        """The same as a truth value, None where not judged."""
+        return None if self.not_known else self.limiting.margin >= 1.0
 
     @property
     def class_1_peak_power_w(self) -> float:
@@ -50,6 +81,7 @@ class EyeSafetyReport:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
+            "verdict": self.verdict,
             **{key: value for key, value in asdict(self).items() if key != "criteria"},
             "notice": NOTICE,
             "is_class_1": self.is_class_1,
@@ -102,6 +134,7 @@ def eye_safety_report(
         motion=motion,
         pulse_energy_j=energy_j,
         peak_power_w=float(laser.peak_power_w),
+        not_known=not_known(sensor),
         assumptions=_assumptions(sensor, motion, source, time_base_s),
         criteria=criteria,
     )
@@ -153,20 +186,25 @@ def as_text(report: EyeSafetyReport) -> str:
             if c.viewer == viewer
         ]
     worst = report.limiting
-    verdict = "within" if report.is_class_1 else "NOT within"
+    verdict = {"class 1": "within class 1", "not class 1": "NOT within class 1", "not judged": "NOT JUDGED"}
+    margin = "margin" if not report.not_known else "margin of the model's pulse"
     lines.append(
-        f"  {verdict} class 1: {worst.name} limits ({_VIEWER_TEXT[worst.viewer]}), margin {worst.margin:.3g}; "
-        f"it allows a peak of {si(report.class_1_peak_power_w, 'W')}"
+        f"  {verdict[report.verdict]}: {worst.name} limits ({_VIEWER_TEXT[worst.viewer]}), "
+        f"{margin} {worst.margin:.3g}; it allows a peak of {si(report.class_1_peak_power_w, 'W')}"
     )
     return "\n".join(lines)
 
 
+def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
+    """Scanning, and with the beam standing still."""
+    return eye_safety_report(sensor, scanned=True), eye_safety_report(sensor)
+
+
 def report_text(sensor: Sensor) -> str:
     """Eye safety of a sensor for people: scanning, and with its beam standing still."""
-    laser = sensor.laser
-    reports = [eye_safety_report(sensor, scanned=scanned) for scanned in (True, False)]
+    laser, reports = sensor.laser, both_reports(sensor)
     head = (
-        f"{sensor.name}: eye safety, class 1 of IEC 60825-1:2014\n{NOTICE}\n\n"
+        f"{sensor.name}: eye safety, class 1 of IEC 60825-1:2014\n{_verdict_text(reports)}\n{NOTICE}\n\n"
         f"laser    {laser.wavelength_m * 1e9:g} nm, {si(float(laser.peak_power_w), 'W')} peak, "
         f"{si(float(laser.pulse_fwhm_s), 's')}, {float(laser.repetition_rate_hz) * 1e-3:g} kHz: "
         f"{si(reports[0].pulse_energy_j, 'J')} a pulse, "
@@ -175,3 +213,13 @@ def report_text(sensor: Sensor) -> str:
     said = dict.fromkeys(line for report in reports for line in report.assumptions)
     assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(said))
     return "\n\n".join([f"{head}\n{assumed}", *(as_text(report) for report in reports)])
+
+
+def _verdict_text(reports: Sequence[EyeSafetyReport]) -> str:
+    """The headline."""
+    if guesses := reports[0].not_known:
+        return (
+            f"NOT JUDGED: {', '.join(guesses)} (see its [sources]).\n"
+            "What follows is about the model's pulse. It says nothing of the real sensor, which may be safe or not."
+        )
+    return "; ".join(f"{report.motion}: {report.verdict}" for report in reports)

@@ -99,10 +99,10 @@ def operating_curve(
     threshold = tuned.threshold(point) + 0.0 * ratios
     signal = point.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
-    p_false = np.asarray(point.false_alarm_probability(threshold))
+    rate_hz = np.asarray(sensor.false_alarm_rate_hz(point, threshold))
+    p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
     m = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
-    mean = np.asarray(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
-    mean = mean * sensor.tdc.listening_s
+    mean = rate_hz * sensor.tdc.listening_s
     return OperatingCurve(
         threshold_to_noise=ratios,
         false_alarms_per_shot=mean,
@@ -126,7 +126,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
 def false_alarm_probability(
     sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None
 ) -> float:
-    """P_f of one comparison, with the target's background.
+    """P_f of one comparison, with the target's background. With `false_alarms = "crossings"` it sets no rate.
 
     sky    True: the sky beside the target instead; dark unless the target's light has a diffuse share
     tail   None: the sensor's own statistics. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
@@ -158,8 +158,8 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo may hide it,
     and alarms after it need a stop that is left.
     """
-    p_false = false_alarm_probability(sensor, target, sky=range_m is None)
-    rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=sensor.tdc.bandwidth_hz))
+    point = sensor.working_point(_background_w(sensor, target, range_m is None))
+    rate = float(np.ravel(sensor.false_alarm_rate_hz(point, sensor.threshold(point)))[0])
     blanking_s, window_s = float(sensor.tdc.blanking_s), float(sensor.tdc.window_s)
     stops = sensor.tdc.stops
     per_pulse = _mean_of_first(rate * (window_s - blanking_s), stops)
