@@ -6,31 +6,20 @@ from helpers import trains
 from scipy.constants import c
 
 from lidarscene import load_sensor
-from lidarscene.light.air_light import air_light
 from lidarscene.light.waveform import sampled, waveform
 from lidarscene.maths import random as noise
 from lidarscene.physics.electronics import pulse_sums, tdc
-from lidarscene.scene.weather import Weather
 
 RAW = "tdc.walk='raw'"
 LENSES = {
     "top hat": ("laser.peak_power_w=1000", "laser.pulse_fwhm_ns=2"),
     "gaussian": (
-        "laser.beam_profile='gaussian'", "laser.peak_power_w=150",
+        "laser.beam_profile='gaussian'",
+        "laser.peak_power_w=150",
         "optics.overlap.transmitter_offset_mm=[60, 0]",
     ),
-    "coaxial": ("optics.overlap.transmitter_offset_mm=[0, 0]", "laser.peak_power_w=0.5"),
+    "coaxial": ("optics.overlap.transmitter_offset_mm=[0, 0]", "laser.peak_power_w=0.35"),
 }
-
-
-def in_fog(equipped, scale_m2, *, end_m=150.0):
-    """Pulses into fog of 120 m visibility; ``scale_m2`` relative to the sensor's own light."""
-    fog = Weather(fog="moderate_advection", fog_visibility_m=120.0)
-    air = air_light(fog, equipped, extinction_per_m=0.033)
-    own = float(equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2)
-    volume = air.volume(scale=own * scale_m2, end_m=np.full(len(scale_m2), end_m))
-    none = np.zeros((len(scale_m2), 1))
-    return trains.train(none, none, volume=volume)
 
 
 @pytest.mark.parametrize("lenses", LENSES)
@@ -41,7 +30,7 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     """
     equipped = load_sensor("biaxial-905", overrides=[RAW, *LENSES[lenses]])
     count = 60
-    light = in_fog(equipped, 10.0 ** np.random.default_rng(4).uniform(-0.3, 0.3, count))
+    light = trains.in_fog(equipped, 10.0 ** np.random.default_rng(4).uniform(-0.3, 0.3, count))
     found = trains.detect(light, equipped).stops[0]
     fwhm = equipped.laser.pulse_fwhm_s
     time_s = np.arange(-4.0 * fwhm, 2.0 * 25.0 / c, 1e-3 * fwhm)
@@ -67,7 +56,7 @@ def test_the_search_does_not_stop_where_the_air_begins():
     the value there, and a search that trusts it ends on the spot.
     """
     equipped = load_sensor("biaxial-905", overrides=list(LENSES["top hat"]))
-    wave = waveform(in_fog(equipped, np.ones(1)), equipped)
+    wave = waveform(trains.in_fog(equipped, np.ones(1)), equipped)
     fine = np.linspace(0.0, 8.0, 80_001) / wave.unit_m
     watts = wave.at(fine)[0]
     top = int(np.argmax(watts))

@@ -132,7 +132,7 @@ class Tdc:
     least_significant_bit_s   step of the reported time; 0: none
     jitter_s                  standard deviation of the converter's own jitter
     stops                     crossings reported per shot, in order of time
-    keep                      which ones: "first", "last" or "strongest"
+    keep                      which ones: "first", "last", "strongest" or "strongest_and_last"
     both_edges                whether the end of a pulse is timed too: its width is known
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is (of a saturated pulse its width, if that is known), "none" takes off
@@ -147,6 +147,10 @@ class Tdc:
     jitter_s: Annotated[Lanes, Quantity("ps", ge=0)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
+    order: Annotated[
+        Literal["time", "strength"],
+        Key(about="of the returns: that of their crossings, or the strongest first"),
+    ] = "time"
     blanking_s: Annotated[
         Lanes,
         Quantity(
@@ -246,6 +250,20 @@ class Sensor:
     intensity: Intensity | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def times_edge(self) -> bool:
+        """Whether the TDC alone times the edge on which a pulse trips the comparator."""
+        return self.sampler is None
+
+    @property
+    def finds_peaks(self) -> bool:
+        """Whether it looks for peaks, and not only for edges of its comparator.
+
+        What ranks pulses by their strength, waits for the last, or samples them, knows more of the signal than when it
+        came over the threshold.
+        """
+        return not self.times_edge or self.tdc.keep != "first"
 
     @property
     def measures_width(self) -> bool:
