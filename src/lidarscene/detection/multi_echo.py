@@ -21,6 +21,7 @@ from ..sensor.model import MultiLevel, Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
 from .pulses import stops as keeping
+from .pulses import timing
 from .pulses.stops import EMPTY, Stop, Stops
 from .returns import Detection, Returns, alarm_status, interferes
 from .rises import Rise, visit_all
@@ -179,17 +180,18 @@ class _Converter(Received):
         ops, tdc, before = self.ops, self.sensor.tdc, found.pulse
         assert before is not None
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        valley = self.point.signal(rise.valley_w)
+        gain, of_slow = timing.gains(self.sensor, rise)
+        valley = self.point.signal(of_slow * rise.valley_w)
         lowest = ops.minimum(before.lowest, valley)
         own = comparator.level(self, draw=rise.number)
         # After a pulse a rise counts from the lowest light since, where that is above the level: fog, which holds the
         # signal high for many metres, does not hide what rises out of it.
         held = found.high & (lowest >= own)
         base = ops.where(held, self._base(lowest), 0.0)
-        trip = comparator.trip(self, peak_w, draw=rise.number, base=base)
+        trip = comparator.trip(self, gain * peak_w, draw=rise.number, base=base)
         tripped = rise.found & trip.tripped
         in_valley = valley >= trip.level
-        place = self._crossing(rise, trip, tripped, in_valley)
+        place = self._crossing(rise, trip, tripped, in_valley, gain)
         crossing_s = self.time_s(place)
         apart = (rise.peak - before.peak) * self.sigma_s >= tdc.dead_time_s
         apart = apart & (~held | (before.top >= self.threshold + base))
@@ -249,15 +251,19 @@ class _Converter(Received):
             **changed,
         )
 
-    def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask) -> Lanes:
+    def _crossing(
+        self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask, gain: Lanes = 1.0
+    ) -> Lanes:
         """Place at which a rise trips the comparator, (n,): where the waveform reaches the level.
 
         If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
         peak.
+
+        gain  (n,) of a matched filter
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)
-        level_w = ops.where(reaches, self.point.power_w(trip.level), 1.0)
+        level_w = ops.where(reaches, self.point.power_w(trip.level) / gain, 1.0)
         place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 

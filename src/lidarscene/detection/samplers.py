@@ -22,6 +22,7 @@ from ..physics.optics import pulse as pulse_shape
 from ..sensor.model import Adc, MultiLevel
 from . import comparator
 from .comparator import Trip
+from .pulses import timing
 from .rises import STEP, Rise
 from .shots import Received
 
@@ -61,26 +62,18 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
         return _by_levels(shots, sampler, rise, trip, place, wanted)
     if isinstance(sampler, Adc):
         return _by_samples(shots, sampler, rise, trip, place, wanted)
-    amplitude = comparator.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
+    amplitude = timing.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     width = None
     if shots.sensor.tdc.both_edges:
         leaving = _trailing(shots, rise, trip, place, shots.threshold)
         end, _ = _end(shots, rise, trip, leaving, rise.peak, wanted)
         width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
-    reported_s = comparator.reported_s(
-        shots, shots.time_s(place), measured=amplitude - trip.base, width_s=width,
-        true_power_w=shots.ops.where(wanted, _own_power_w(shots, rise, trip), 1.0), draw=rise.number,
-    )  # fmt: skip
+    reported_s, timed = timing.of_rise(
+        shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted
+    )
     if width is None:
         width = shots.ops.full(place, 0.0)
-    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=place)
-
-
-def _own_power_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
-    """Peak power of a pulse above the light on which it stands, (n,)."""
-    if isinstance(trip.base, float):
-        return rise.top[0]
-    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.power_w(trip.base), 0.0)
+    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=timed)
 
 
 def _by_levels(

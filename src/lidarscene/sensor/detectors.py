@@ -8,14 +8,14 @@ Signals are amperes at the amplifier's input (APD) or fired cells (SiPM).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes, xp
 from ..maths.special import binomial_tail
 from ..maths.units import Key, Quantity
 from ..physics.constants import ELEMENTARY_CHARGE_C
-from ..physics.electronics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
+from ..physics.electronics import apd, counting, mcintyre, sampling, saturation, sipm, sipm_response, tdc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +33,7 @@ class WorkingPoint:
     knee              amplitude from which a pulse's width tells its power better than its height; None: none
     largest           amplitude above which the height tells no power at all; None: none
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
+    unfiltered        the same before a matched filter; None without one
     """
 
     noise: Lanes
@@ -48,6 +49,29 @@ class WorkingPoint:
     knee: Lanes | None = None
     largest: Lanes | None = None
     noise_tail: Callable[[Lanes], Lanes] | None = None
+    unfiltered: WorkingPoint | None = None
+
+    def matched(self, noise_share: Lanes) -> WorkingPoint:
+        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T82).
+
+        noise_share  variance of white noise behind the filter over that before it
+        """
+        ratio = xp(noise_share).sqrt(noise_share)
+        tail = self.noise_tail
+
+        def same_multiple(threshold: Lanes) -> Lanes:
+            # Of as many deviations: the filter adds up more electrons, whose tail is nearer to a Gaussian's.
+            assert tail is not None
+            return tail(threshold / ratio)
+
+        return replace(
+            self,
+            noise=self.noise * ratio,
+            kappa_1=self.kappa_1 * sampling.SHOT_SHARE * noise_share,
+            kappa_2=self.kappa_2 * sampling.SQUARE_SHARE * noise_share,
+            noise_tail=None if tail is None else same_multiple,
+            unfiltered=self,
+        )
 
     @property
     def exact(self) -> bool:

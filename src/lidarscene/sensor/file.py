@@ -147,6 +147,18 @@ class SensorFile(FileModel):
     sources: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
+    def _one_way_of_timing(self) -> SensorFile:
+        timing = self.tdc.timing
+        if self.sampler is not None and timing != "leading_edge":
+            raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
+        if timing != "constant_fraction" and "fraction" in self.tdc.model_fields_set:
+            raise ValueError('tdc.fraction: only with timing = "constant_fraction"')
+        counted = isinstance(self.detector, SipmFile) and self.detector.counting == "binomial"
+        if timing == "matched_filter" and counted:
+            raise ValueError('detector.counting: must be "gaussian" behind a matched filter, got "binomial"')
+        return self
+
+    @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:
         period_us = self.scanner.shot_period_us(1e3 / self.laser.repetition_rate_khz)
         if self.tdc.window_us > period_us * (1.0 + 1e-9):
