@@ -1,5 +1,6 @@
 """Echo trains by hand, and a slow road through the comparator."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,12 +8,14 @@ import numpy as np
 from lidarscene import load_sensor
 from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
+from lidarscene.light.air_light import air_light
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import sampled
 from lidarscene.maths import random as noise
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from lidarscene.scene.weather import Weather
 
 FWHM_S = 6e-9
 SIGMA_S = FWHM_S / SIGMAS_PER_FWHM
@@ -40,6 +43,23 @@ def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
         parts=(parts,), surfaces=parts.count, found=(peak_power_w > 0.0).any(axis=1),
         background_power_w=np.full(len(range_m), background_w), volume=volume,
     )  # fmt: skip
+
+
+FOG = Weather(fog="moderate_advection", fog_visibility_m=80.0)
+
+
+def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
+    """Pulses into fog of 80 m visibility, of ``scale`` (n,) times the sensor's own light; a wall across the beam."""
+    extinction = FOG.extinction_at_per_m(equipped.laser.wavelength_m)
+    air = air_light(FOG, equipped, extinction_per_m=extinction)
+    own = scale * float(
+        equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2
+    )
+    end_m = wall_m or 100.0
+    wall_w = own * reflectivity / math.pi * math.exp(-2.0 * extinction * end_m) / end_m**2
+    wall_w = wall_w if wall_m else 0.0 * own
+    volume = air.volume(scale=own, end_m=np.full(len(own), end_m))
+    return train(np.full((len(own), 1), end_m), wall_w[:, None], volume=volume)
 
 
 def detect(light, equipped, *, seed=0):

@@ -41,6 +41,7 @@ class Trip:
     level        noiseless signal at which the edge trips the comparator, theory (T25)
     probability  P_d, theory (T22) or (T23)
     tripped      whether the echo trips the comparator
+    base         signal from which the threshold counts: 0 but for what stands on other light
     """
 
     signal: Lanes
@@ -50,32 +51,44 @@ class Trip:
     level: Lanes
     probability: Lanes
     tripped: Mask
+    base: Lanes = 0.0
 
 
-def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0) -> Trip:
+def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
+    """Noiseless signal at which an echo's edge trips the comparator, (n,): `Trip.level` without a base."""
+    deviate, _ = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
+    point = shots.point
+    return tdc.crossing_level(
+        threshold=shots.threshold, deviate=deviate,
+        noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
+    )  # fmt: skip
+
+
+def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.0) -> Trip:
     """Draw the noise of an echo and compare it with the threshold (docs/theory.md 8).
 
     peak_power_w  (n,) optical peak power
     draw          number of the echo in its pulse: each has its own deviates
+    base          (n,) signal from which the threshold counts, that of the light on which the echo stands
     """
-    point, threshold = shots.point, shots.threshold
+    point, threshold = shots.point, shots.threshold + base
     deviate, of_peak = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     signal = point.signal(peak_power_w)
     own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **own_noise)
     probability = point.detection_probability(threshold, signal, sigma)
-    level = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
+    reached = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
     # With n(s) = z sigma(s) the noisy edge reaches U where s + z sigma(s) = U. That is `level`, so the echo trips if
     # its peak is at least that high. P(s + z sigma(s) >= U) is (T22): the same z gives P_d and the crossing time.
     # Counted cells are not Gaussian and have P_d of (T23). Q(z) is uniform in (0, 1), so comparing it with P_d keeps
     # that probability and the one deviate: a large z still means an early crossing and a likely detection.
-    tripped = normal_tail(deviate) < probability if point.exact else signal >= level
+    tripped = normal_tail(deviate) < probability if point.exact else signal >= reached
     if point.saturation is not None:
         # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.saturation)
     return Trip(
         signal=signal, sigma=sigma, deviate=deviate, of_peak=of_peak,
-        level=level, probability=probability, tripped=tripped,
+        level=reached, probability=probability, tripped=tripped, base=base,
     )  # fmt: skip
 
 
@@ -97,7 +110,9 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     # threshold crossing and peak coincide, r = 1, and both share one deviate.
     kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
     peak_noise = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * trip.of_peak
-    return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold))
+    return shots.point.measured(
+        ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base)
+    )
 
 
 def trailing_level(
@@ -278,7 +293,7 @@ class _Crossings:
     others: tuple[interference.Crossings, ...]
 
     def in_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
-        """Alarm ``number`` in order of time, from any source; in reverse order with ``keep = "last"``.
+        """Alarm ``number`` in order of time, from any source; in reverse order where the last are kept.
 
         number   (n,) of the alarm, from 0
         elapsed  (n,) time of the alarm before it, in units of the mean wait 1 / rate
@@ -296,7 +311,7 @@ class _Crossings:
         # takes draw 2 i for its wait and 2 i + 1 for its height.
         elapsed = elapsed + random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number))
         time_s: Lanes = ops.where(never, NEVER_S, elapsed / ops.where(never, 1.0, rate))
-        if converter.keep == "last":
+        if converter.keep in ("last", "strongest_and_last"):
             time_s = ops.where(time_s < converter.listening_s, converter.window_s - time_s, NEVER_S)
         else:
             time_s = converter.blanking_s + time_s

@@ -10,50 +10,23 @@ Symbols: P power over time, z deviate of a rise, P_d probability that it trips, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ..light.echoes import EchoTrain, Interference
 from ..light.waveform import waveform
-from ..maths.arrays import Array, Lanes, Mask, chosen, xp
+from ..maths.arrays import Array, Lanes, Mask, chosen
 from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
-from ..sensor.model import Sensor
+from ..sensor.model import MultiLevel, Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
+from .pulses import stops as keeping
+from .pulses import timing
+from .pulses.stops import EMPTY, Stop, Stops
 from .returns import Detection, Returns, alarm_status, interferes
 from .rises import Rise, visit_all
 from .samplers import read
 from .shots import Received
-
-_EMPTY = -1e30
-"""Key of an unused stop: below every other key."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Stop:
-    """A stop of the converter and the crossing that it holds; each field (n,).
-
-    key           sort key: crossings with larger keys are kept first; `_EMPTY` if the stop is unused
-    crossing_s    time at which the comparator tripped
-    reported_s    time that the sampler reports
-    amplitude     peak that the sampler reports, in signal units
-    width_s       time over the threshold that the sampler reports
-    snr           peak signal of the rise over the noise without an echo
-    probability   P_d of the rise
-    source        number of the sub-echo that caused the crossing, -1 for the even light of the air
-    true_range_m  true range of the light that caused it
-    status        a `Status`; None while all stops hold echoes
-    """
-
-    key: Lanes
-    crossing_s: Lanes
-    reported_s: Lanes
-    amplitude: Lanes
-    width_s: Lanes
-    snr: Lanes
-    probability: Lanes
-    source: Lanes
-    true_range_m: Lanes
-    status: Lanes | None = None
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
@@ -71,9 +44,23 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     found = converter.search()
     strongest = converter.strongest()
     stops = converter.with_alarms(found.stops, pulse_train.interference, *strongest)
-    if sensor.tdc.keep != "first":
-        stops = _in_time(stops)
-    return converter.detection(pulse_train, found, stops, strongest[0])
+    return converter.detection(pulse_train, found, keeping.reported(sensor.tdc, stops), strongest[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pulse:
+    """The last pulse that a receiver which looks for peaks has found, before it is known to be one; each field (n,).
+
+    stop    what would be reported of it
+    peak    place of its peak
+    top     signal there
+    lowest  lowest signal since
+    """
+
+    stop: Stop
+    peak: Lanes
+    top: Lanes
+    lowest: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +74,7 @@ class _Found:
     highest    place of the highest peak
     highest_w  power there
     stops      crossings that the converter keeps so far, best first
+    pulse      the last peak, which is not yet among the stops; None of a receiver that times edges
     """
 
     high: Mask
@@ -95,7 +83,8 @@ class _Found:
     last: Lanes
     highest: Lanes
     highest_w: Lanes
-    stops: tuple[_Stop, ...]
+    stops: Stops
+    pulse: _Pulse | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,27 +128,24 @@ class _Converter(Received):
 
     surfaces: int
 
-    def key(self, time_s: Lanes, amplitude: Lanes) -> Lanes:
-        """Sort key, (n,): crossings with larger keys are kept first."""
-        return {"first": -time_s, "last": time_s, "strongest": amplitude}[self.sensor.tdc.keep]
-
     def search(self) -> _Found:
         """Visit all rises and keep the best crossings of each pulse."""
-        ops, like = self.ops, self.wave.origin_m
-        nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
-        empty = _Stop(
-            key=ops.full(like, _EMPTY), crossing_s=nothing, reported_s=nothing, amplitude=nothing, width_s=nothing,
-            snr=nothing, probability=nothing, source=number, true_range_m=nothing,
-        )  # fmt: skip
+        ops, like, tdc = self.ops, self.wave.origin_m, self.sensor.tdc
+        nothing, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
+        peaks = self.sensor.finds_peaks
         start = _Found(
-            high=never, tripped=never, in_window=never, last=ops.full(like, _EMPTY), highest=nothing, highest_w=nothing,
-            stops=(empty,) * self.sensor.tdc.stops,
+            high=never, tripped=never, in_window=never, last=before, highest=nothing, highest_w=nothing,
+            stops=keeping.room(tdc, like),
+            pulse=_Pulse(stop=keeping.unused(like), peak=before, top=nothing, lowest=nothing) if peaks else None,
         )  # fmt: skip
-        found = visit_all(self.wave, self._visit, start)
+        found = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
+        stops = found.stops
+        if found.pulse is not None:
+            stops = keeping.with_new(tdc, stops, found.pulse.stop, later=True)
         status = ops.full(like, int(Status.ECHO))
-        return replace(found, stops=tuple(replace(stop, status=status) for stop in found.stops))
+        return replace(found, stops=tuple(replace(stop, status=status) for stop in stops))
 
-    def _visit(self, rise: Rise, found: _Found) -> _Found:
+    def _visit_edge(self, rise: Rise, found: _Found) -> _Found:
         """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
@@ -174,43 +160,110 @@ class _Converter(Received):
         ready = (place - found.last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
-        taken_now = taken & self._may_keep(crossing_s, found.stops)
+        taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
         new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
-        return _Found(
+        return self._after(
+            found, rise, peak_w, edge, taken,
             high=ops.where(rise.found, trip.tripped, found.high),
-            tripped=found.tripped | edge,
-            in_window=found.in_window | taken,
             last=ops.where(taken, place, found.last),
+            stops=keeping.with_new(tdc, found.stops, new, later=True),
+            pulse=None,
+        )  # fmt: skip
+
+    def _visit_peak(self, rise: Rise, found: _Found) -> _Found:
+        """Draw the noise of one rise, and decide whether it is a pulse of its own or part of the last one.
+
+        It is one of its own if the light has fallen below the threshold since the last pulse, or by a threshold and
+        risen by one. Else the higher of both stands for them, as it does where they follow each other within a dead
+        time.
+        """
+        ops, tdc, before = self.ops, self.sensor.tdc, found.pulse
+        assert before is not None
+        peak_w = ops.where(rise.found, rise.top[0], 0.0)
+        gain, of_slow = timing.gains(self.sensor, rise)
+        valley = self.point.signal(of_slow * rise.valley_w)
+        lowest = ops.minimum(before.lowest, valley)
+        own = comparator.level(self, draw=rise.number)
+        # After a pulse a rise counts from the lowest light since, where that is above the level: fog, which holds the
+        # signal high for many metres, does not hide what rises out of it.
+        held = found.high & (lowest >= own)
+        base = ops.where(held, self._base(lowest), 0.0)
+        trip = comparator.trip(self, gain * peak_w, draw=rise.number, base=base)
+        tripped = rise.found & trip.tripped
+        in_valley = valley >= trip.level
+        place = self._crossing(rise, trip, tripped, in_valley, gain)
+        crossing_s = self.time_s(place)
+        apart = (rise.peak - before.peak) * self.sigma_s >= tdc.dead_time_s
+        apart = apart & (~held | (before.top >= self.threshold + base))
+        fresh = tripped & apart
+        # Of two peaks that are one pulse the higher counts.
+        higher = rise.found & ~apart & (trip.signal > before.top) & (tripped | found.high)
+        taken = (fresh | higher) & comparator.listening(self.sensor, crossing_s)
+        taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
+        new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        done = replace(before.stop, key=ops.where(taken & apart, before.stop.key, EMPTY))
+        stop = new
+        if self.sensor.times_edge:
+            # The edge of a pulse stays where it was, if what comes later only raises it.
+            raised = ~tripped & before.stop.used
+            key = keeping.key(tdc, before.stop.crossing_s, new.amplitude)
+            same_edge = replace(
+                before.stop, key=ops.where(new.used, key, EMPTY), amplitude=new.amplitude, snr=new.snr,
+                probability=new.probability,
+            )  # fmt: skip
+            stop = chosen(raised, same_edge, new)
+        pulse = _Pulse(
+            stop=chosen(taken, stop, before.stop),
+            peak=ops.where(taken, rise.peak, before.peak),
+            top=ops.where(taken, trip.signal, before.top),
+            lowest=ops.where(taken, trip.signal, ops.where(rise.found, lowest, before.lowest)),
+        )
+        return self._after(
+            found, rise, peak_w, tripped, taken,
+            high=ops.where(rise.found, tripped | held, found.high),
+            last=found.last,
+            stops=keeping.with_new(tdc, found.stops, done, later=True),
+            pulse=pulse,
+        )  # fmt: skip
+
+    def _base(self, lowest: Lanes) -> Lanes:
+        """Signal from which the threshold counts for a pulse on other light, (n,), by the lowest of that."""
+        sampler = self.sensor.sampler
+        if not isinstance(sampler, MultiLevel):
+            return lowest
+        # Fixed levels make an edge only if one of them is above that light.
+        base: Lanes = self.ops.full(lowest, -EMPTY)
+        for factor in reversed(sampler.levels):
+            over = (factor - 1.0) * self.threshold
+            base = self.ops.where(over + self.threshold > lowest, over, base)
+        return base
+
+    def _after(
+        self, found: _Found, rise: Rise, peak_w: Lanes, tripped: Mask, taken: Mask, **changed: Any
+    ) -> _Found:
+        """The state behind a rise: what both kinds of receiver remember, and what one of them ``changed``."""
+        ops = self.ops
+        return _Found(
+            tripped=found.tripped | tripped,
+            in_window=found.in_window | taken,
             highest=ops.where(peak_w > found.highest_w, rise.peak, found.highest),
             highest_w=ops.maximum(found.highest_w, peak_w),
-            stops=self._with(found.stops, new),
+            **changed,
         )
 
-    def _may_keep(self, crossing_s: Lanes, stops: tuple[_Stop, ...]) -> Mask:
-        """Whether a crossing at this time can be among the best, (n,) bool; others need not be measured.
-
-        With ``keep = "strongest"`` the key is the amplitude, so every crossing has to be measured first.
-        """
-        if self.sensor.tdc.keep == "strongest":
-            return True
-        return self.key(crossing_s, 0.0) > stops[-1].key
-
-    def _with(self, stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-        """The best crossings so far and a later one.
-
-        Rises come in order of time, so with ``keep = "first"`` the later one goes into the first unused stop.
-        """
-        return _appended(stops, new) if self.sensor.tdc.keep == "first" else _inserted(stops, new)
-
-    def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask) -> Lanes:
+    def _crossing(
+        self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask, gain: Lanes = 1.0
+    ) -> Lanes:
         """Place at which a rise trips the comparator, (n,): where the waveform reaches the level.
 
         If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
         peak.
+
+        gain  (n,) of a matched filter
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)
-        level_w = ops.where(reaches, self.point.power_w(trip.level), 1.0)
+        level_w = ops.where(reaches, self.point.power_w(trip.level) / gain, 1.0)
         place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
@@ -222,24 +275,26 @@ class _Converter(Received):
         place: Lanes,
         in_valley: Mask,
         crossing_s: Lanes,
-    ) -> _Stop:
-        """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `_EMPTY`."""
+    ) -> Stop:
+        """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `EMPTY`."""
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
-        key = ops.where(taken, self.key(crossing_s, reading.amplitude), _EMPTY)
-        source, true_range = self._source(rise, place, in_valley)
-        return _Stop(
-            key=key, crossing_s=crossing_s, reported_s=reading.reported_s, amplitude=reading.amplitude,
-            width_s=reading.width_s, snr=self.snr(trip.signal), probability=trip.probability,
-            source=source, true_range_m=true_range,
+        key = keeping.key(self.sensor.tdc, crossing_s, reading.amplitude)
+        source, true_range = self._source(rise, place, in_valley, reading.place)
+        return Stop(
+            key=ops.where(taken, key, EMPTY), crossing_s=crossing_s, reported_s=reading.reported_s,
+            amplitude=reading.amplitude, width_s=reading.width_s, snr=self.snr(trip.signal),
+            probability=trip.probability, source=source, true_range_m=true_range,
         )  # fmt: skip
 
     def snr(self, signal: Lanes) -> Lanes:
         """Signal over the noise without an echo, (n,); (19) or (27)."""
         return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
 
-    def _source(self, rise: Rise, place: Lanes, in_valley: Mask) -> tuple[Lanes, Lanes]:
+    def _source(self, rise: Rise, place: Lanes, in_valley: Mask, measured: Lanes) -> tuple[Lanes, Lanes]:
         """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
+
+        measured  (n,) place that the sampler takes for the pulse's: even light has no other
 
         The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
         would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
@@ -260,7 +315,7 @@ class _Converter(Received):
         # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
         # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
         of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
-        range_m = wave.range_m(ops.where(of_air, ops.where(even, place, particle.mean), surface.mean))
+        range_m = wave.range_m(ops.where(of_air, ops.where(even, measured, particle.mean), surface.mean))
         number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
         # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
         return number, ops.maximum(range_m, 0.0)
@@ -294,8 +349,8 @@ class _Converter(Received):
         return number, wave.range_m(place)
 
     def with_alarms(
-        self, stops: tuple[_Stop, ...], sources: tuple[Interference, ...], number: Array, range_m: Lanes
-    ) -> tuple[_Stop, ...]:
+        self, stops: Stops, sources: tuple[Interference, ...], number: Array, range_m: Lanes
+    ) -> Stops:
         """Stops with the false alarms among them.
 
         number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
@@ -306,13 +361,13 @@ class _Converter(Received):
 
     def _merged(
         self,
-        stops: tuple[_Stop, ...],
+        stops: Stops,
         alarms: comparator.Alarms,
         number: Array,
         range_m: Lanes,
         *,
         others: bool,
-    ) -> tuple[_Stop, ...]:
+    ) -> Stops:
         """Stops with the alarms of one generator among them.
 
         others  whether some alarms may be of other lidars
@@ -329,36 +384,33 @@ class _Converter(Received):
                 status=kind + alarm_status(alarm.interfering),
             )  # fmt: skip
 
-        def active(now: tuple[_NextAlarm, tuple[_Stop, ...]]) -> Mask:
-            return (now[0].time_s < tdc.window_s) & (now[0].number <= tdc.stops)
+        def active(now: tuple[_NextAlarm, Stops]) -> Mask:
+            return (now[0].time_s < tdc.window_s) & (now[0].number <= keeping.most_alarms(tdc))
 
-        def step(now: tuple[_NextAlarm, tuple[_Stop, ...]]) -> tuple[_NextAlarm, tuple[_Stop, ...]]:
-            next_alarm, kept = now
+        def step(now: tuple[_NextAlarm, Stops]) -> tuple[_NextAlarm, Stops]:
+            next_alarm, stops = now
             width_s: Lanes = zero
             interfering = interferes(next_alarm.status) if others else None
             if self.sensor.measures_width:
                 width_s = comparator.alarm_width_s(self, next_alarm.amplitude, interfering=interfering)
-            stop = _Stop(
-                key=self.key(next_alarm.time_s, next_alarm.amplitude),
+            stop = Stop(
+                key=keeping.key(tdc, next_alarm.time_s, next_alarm.amplitude),
                 crossing_s=next_alarm.time_s, reported_s=next_alarm.time_s,
                 amplitude=next_alarm.amplitude, width_s=width_s, snr=zero, probability=zero,
                 source=number, true_range_m=range_m, status=next_alarm.status,
             )  # fmt: skip
-            kept = _inserted(kept, stop)
-            return following(next_alarm.number, next_alarm.elapsed), kept
+            return following(next_alarm.number, next_alarm.elapsed), keeping.with_new(tdc, stops, stop)
 
         return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]
 
-    def detection(
-        self, pulse_train: EchoTrain, found: _Found, stops: tuple[_Stop, ...], strongest: Array
-    ) -> Detection:
+    def detection(self, pulse_train: EchoTrain, found: _Found, stops: Stops, strongest: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         returns = []
         kept = ops.full(self.wave.origin_m, False)
         for stop in stops:
             assert stop.status is not None
-            used = stop.key > _EMPTY
+            used = stop.used
             of_air = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= self.surfaces))
             status = ops.where(of_air, int(Status.WEATHER), stop.status)
             kept = kept | (used & (status == int(Status.ECHO)))
@@ -400,36 +452,3 @@ class _Converter(Received):
             stops=tuple(returns),
             source=strongest,
         )
-
-
-def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
-    kept = []
-    # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
-    for old in stops:
-        better = new.key > old.key
-        kept.append(chosen(better, new, old))
-        new = chosen(better, old, new)
-    return tuple(kept)
-
-
-def _appended(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-    """As `_inserted`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
-    here, kept = new.key > _EMPTY, []
-    for old in stops:
-        used = old.key > _EMPTY
-        kept.append(chosen(here & ~used, new, old))
-        here = here & used
-    return tuple(kept)
-
-
-def _in_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
-    """The stops in order of their crossings; unused ones come last."""
-    ops = xp(stops[0].key)
-    keyed = [replace(one, key=ops.where(one.key > _EMPTY, -one.crossing_s, _EMPTY)) for one in stops]
-    # Insert them one by one into placeholders, whose key is below even that of an unused stop: all are pushed out.
-    empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))
-    ordered = (empty,) * len(stops)
-    for one in keyed:
-        ordered = _inserted(ordered, one)
-    return ordered

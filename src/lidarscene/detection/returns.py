@@ -18,6 +18,7 @@ from ..physics.optics import radiometry
 from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
+from .pulses import timing
 from .shots import Shots
 
 
@@ -179,15 +180,16 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     share = ops.where(found & (own.level < own.signal), shots.point.power_w(own.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
-    measured = comparator.amplitude(shots, own, lag_s=early)
+    measured = timing.amplitude(shots, own, lag_s=early)
     width_s = None
     if sensor.tdc.both_edges:
         width_s = comparator.width_s(shots, own, peak_power_w=power, early_s=early)
     return _Edge(
         found=found,
         crossing_s=crossing,
-        reported_s=comparator.reported_s(
-            shots, crossing, measured=measured, width_s=width_s, true_power_w=power
+        reported_s=timing.of_lone_pulse(
+            shots, own, arrival_s=arrival, crossing_s=crossing, measured=measured, power_w=power,
+            width_s=width_s,
         ),
         amplitude=measured,
         width_s=width_s,

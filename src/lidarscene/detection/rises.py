@@ -25,9 +25,6 @@ _SHORTEST = 0.1
 _BEYOND = 1.2
 """Steps are longer by this factor than the way to where the slope's tangent is zero, so that they pass the peak."""
 
-_BEFORE = 8.0
-"""Distance before the first possible peak at which the waveform counts as zero, in sigma_p."""
-
 _END = 1e29
 """Places beyond this are behind the last interval."""
 
@@ -106,7 +103,7 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
         rise = Rise(
             found=march.found,
             number=ops.uint32(number),
-            valley=ops.where(first, begin - _BEFORE, valley),
+            valley=ops.where(first, dark, valley),
             valley_w=lowest[0],
             peak=peak,
             top=top,
@@ -119,6 +116,7 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     # lanes that have no further peak.
     start = following(ops.full(wave.origin_m, -_END))
     begin = ops.where(start < _END, start, 0.0)
+    dark = wave.start(begin)
     nothing, number = ops.full(begin, 0.0), ops.full(begin, 0)
     first_march = _march(wave, following, begin, nothing + 1.0, nothing, start)
     search: tuple[_March, Lanes, S] = first_march, number, state

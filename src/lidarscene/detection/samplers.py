@@ -11,10 +11,10 @@ s_i sample i, g Gaussian pulse.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..maths import random
-from ..maths.arrays import Array, Lanes, Mask, S, xp
+from ..maths.arrays import Array, Lanes, Mask, S, chosen, xp
 from ..maths.random import Stage
 from ..physics.electronics import sampling, saturation, tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
@@ -22,11 +22,17 @@ from ..physics.optics import pulse as pulse_shape
 from ..sensor.model import Adc, MultiLevel
 from . import comparator
 from .comparator import Trip
+from .pulses import timing
 from .rises import STEP, Rise
 from .shots import Received
 
 _LONGEST = 200
 """Most steps of one sigma_p behind a peak: a pulse that is still above its level then counts as over."""
+
+
+_SLOW = 2.0 * SIGMAS_PER_FWHM
+"""Farther than this before its peak, in sigma_p, only slow light is over the threshold: a pulse would have to be 65,000
+thresholds high."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +42,11 @@ class Reading:
     reported_s  time that the converter reports
     amplitude   peak, in signal units
     width_s     time over the threshold; 0 from a TDC that times rising edges only
+    place       that of what was timed on the waveform
     """
 
     reported_s: Lanes
+    place: Lanes
     amplitude: Lanes
     width_s: Lanes
 
@@ -53,20 +61,19 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
     if isinstance(sampler, MultiLevel):
         return _by_levels(shots, sampler, rise, trip, place, wanted)
     if isinstance(sampler, Adc):
-        return _by_samples(shots, sampler, rise, place, wanted)
-    amplitude = comparator.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
+        return _by_samples(shots, sampler, rise, trip, place, wanted)
+    amplitude = timing.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     width = None
     if shots.sensor.tdc.both_edges:
         leaving = _trailing(shots, rise, trip, place, shots.threshold)
         end, _ = _end(shots, rise, trip, leaving, rise.peak, wanted)
         width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
-    reported_s = comparator.reported_s(
-        shots, shots.time_s(place), measured=amplitude, width_s=width,
-        true_power_w=shots.ops.where(wanted, rise.top[0], 1.0), draw=rise.number,
-    )  # fmt: skip
+    reported_s, timed = timing.of_rise(
+        shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted
+    )
     if width is None:
         width = shots.ops.full(place, 0.0)
-    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width)
+    return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=timed)
 
 
 def _by_levels(
@@ -76,17 +83,34 @@ def _by_levels(
 
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
     walk: the middle of both crossings is the peak of a symmetric pulse, whatever its height.
+
+    Where other light holds a level high before the pulse or behind it, that level says nothing of the pulse: the lowest
+    one that both edges pass takes its place. Without any, the pulse is read as the TDC alone reads it.
     """
     # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
     # first (T26a). So the levels cannot contradict each other.
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.laser.pulse_fwhm_s
-    lowest, *higher = (
-        _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted) for factor in sampler.levels
+    own_level, foot = shots.threshold + trip.base, _foot(shots, rise, trip, wanted)
+    first, *higher = (
+        _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted).between(own_level, foot)
+        for factor in sampler.levels
     )
-    highest, above = lowest, ops.full(wanted, False)
+    lowest, highest, above, raised = first, first, ops.full(wanted, False), ops.full(wanted, False)
     for one in higher:
-        highest, above = highest.or_if_reached(one), above | one.reached
+        later = one.reached & ~lowest.reached
+        raised = raised | (later & (one.level > own_level * (1.0 + 1e-6)))
+        lowest, highest = chosen(later, one, lowest), highest.or_if_reached(one)
+        above = above | (one.reached & ~later)
     # Only two levels are searched in the waveform: the lowest for the time, the highest reached for the amplitude.
+    crossed = place
+    place = ops.where(
+        raised,
+        crossing(
+            shots.wave.at, ops.where(raised, point.power_w(lowest.up), 1.0),
+            far=rise.valley, peak=rise.peak, top=rise.top, wanted=raised,
+        ),
+        place,
+    )  # fmt: skip
     start = crossing(
         shots.wave.at, ops.where(above, point.power_w(highest.up), 1.0),
         far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
@@ -103,6 +127,17 @@ def _by_levels(
     amplitude: Lanes = ops.where(
         highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
     )
+    if shots.wave.volume is not None:
+        # The air's light lasts longer than any pulse, and a width says too much of it. It did not reach the next level;
+        # above the highest one another is assumed, as far from it as that is from the one before.
+        levels = sampler.levels
+        following = (*levels[1:], levels[-1] * levels[-1] / levels[-2])
+        for factor, after in zip(levels, following, strict=True):
+            here = highest.level == factor * shots.threshold
+            amplitude = ops.where(here, ops.minimum(amplitude, after * shots.threshold), amplitude)
+    open_ = ~highest.reached & (foot >= own_level)
+    edge_alone = comparator.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
+    amplitude = ops.where(open_, edge_alone, amplitude)
     # The crossing precedes the middle of both crossings by half the width: that is the walk. ``tdc.walk`` = "none"
     # takes the walk of the leading edge at the true power instead, and "raw" takes none.
     walk: Lanes = -0.5 * width
@@ -116,10 +151,17 @@ def _by_levels(
         power = point.power_of_width_w(width * shots.sigma_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
         share = point.power_w(shots.threshold) / power
         walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
+    if shots.sensor.tdc.walk == "corrected":
+        of_edge = comparator.walk_s(
+            shots, measured=ops.where(open_, amplitude - trip.base, shots.threshold), width_s=None,
+            true_power_w=1.0,
+        )  # fmt: skip
+        walk = ops.where(open_, of_edge / shots.sigma_s, walk)
     return Reading(
         reported_s=comparator.converted(shots, shots.time_s(place - walk), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold),
         width_s=width * shots.sigma_s,
+        place=ops.where(open_, crossed, place - walk),
     )
 
 
@@ -151,6 +193,11 @@ class _Level:
         if point.saturation is not None:
             reached = reached & (level < point.saturation)
         return cls(level=level, up=up, down=down, reached=reached)
+
+    def between(self, least: Lanes, foot: Lanes) -> _Level:
+        """The level, reached only if it is at least this one and above the light behind the pulse."""
+        reached = self.reached & (self.level >= least * (1.0 - 1e-6)) & (self.level > foot)
+        return replace(self, reached=reached)
 
     def or_if_reached(self, other: _Level) -> _Level:
         """The other level where the pulse reaches it, else this one."""
@@ -199,6 +246,44 @@ def _end(
     return ops.where(below, end, rise.peak), near
 
 
+def _foot(shots: Received, rise: Rise, trip: Trip, wanted: Mask) -> Lanes:
+    """Lowest signal behind a peak before the light rises again by a threshold, (n,); 0 if it falls below it first."""
+    ops, threshold = shots.ops, shots.threshold
+    least = threshold + trip.base
+
+    def step(foot: _Foot) -> _Foot:
+        place = foot.place + STEP
+        signal = shots.point.signal(shots.wave.at(place)[0])
+        lowest = ops.minimum(foot.lowest, signal)
+        return _Foot(
+            place=place, lowest=lowest, steps=foot.steps + 1,
+            on=(signal >= least) & (signal < lowest + threshold),
+        )  # fmt: skip
+
+    start = _Foot(
+        place=rise.peak + ops.full(rise.peak, 0.0), lowest=trip.signal + ops.full(rise.peak, 0.0),
+        steps=ops.full(rise.number, 0), on=wanted & (trip.signal >= least),
+    )  # fmt: skip
+    lowest = ops.loop(start, lambda foot: foot.on & (foot.steps < _LONGEST), step).lowest
+    return ops.where(lowest >= least, lowest, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Foot:
+    """State of the walk behind a peak in search of the next rise; each field (n,).
+
+    place   where the walk is
+    lowest  lowest signal so far
+    steps   number of steps so far
+    on      whether the walk goes on
+    """
+
+    place: Lanes
+    lowest: Lanes
+    steps: Lanes
+    on: Mask
+
+
 def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
     """Place behind a peak at which the waveform falls to a level, (n,).
 
@@ -240,13 +325,14 @@ class _Fall:
     steps: Lanes
 
 
-def _by_samples(shots: Received, adc: Adc, rise: Rise, place: Lanes, wanted: Mask) -> Reading:
+def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, wanted: Mask) -> Reading:
     """Reading of an ADC: the centroid of its samples, or the place where a matched filter answers most.
 
     The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
     """
     ops = shots.ops
-    window = _Window.around(shots, adc, rise, place)
+    # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
+    window = _Window.around(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), trip.base)
     samples = window.read(wanted)
     sums = window.centroid(samples, wanted)
     any_over = sums.over > 0
@@ -258,8 +344,9 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, place: Lanes, wanted: Mas
             at, amplitude = window.matched(samples, at, wanted)
     return Reading(
         reported_s=comparator.converted(shots, shots.time_s(at), draw=rise.number),
-        amplitude=ops.maximum(amplitude, shots.threshold),
+        amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,
         width_s=sums.over / adc.rate_hz,
+        place=at,
     )
 
 
@@ -273,6 +360,7 @@ class _Window:
     crossing  place of the crossing
     start     place of the first sample
     spacing   distance between two samples
+    base      signal of the light on which the pulse stands: it is taken off the samples
     """
 
     shots: Received
@@ -281,9 +369,10 @@ class _Window:
     crossing: Lanes
     start: Lanes
     spacing: Lanes
+    base: Lanes
 
     @classmethod
-    def around(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes) -> _Window:
+    def around(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> _Window:
         """The window that begins one pulse width before a crossing, on the ticks of the ADC's clock."""
         spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
         # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
@@ -292,7 +381,7 @@ class _Window:
         late = shots.ops.floor(tick) + 1.0 - tick
         return cls(
             shots=shots, adc=adc, rise=rise, crossing=place, spacing=spacing,
-            start=place - SIGMAS_PER_FWHM + late * spacing,
+            start=place - SIGMAS_PER_FWHM + late * spacing, base=base,
         )  # fmt: skip
 
     def place(self, number: Lanes) -> Lanes:
@@ -322,7 +411,7 @@ class _Window:
                 step=adc.step,
                 full_scale=adc.full_scale,
             )
-            samples = ops.put(so_far.samples, number, sample)
+            samples = ops.put(so_far.samples, number, sample - self.base)
             return _Sampled(deviate=deviate, samples=samples, parts=comb.following(so_far.parts))
 
         nothing = ops.full(self.start, 0.0)

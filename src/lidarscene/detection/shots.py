@@ -64,8 +64,8 @@ class Received(Shots):
         return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
 
     def noise_at(self, signal: Lanes) -> Lanes:
-        """Standard deviation of the noise at a signal level, (n,); (T12) or (T20)."""
-        point = self.point
+        """Standard deviation of a sample's noise at a signal level, (n,); (T12) or (T20)."""
+        point = self.point.unfiltered or self.point
         return tdc.noise_at_level(
             level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
         )

@@ -47,7 +47,7 @@ class AirLight:
     """Backscatter of the air around a sensor, per unit of P_t eta A.
 
     shape             as in `light.echoes.Volume`
-    far_m             as in `light.echoes.Volume`
+    near_m, far_m     as in `light.echoes.Volume`
     hump_m            as in `light.echoes.Volume`
     extinction_per_m  as in `light.echoes.Volume`
     particles         particles that are drawn one by one: tables, and the name of their medium
@@ -56,6 +56,7 @@ class AirLight:
     """
 
     shape: Table
+    near_m: Lanes
     far_m: Lanes
     hump_m: tuple[Lanes, Lanes]
     extinction_per_m: Lanes
@@ -75,7 +76,7 @@ class AirLight:
         end_m  (n,) range at which the last of its light meets a surface
         """
         return Volume(
-            shape=self.shape, far_m=self.far_m, hump_m=self.hump_m,
+            shape=self.shape, near_m=self.near_m, far_m=self.far_m, hump_m=self.hump_m,
             scale=scale, end_m=end_m, extinction_per_m=self.extinction_per_m,
         )  # fmt: skip
 
@@ -145,8 +146,9 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     at_peak = grid[[int(np.argmax(shape.values))]]
     return AirLight(
         shape=shape,
+        near_m=float(grid[0]),
         far_m=far_m,
-        hump_m=hump_of(shape, far_m),
+        hump_m=hump_of(shape, far_m, float(grid[0])),
         extinction_per_m=extinction_per_m,
         particles=tuple((tables, name) for name, tables in drawn.items()),
         names=tuple(medium.name for medium in media),

@@ -85,7 +85,10 @@ class Echoes:
 class Volume:
     """Even light of the air: one course over range for all pulses, scaled for each pulse; theory (T36) and (T37).
 
-    shape             (samples,) V(R) from 0 to far_m in even steps, convolved with the pulse, in W at a scale of one
+    shape             (samples,) V(R) from near_m to far_m in even steps, convolved with the pulse, in W at a scale of
+                      one
+    near_m            range of the first sample: no light comes from before it. Below 0 where the first of the pulse
+                      comes back while its middle has not left yet
     far_m             range of the last sample: no light comes from behind it
     hump_m            (from, to): the course is not concave outside of it (`hump_of`)
     scale             (n,) P_t eta A of each pulse
@@ -99,9 +102,10 @@ class Volume:
     scale: Lanes
     end_m: Lanes
     extinction_per_m: Lanes
+    near_m: Lanes = 0.0
 
 
-def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
+def hump_of(shape: Table, far_m: float, near_m: float = 0.0) -> tuple[float, float]:
     """Range interval (from, to) [m] that holds all places where the course of a `Volume` is concave.
 
     Only there can the air's light have a peak, so only there does the search for peaks look (`detection.rises`).
@@ -111,9 +115,9 @@ def hump_of(shape: Table, far_m: float) -> tuple[float, float]:
     bend = np.diff(values, n=2)
     concave = np.flatnonzero(bend < -1e-7 * values.max())
     if len(concave) == 0:
-        return 0.0, 0.0
-    step = far_m / (len(values) - 1)
-    return float(concave[0] * step), float((concave[-1] + 2) * step)
+        return near_m, near_m
+    step = (far_m - near_m) / (len(values) - 1)
+    return near_m + float(concave[0] * step), near_m + float((concave[-1] + 2) * step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

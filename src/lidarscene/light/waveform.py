@@ -24,6 +24,9 @@ from .echoes import EchoTrain, Volume
 _FAR = 1e30
 """Place of an interval that a pulse does not have: beyond every window."""
 
+_BEFORE = 8.0
+"""Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
+
 _HALF_STEP = 0.5
 """Step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little over that."""
 
@@ -83,6 +86,19 @@ class Waveform:
     def range_m(self, place: Lanes) -> Lanes:
         """Range [m] of the light at a place, (n,)."""
         return self.origin_m + place * self.unit_m
+
+    def start(self, first: Lanes) -> Lanes:
+        """Place at which the waveform begins, (n,): there is no light before it.
+
+        first  (n,) start of the first of the `intervals`
+        """
+        ops = xp(first, self.origin_m)
+        begin = first - _BEFORE
+        if self.volume is None:
+            return begin
+        # The air's light may rise without a concave place over many metres before its first one.
+        near = (self.volume.near_m - self.origin_m) / self.unit_m
+        return ops.where(self.volume.scale > 0.0, ops.minimum(begin, near), begin)
 
     def intervals(self) -> list[tuple[Array, Array]]:
         """Intervals (start, end) of places, (n,) each, outside of which the waveform has no peak."""
@@ -192,8 +208,9 @@ def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[N
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
     """Power of the air's even light, (n,) W; it ends where the last of a pulse's light meets a surface (T37)."""
     ops = xp(range_m, air.scale)
+    along = (range_m - air.near_m) / (air.far_m - air.near_m)
     left = soft_target.share_before_surface(
         range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
     )
-    inside = (range_m > 0.0) & (range_m < air.far_m)
-    return ops.where(inside, air.scale * left * air.shape.at(range_m / air.far_m), 0.0)
+    inside = (along > 0.0) & (along < 1.0)
+    return ops.where(inside, air.scale * left * air.shape.at(along), 0.0)

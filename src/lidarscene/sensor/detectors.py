@@ -8,14 +8,14 @@ Signals are amperes at the amplifier's input (APD) or fired cells (SiPM).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes, xp
 from ..maths.special import binomial_tail
 from ..maths.units import Key, Quantity
 from ..physics.constants import ELEMENTARY_CHARGE_C
-from ..physics.electronics import apd, counting, mcintyre, saturation, sipm, sipm_response, tdc
+from ..physics.electronics import apd, counting, mcintyre, sampling, saturation, sipm, sipm_response, tdc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +35,7 @@ class WorkingPoint:
     noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
                       hold; None where it does
+    unfiltered        the same before a matched filter; None without one
     """
 
     noise: Lanes
@@ -51,6 +52,34 @@ class WorkingPoint:
     largest: Lanes | None = None
     noise_tail: Callable[[Lanes], Lanes] | None = None
     crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
+    unfiltered: WorkingPoint | None = None
+
+    def matched(self, noise_share: Lanes) -> WorkingPoint:
+        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T82).
+
+        noise_share  variance of white noise behind the filter over that before it
+        """
+        ratio = xp(noise_share).sqrt(noise_share)
+        tail, crossings_hz = self.noise_tail, self.crossings_hz
+
+        # Of as many deviations: the filter adds up more electrons, whose tail is nearer to a Gaussian's.
+        def same_multiple(threshold: Lanes) -> Lanes:
+            assert tail is not None
+            return tail(threshold / ratio)
+
+        def same_multiple_hz(threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
+            assert crossings_hz is not None
+            return crossings_hz(threshold / ratio, bandwidth_hz)
+
+        return replace(
+            self,
+            noise=self.noise * ratio,
+            kappa_1=self.kappa_1 * sampling.SHOT_SHARE * noise_share,
+            kappa_2=self.kappa_2 * sampling.SQUARE_SHARE * noise_share,
+            noise_tail=None if tail is None else same_multiple,
+            crossings_hz=None if crossings_hz is None else same_multiple_hz,
+            unfiltered=self,
+        )
 
     @property
     def exact(self) -> bool:

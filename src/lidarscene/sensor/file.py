@@ -71,11 +71,16 @@ class SipmFile(Table[Sipm]):
     type: Literal["sipm"]
 
 
+STOPS_OF = {"all": MOST_STOPS, "strongest_and_last": 2}
+"""Returns of the orders that have a number of their own."""
+
+
 class TdcFile(Table[Tdc]):
     """[tdc]: comparator and time-to-digital converter."""
 
-    keep: Literal["first", "last", "strongest", "all"] = Field(
-        default="first", description='which crossings, if there are more than stops; "all" is the first 16'
+    keep: Literal["first", "last", "strongest", "strongest_and_last", "all"] = Field(
+        default="first",
+        description="which returns, if there are more than stops; all is the first 16, strongest_and_last two",
     )
     edges: Literal["rising", "both"] | None = Field(
         default=None,
@@ -88,6 +93,8 @@ class TdcFile(Table[Tdc]):
             raise ValueError("one of threshold_to_noise and threshold_level must be given, got both or none")
         if self.keep == "all" and "stops" in self.model_fields_set:
             raise ValueError('stops: not together with keep = "all", which has 16')
+        if self.keep == "strongest_and_last" and self.stops != 2 and "stops" in self.model_fields_set:
+            raise ValueError(f'stops: must be 2 with keep = "strongest_and_last", got {self.stops}')
         if self.blanking_ns >= 1e3 * self.window_us:
             raise ValueError(
                 f"blanking_ns: must be < {1e3 * self.window_us:g}, the window, got {self.blanking_ns:g}"
@@ -96,7 +103,7 @@ class TdcFile(Table[Tdc]):
 
     def build(self, detector: Detector) -> Tdc:
         """In SI units; with ``edges`` left out, the detector says which are timed."""
-        stops, keep = (MOST_STOPS, "first") if self.keep == "all" else (self.stops, self.keep)
+        stops, keep = STOPS_OF.get(self.keep, self.stops), "first" if self.keep == "all" else self.keep
         both = detector.saturates if self.edges is None else self.edges == "both"
         return self.in_si(stops=stops, keep=keep, both_edges=both)
 
@@ -138,6 +145,18 @@ class SensorFile(FileModel):
         default=None, description="for comparison; not used by the simulation"
     )
     sources: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_way_of_timing(self) -> SensorFile:
+        timing = self.tdc.timing
+        if self.sampler is not None and timing != "leading_edge":
+            raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
+        if timing != "constant_fraction" and "fraction" in self.tdc.model_fields_set:
+            raise ValueError('tdc.fraction: only with timing = "constant_fraction"')
+        counted = isinstance(self.detector, SipmFile) and self.detector.counting == "binomial"
+        if timing == "matched_filter" and counted:
+            raise ValueError('detector.counting: must be "gaussian" behind a matched filter, got "binomial"')
+        return self
 
     @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:

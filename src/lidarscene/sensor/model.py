@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import Key, Quantity
-from ..physics.electronics import tdc
+from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
 from ..scan import Scanner
-from .detectors import Detector, WorkingPoint
+from .detectors import Detector, Sipm, WorkingPoint
 from .overlap import Overlap, Spot
 
 MOST_STOPS = 16
@@ -133,7 +133,7 @@ class Tdc:
     least_significant_bit_s   step of the reported time; 0: none
     jitter_s                  standard deviation of the converter's own jitter
     stops                     crossings reported per shot, in order of time
-    keep                      which ones: "first", "last" or "strongest"
+    keep                      which ones: "first", "last", "strongest" or "strongest_and_last"
     both_edges                whether the end of a pulse is timed too: its width is known
     walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
                               says it is (of a saturated pulse its width, if that is known), "none" takes off
@@ -150,6 +150,17 @@ class Tdc:
     jitter_s: Annotated[Lanes, Quantity("ps", ge=0)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
+    order: Annotated[
+        Literal["time", "strength"],
+        Key(about="of the returns: that of their crossings, or the strongest first"),
+    ] = "time"
+    timing: Annotated[
+        Literal["leading_edge", "constant_fraction", "peak", "matched_filter"],
+        Key(about="what is timed of a pulse; a matched filter also lowers the threshold, with the noise"),
+    ] = "leading_edge"
+    fraction: Annotated[
+        Lanes, Quantity(gt=0, lt=1, about="of its peak, at which constant_fraction times a pulse")
+    ] = 0.5
     blanking_s: Annotated[
         Lanes,
         Quantity(
@@ -258,18 +269,53 @@ class Sensor:
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))
 
     @property
+    def times_edge(self) -> bool:
+        """Whether the TDC alone times the edge on which a pulse trips the comparator."""
+        return self.sampler is None and self.tdc.timing == "leading_edge"
+
+    @property
+    def finds_peaks(self) -> bool:
+        """Whether it looks for peaks, and not only for edges of its comparator.
+
+        What ranks pulses by their strength, waits for the last, or samples them, knows more of the signal than when it
+        came over the threshold.
+        """
+        return not self.times_edge or self.tdc.keep != "first"
+
+    @property
+    def matches(self) -> bool:
+        """Whether pulses are found behind a matched filter."""
+        if isinstance(self.detector, Sipm) and self.detector.counting == "binomial":
+            return False  # behind a filter no whole cells are counted
+        by_samples = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
+        return by_samples or self.tdc.timing == "matched_filter"
+
+    @property
+    def noise_bandwidth_hz(self) -> Lanes:
+        """Of white noise: the amplifier's, or that of cells, which stay for a dead time."""
+        bandwidth = self.tdc.bandwidth_hz
+        if not isinstance(self.detector, Sipm):
+            return bandwidth
+        of_cells = 0.5 / self.detector.dead_time_s
+        return xp(bandwidth, of_cells).minimum(bandwidth, of_cells)
+
+    @property
     def measures_width(self) -> bool:
         """Whether it knows for how long a pulse was above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
     def working_point(self, background_power_w: Lanes) -> WorkingPoint:
-        """The detector under this background."""
-        return self.detector.working_point(
+        """The detector under this background; behind a matched filter, if pulses are found there."""
+        point = self.detector.working_point(
             background_power_w=background_power_w,
             photon_energy_j=self.laser.photon_energy_j,
             bandwidth_hz=self.tdc.bandwidth_hz,
             pulse_fwhm_s=self.laser.pulse_fwhm_s,
         )
+        if not self.matches:
+            return point
+        x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.laser.pulse_fwhm_s)
+        return point.matched(sampling.matched_noise_share(x=x))
 
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
         """How often a second noise trips the comparator: (T28), or the rate of its crossings."""

@@ -12,7 +12,7 @@ pulse_sums     sums of shifted Gaussian pulses, and their peaks
 saturation     an amplifier that clips: height, width, timing
 crosstalk      how strong pulses of other lidars are
 tdc            comparator and time-to-digital converter
-sampling       quantised samples of a pulse, and its time from them
+sampling       how well the time of a pulse is known, and samples of it
 intensity      intensity as makers report it
 range_limit    the range at which a target is lost
 """

@@ -25,6 +25,13 @@ _TOLERANCE = 1e-5
 
 _MOST_STEPS = 40
 
+_STEEPEST = 1e3
+"""Steeper slopes of a residual are not followed, per sigma_p.
+
+The logarithm of a pulse has at most its distance from the centre, 13 where single precision ends. But the slope of a
+tabulated course is a difference over a step: where the course begins it may be any multiple of the value, and Newton's
+step would be so short that the search seems to be over."""
+
 _REACH = 13.0
 """Farthest pulse that `evenly` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
 
@@ -201,7 +208,7 @@ def _root(
         low, high = ops.where(value < 0.0, at, state.low), ops.where(value < 0.0, state.high, at)
         newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
         # A step that leaves the bracket, or a slope without use, is replaced by bisection.
-        inside = (slope > 1e-30) & (newton >= low) & (newton <= high)
+        inside = (slope > 1e-30) & (slope < _STEEPEST) & (newton >= low) & (newton <= high)
         following = ops.where(inside, newton, 0.5 * (low + high))
         moved = ops.abs(following - at)
         return _Bracket(low=low, high=high, at=following, moved=moved, steps=state.steps + 1, shape=there)

@@ -77,9 +77,12 @@ def share_before_surface(
 
 
 def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Numbers:
-    """An even grid from 0, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
+    """An even grid, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
 
-    Linear interpolation is then good to 0.3 % of V, also on its rise.
+    Linear interpolation is then good to 0.3 % of V, also on its rise. The grid begins as far before 0 as a pulse
+    reaches: air at the lens sends light back while the pulse's middle has not left yet.
     """
-    steps = math.ceil(farthest_m / (pulse_length_m(fwhm_s=fwhm_s) / 16.0))
-    return np.linspace(0.0, farthest_m, steps + 1)
+    length_m = pulse_length_m(fwhm_s=fwhm_s)
+    nearest_m = -_REACH * length_m
+    steps = math.ceil((farthest_m - nearest_m) / (length_m / 16.0))
+    return np.linspace(nearest_m, farthest_m, steps + 1)

@@ -1,0 +1,144 @@
+"""Stops: the returns that a converter keeps of each pulse, out of all that it finds.
+
+A converter reports a few returns of a pulse: the first, the last, the strongest, or the strongest and the last. Returns
+come one after the other, so the best so far are held in a short list, into which each new one is inserted
+(docs/theory.md 23 and 29).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ...maths.arrays import Lanes, Mask, chosen, xp
+from ...sensor.model import MOST_STOPS, Tdc
+
+EMPTY = -1e30
+"""Key of an unused stop: below every other key."""
+
+Stops = tuple["Stop", ...]
+"""The returns kept so far, best first; of ``strongest_and_last`` the two strongest, then the last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """A stop of the converter and the return that it holds; each field (n,).
+
+    key           sort key: returns with larger keys are kept first; `EMPTY` if the stop is unused
+    crossing_s    time at which the comparator tripped
+    reported_s    time that the sampler reports
+    amplitude     peak that the sampler reports, in signal units
+    width_s       time over the threshold that the sampler reports
+    snr           peak signal of the rise over the noise without an echo
+    probability   P_d of the rise
+    source        number of the sub-echo that caused the crossing, -1 for the even light of the air
+    true_range_m  true range of the light that caused it
+    status        a `Status`; None while all stops hold echoes
+    """
+
+    key: Lanes
+    crossing_s: Lanes
+    reported_s: Lanes
+    amplitude: Lanes
+    width_s: Lanes
+    snr: Lanes
+    probability: Lanes
+    source: Lanes
+    true_range_m: Lanes
+    status: Lanes | None = None
+
+    @property
+    def used(self) -> Mask:
+        """Whether it holds a return, (n,) bool."""
+        return self.key > EMPTY
+
+
+def unused(like: Lanes) -> Stop:
+    """A stop without a return for each lane of an array."""
+    ops = xp(like)
+    nothing, number = ops.full(like, 0.0), ops.full(like, 0)
+    return Stop(
+        key=ops.full(like, EMPTY), crossing_s=nothing, reported_s=nothing, amplitude=nothing, width_s=nothing,
+        snr=nothing, probability=nothing, source=number, true_range_m=nothing,
+    )  # fmt: skip
+
+
+def room(tdc: Tdc, like: Lanes) -> Stops:
+    """The stops of a converter before it has found anything."""
+    return (unused(like),) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
+
+
+def key(tdc: Tdc, time_s: Lanes, amplitude: Lanes) -> Lanes:
+    """Sort key, (n,): returns with larger keys are kept first."""
+    by_time = {"first": -time_s, "last": time_s}
+    return by_time.get(tdc.keep, amplitude)
+
+
+def may_keep(tdc: Tdc, crossing_s: Lanes, stops: Stops) -> Mask:
+    """Whether a return at this time can be among the best, (n,) bool; others need not be measured.
+
+    Where the key is the amplitude, every return has to be measured first.
+    """
+    if tdc.keep in ("first", "last"):
+        return key(tdc, crossing_s, 0.0) > stops[-1].key
+    return True
+
+
+def with_new(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> Stops:
+    """The best returns of these stops and a new one.
+
+    later  whether the new one comes after all that are there
+    """
+    if tdc.keep == "strongest_and_last":
+        in_time = replace(new, key=xp(new.key).where(new.used, new.crossing_s, EMPTY))
+        return (*_inserted(stops[:2], new), *_inserted(stops[2:], in_time))
+    # Later ones have the smaller keys if the first are kept: they go into the first unused stop.
+    return _appended(stops, new) if later and tdc.keep == "first" else _inserted(stops, new)
+
+
+def most_alarms(tdc: Tdc) -> int:
+    """How many false alarms of a generator can be among the stops, at most."""
+    return MOST_STOPS if tdc.keep == "strongest_and_last" else tdc.stops
+
+
+def reported(tdc: Tdc, stops: Stops) -> Stops:
+    """The stops as the converter reports them: unused ones come last."""
+    if tdc.keep == "strongest_and_last":
+        strongest, second, last = stops
+        # If the strongest is the last too, the second strongest takes its place.
+        stops = (strongest, chosen(last.crossing_s > strongest.crossing_s, last, second))
+    if tdc.order == "strength":
+        return _sorted(stops, [stop.amplitude for stop in stops])
+    return stops if tdc.keep == "first" else _sorted(stops, [-stop.crossing_s for stop in stops])
+
+
+def _sorted(stops: Stops, keys: Sequence[Lanes]) -> Stops:
+    """The stops in falling order of other keys; unused ones come last."""
+    ops = xp(stops[0].key)
+    keyed = [replace(one, key=ops.where(one.used, new, EMPTY)) for one, new in zip(stops, keys, strict=True)]
+    # Insert them one by one into placeholders, whose key is below even that of an unused stop: all are pushed out.
+    empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * EMPTY))
+    ordered: Stops = (empty,) * len(stops)
+    for one in keyed:
+        ordered = _inserted(ordered, one)
+    return ordered
+
+
+def _inserted(stops: Stops, new: Stop) -> Stops:
+    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
+    kept = []
+    # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
+    for old in stops:
+        better = new.key > old.key
+        kept.append(chosen(better, new, old))
+        new = chosen(better, old, new)
+    return tuple(kept)
+
+
+def _appended(stops: Stops, new: Stop) -> Stops:
+    """As `_inserted`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
+    here, kept = new.used, []
+    for old in stops:
+        kept.append(chosen(here & ~old.used, new, old))
+        here = here & old.used
+    return tuple(kept)

@@ -1,0 +1,179 @@
+"""Timing: the time that the TDC reports of a pulse, by one of four rules.
+
+A comparator times the edge at its threshold. Receivers that know more of the signal time a fraction of the peak, the
+peak, or the peak behind a matched filter. All are closed forms of the pulse's own noise: nothing is sampled
+(docs/theory.md 8 and 29).
+
+Symbols: s peak signal, f fraction, z deviate of the edge, sigma_p standard deviation of the pulse and unit of places.
+"""
+
+from __future__ import annotations
+
+from ...maths import random
+from ...maths.arrays import Lanes, Mask, xp
+from ...maths.random import Stage
+from ...physics.electronics import sampling, tdc
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
+from ...physics.optics import pulse as pulse_shape
+from ...sensor.model import Sensor
+from .. import comparator
+from ..comparator import Trip
+from ..rises import Rise
+from ..shots import Received, Shots
+
+
+def curvature(rise: Rise) -> Lanes:
+    """-P'' / P at the peak of a rise, (n,): 1 of a lone pulse, less of broader ones, 0 of none."""
+    power, _, bend = rise.top
+    ops = xp(power)
+    return ops.where(rise.found, ops.maximum(-bend, 0.0) / ops.maximum(power, 1e-37), 1.0)
+
+
+def gains(sensor: Sensor, rise: Rise) -> tuple[Lanes, Lanes]:
+    """What the receiver's filter makes of the height of a rise, (n,), and of light that lasts, where it has one."""
+    if not sensor.matches:
+        return 1.0, 1.0
+    return sampling.matched_gain(curvature=curvature(rise)), sampling.LASTING_GAIN
+
+
+def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
+    """Measured peak, (n,), of which the noise is that of what was timed.
+
+    lag_s  (n,) time between the comparator's crossing and the peak
+    """
+    timing = shots.sensor.tdc.timing
+    if timing == "constant_fraction":
+        lag_s = _fraction_s(shots)
+    elif timing != "leading_edge":
+        # The peak itself is compared with the threshold: both share one deviate.
+        lag_s = 0.0 * trip.signal
+    return comparator.amplitude(shots, trip, lag_s=lag_s)
+
+
+def of_lone_pulse(
+    shots: Shots, trip: Trip, *, arrival_s: Lanes, crossing_s: Lanes, measured: Lanes, power_w: Lanes,
+    width_s: Lanes | None,
+) -> Lanes:  # fmt: skip
+    """Reported time of a single Gaussian echo, (n,) s.
+
+    arrival_s   (n,) time of its peak
+    crossing_s  (n,) time at which it trips the comparator
+    measured    (n,) measured amplitude, in signal units
+    power_w     (n,) optical peak power without noise
+    width_s     (n,) time over the threshold, or None: not measured
+    """
+    ops, timing = xp(arrival_s), shots.sensor.tdc.timing
+    if timing == "leading_edge":
+        return comparator.reported_s(
+            shots, crossing_s, measured=measured, width_s=width_s, true_power_w=power_w
+        )
+    if timing == "constant_fraction":
+        level = fraction_level(shots, trip, measured)
+        share = ops.where(level < trip.signal, shots.point.power_w(level) / power_w, 1.0)
+        early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=_fwhm_s(shots))
+        time_s = arrival_s + early - _fraction_walk_s(shots, measured, power_w, width_s)
+    else:
+        time_s = arrival_s + _peak_error_s(shots, trip, 1.0, draw=0)
+    return comparator.converted(shots, time_s)
+
+
+def of_rise(
+    shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None,
+    wanted: Mask,
+) -> tuple[Lanes, Lanes]:  # fmt: skip
+    """Reported time of a rise, (n,) s, and the place of what was timed.
+
+    place     (n,) place at which it trips the comparator
+    measured  (n,) measured amplitude, in signal units
+    width_s   (n,) time over the threshold, or None: not measured
+    wanted    (n,) bool, lanes to time; results of other lanes are undefined
+    """
+    ops, timing = shots.ops, shots.sensor.tdc.timing
+    own_w = ops.where(wanted, _own_power_w(shots, rise, trip), 1.0)
+    above = measured - trip.base
+    if timing == "leading_edge":
+        reported = comparator.reported_s(
+            shots, shots.time_s(place), measured=above, width_s=width_s, true_power_w=own_w, draw=rise.number
+        )
+        return reported, place
+    if timing == "constant_fraction":
+        level = fraction_level(shots, trip, measured)
+        reaches = wanted & (level < trip.signal) & (level > shots.point.signal(rise.valley_w))
+        place = crossing(
+            shots.wave.at, ops.where(reaches, shots.point.power_w(level), 1.0),
+            far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches,
+        )  # fmt: skip
+        place = ops.where(reaches, place, ops.where(level < trip.signal, rise.valley, rise.peak))
+        time_s = shots.time_s(place) - _fraction_walk_s(shots, above, own_w, width_s)
+    else:
+        place = rise.peak
+        time_s = shots.time_s(place) + _peak_error_s(shots, trip, curvature(rise), draw=rise.number)
+    return comparator.converted(shots, time_s, draw=rise.number), place
+
+
+def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
+    """Noiseless signal at which an edge reaches the fraction of its measured peak, (n,); (T25) with that as threshold."""
+    point = shots.point
+    return tdc.crossing_level(
+        threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base), deviate=trip.deviate,
+        noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
+    )  # fmt: skip
+
+
+def _fraction_s(shots: Shots) -> Lanes:
+    """Time from the fraction of a pulse's peak to the peak."""
+    return -pulse_shape.leading_edge_time_s(level=shots.sensor.tdc.fraction, fwhm_s=_fwhm_s(shots))
+
+
+def _fraction_walk_s(shots: Shots, measured: Lanes, true_power_w: Lanes, width_s: Lanes | None) -> Lanes:
+    """Time from a pulse's peak to the fraction on its edge, negative, that the sensor takes off (``tdc.walk``).
+
+    A detector that saturates lowers the peak and not the foot of a pulse, so the fraction of a strong one is early:
+    "raw" takes off what a weak pulse needs.
+    """
+    sensor, point = shots.sensor, shots.point
+    fraction, fwhm = sensor.tdc.fraction, _fwhm_s(shots)
+    if sensor.tdc.walk == "raw":
+        return -_fraction_s(shots)
+    if sensor.tdc.walk == "corrected":
+        power = point.inferred_power_w(
+            measured, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=fwhm
+        )
+        level = fraction * measured
+    else:
+        power, level = true_power_w, fraction * point.measured(point.signal(true_power_w))
+    return pulse_shape.leading_edge_time_s(level=point.power_w(level) / power, fwhm_s=fwhm)
+
+
+def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> Lanes:
+    """Error of a peak's time by noise, (n,) s."""
+    point, sensor = shots.point, shots.sensor
+    x = sampling.widths(bandwidth_hz=sensor.noise_bandwidth_hz, pulse_fwhm_s=_fwhm_s(shots))
+    sigma, slope = trip.sigma, sampling.slope_noise(x=x)
+    if sensor.matches:
+        # The slope of the pulse looks away from its peak, where most of the echo's own noise is.
+        sigma = tdc.noise_at_level(
+            level=trip.signal, noise=point.noise, kappa_1=2.0 / 3.0 * point.kappa_1, kappa_2=0.5 * point.kappa_2
+        )
+        slope = sampling.matched_slope_noise(x=x)
+        curved = sampling.matched_curvature(curvature=curved)
+    ops = xp(trip.signal)
+    height = ops.maximum(trip.signal - trip.base, 1e-30)
+    deviation = sampling.peak_deviation(
+        noise_share=sigma / height, slope_noise=slope, curvature=curved
+    ) * (_fwhm_s(shots) / SIGMAS_PER_FWHM)  # fmt: skip
+    # The derivative of stationary noise is independent of its value, and so of the peak's height.
+    _, deviate = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
+    return deviation * deviate
+
+
+def _own_power_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
+    """Peak power of a pulse above the light on which it stands, (n,)."""
+    if isinstance(trip.base, float):
+        return rise.top[0]
+    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.power_w(trip.base), 0.0)
+
+
+def _fwhm_s(shots: Shots) -> Lanes:
+    """Width of the pulse that is timed."""
+    return shots.sensor.laser.pulse_fwhm_s

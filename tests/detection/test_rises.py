@@ -1,0 +1,68 @@
+"""Rises of waveforms with light of the air: where the first one begins, against fine bins."""
+
+import numpy as np
+import pytest
+from helpers import trains
+from scipy.constants import c
+
+from lidarscene import load_sensor
+from lidarscene.light.waveform import sampled, waveform
+from lidarscene.maths import random as noise
+from lidarscene.physics.electronics import pulse_sums, tdc
+
+RAW = "tdc.walk='raw'"
+LENSES = {
+    "top hat": ("laser.peak_power_w=1000", "laser.pulse_fwhm_ns=2"),
+    "gaussian": (
+        "laser.beam_profile='gaussian'",
+        "laser.peak_power_w=150",
+        "optics.overlap.transmitter_offset_mm=[60, 0]",
+    ),
+    "coaxial": ("optics.overlap.transmitter_offset_mm=[0, 0]", "laser.peak_power_w=0.35"),
+}
+
+
+@pytest.mark.parametrize("lenses", LENSES)
+def test_fog_is_crossed_where_it_reaches_the_level(lenses):
+    """Fog seen by two lenses rises convexly over metres before its first concave place. Reference: bins of a
+    thousandth of a pulse, and the level that each pulse's own noise sets. Tolerance: straight lines between bins.
+    All ranges differ, since the noise does.
+    """
+    equipped = load_sensor("biaxial-905", overrides=[RAW, *LENSES[lenses]])
+    count = 60
+    light = trains.in_fog(equipped, 10.0 ** np.random.default_rng(4).uniform(-0.3, 0.3, count))
+    found = trains.detect(light, equipped).stops[0]
+    fwhm = equipped.laser.pulse_fwhm_s
+    time_s = np.arange(-4.0 * fwhm, 2.0 * 25.0 / c, 1e-3 * fwhm)
+    _, signal = sampled(light, equipped, time_s)
+    point = equipped.working_point(light.background_power_w)
+    words = noise.words(seed=0, stage=1, pulse=np.arange(count), draw=0)
+    level = tdc.crossing_level(
+        threshold=equipped.threshold(point), deviate=noise.normal_pair(words)[0], noise=point.noise,
+        kappa_1=point.kappa_1, kappa_2=point.kappa_2,
+    )  # fmt: skip
+    # A range before 0, of light that came back while the pulse was still leaving, is reported as 0.
+    judged = np.flatnonzero(found.reported & (found.range_m > 0.0))
+    assert len(judged) > count // 2
+    assert len(np.unique(found.range_m[judged])) == len(judged)
+    for pulse in judged:
+        edge = int(np.argmax(signal[pulse] >= level[pulse]))
+        crossed = np.interp(level[pulse], signal[pulse, edge - 1 : edge + 1], time_s[edge - 1 : edge + 1])
+        assert found.range_m[pulse] == pytest.approx(0.5 * c * crossed, abs=2e-4)
+
+
+def test_the_search_does_not_stop_where_the_air_begins():
+    """A course that is exactly zero up to 3 m and then rises: the slope, a difference over a step, is any multiple of
+    the value there, and a search that trusts it ends on the spot.
+    """
+    equipped = load_sensor("biaxial-905", overrides=list(LENSES["top hat"]))
+    wave = waveform(trains.in_fog(equipped, np.ones(1)), equipped)
+    fine = np.linspace(0.0, 8.0, 80_001) / wave.unit_m
+    watts = wave.at(fine)[0]
+    top = int(np.argmax(watts))
+    for share in (1e-6, 1e-3, 0.1, 0.9):
+        place = pulse_sums.crossing(
+            wave.at, np.array([share * watts[top]]), far=wave.start(fine[:1]), peak=fine[top : top + 1],
+            top=tuple(one[top : top + 1] for one in wave.at(fine)), wanted=np.array([True]),
+        )  # fmt: skip
+        assert place[0] == pytest.approx(fine[np.argmax(watts >= share * watts[top])], abs=fine[2])
