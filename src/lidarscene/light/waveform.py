@@ -80,6 +80,10 @@ class Waveform:
         )
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
+    def air_w(self, place: Lanes) -> Lanes:
+        """Power of the air's even light at a place, (n,) W; 0 without any."""
+        return 0.0 if self.volume is None else _volume_w(self.volume, self.range_m(place), self.fwhm_s)
+
     def range_m(self, place: Lanes) -> Lanes:
         """Range [m] of the light at a place, (n,)."""
         return self.origin_m + place * self.unit_m

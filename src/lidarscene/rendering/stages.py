@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from ..detection import multi_echo, returns
+from ..detection.photon_counting import receiver
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import columns
@@ -86,7 +87,8 @@ class Stages:
             return left_out(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
-        return left_out(pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        detect = multi_echo.detect if sensor.histogram is None else receiver.detect
+        return left_out(pulse, lit.paths, detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def pulse_train(self, now: Frame, pulse: Any, numbers: PulseNumbers, seed: Any) -> EchoTrain:
         """All that comes back of some pulses, on the device."""

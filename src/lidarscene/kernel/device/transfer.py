@@ -19,7 +19,7 @@ import numpy as np
 from ...maths.arrays import Table, is_drjit
 from .backend import is_cuda, mitsuba
 
-_KEPT_STATIC = frozenset({"stops", "count", "room"})
+_KEPT_STATIC = frozenset({"stops", "count", "room", "reach", "search", "coincidence"})
 """Fields that stay Python numbers: they decide how many outputs, how many steps or how much memory a kernel has."""
 
 _ALIGNMENT = 64
