@@ -46,6 +46,24 @@ class Peak:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    """How far the bins around an echo are drawn; each field (n,), rooms with a number for each bin.
+
+    number   of the next bin, from the first one
+    fired    firings of the bins so far that are blind in it
+    parts    of each sub-echo, the light in it (`light.waveform.Comb`)
+    firings  of each bin
+    counts   of each bin
+    """
+
+    number: Lanes
+    fired: Lanes
+    parts: tuple[Lanes, ...]
+    firings: Array
+    counts: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bins:
     """Histograms of some pulses, of which only the bins around echoes are drawn.
 
@@ -73,8 +91,7 @@ class Bins:
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        light = self._light(start, place, 2 * reach + 2)
-        counts = self._drawn(first, self._blind(start, first * bin_s, time_s), light)
+        counts = self._drawn(first, start, self._blind(start, first * bin_s, time_s), place)
         background = pixel.count_rate_hz * bin_s
         values = self._filtered(counts, background)
         least = reach - search - 1
@@ -91,16 +108,6 @@ class Bins:
         return Peak(
             value=best, time_s=(first + at + 0.5) * bin_s, photons=self._photons(counts, background, at)
         )
-
-    def _light(self, start: Lanes, middle: Lanes, count: int) -> list[Lanes]:
-        """Detections of one free SPAD in each bin by echoes and air, (n,) each."""
-        bin_s, sigma = self.pixel.histogram.bin_s, self.pixel.sigma_s
-        comb = self.wave.evenly(start, bin_s / sigma, middle)
-        place, parts, found = start, comb.parts, []
-        for _ in range(count):
-            found.append(comb.power_w(place, parts) * (self.pixel.per_watt * bin_s))
-            place, parts = place + bin_s / sigma, comb.following(parts)
-        return found
 
     def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> Lanes:
         """Share of the SPADs that are blind at the first bin: fired by the background, by nearer echoes and by the air.
@@ -128,50 +135,87 @@ class Bins:
             before = before + of_air * step * sigma * pixel.per_watt
         return 1.0 - free * ops.exp(-before)
 
-    def _drawn(self, first: Lanes, blind: Lanes, light: list[Lanes]) -> list[Lanes]:
-        """Counts of each bin, (n,); corrected for pile-up if the sensor does so.
+    def _drawn(self, first: Lanes, start: Lanes, blind: Lanes, middle: Lanes) -> list[Lanes]:
+        """Counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
-        first  number of the first bin, even
-        blind  share of the SPADs that are blind then
+        first   number of the first bin, even
+        start   its place
+        blind   share of the SPADs that are blind then
+        middle  place of the echo
         """
         pixel, ops = self.pixel, self.ops
-        spad, bin_s, trials = pixel.spad, pixel.histogram.bin_s, pixel.trials
-        alone, once = spad.coincidence == 1, spad.stamps == "first"
-        whole = trials if alone else 1.0
-        dead = 0.0 if once else spad.dead_time_s / bin_s
-        fired: list[Lanes] = []
-        counts: list[Lanes] = []
-        even: tuple[Array, Array] | None = None
-        for i, one in enumerate(light):
-            if i % 2 == 0:
-                pair = ops.int32(0.5 * first) + i // 2
-                even = random.words(seed=self.seed, stage=Stage.HISTOGRAM, pulse=self.pulse, draw=ops.uint32(pair))
-            assert even is not None
-            uniform = random.open_uniform(even[i % 2])
-            # Who was blind at the first bin gets free evenly over one dead time; who fired since, after one.
-            if once:
-                free = whole * (1.0 - blind) - sum(fired, 0.0)
-            else:
-                free = whole * (1.0 - blind * ops.maximum(1.0 - i / dead, 0.0))
-                for lag in range(1, i + 1):
-                    free = free - fired[i - lag] * ops.minimum(ops.maximum(dead - lag + 0.5, 0.0), 1.0)
-            free = ops.maximum(free, 0.0)
-            share = dead_time.firing_share(detections=one + pixel.rate_hz * bin_s)
-            if alone:
-                count = draws.binomial_count(trials=free, probability=share, uniform=uniform)
-                fired.append(count)
-                if pixel.corrected:
-                    of_free = count / ops.maximum(free, 1e-6 * whole)
-                    count = trials * dead_time.detections_of_share(share=of_free)
-            else:
-                # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
-                fired.append(free * share)
-                both = dead_time.coincidence_share(
-                    least=spad.coincidence, spads=spad.spads, share=free * share
-                )
-                count = draws.binomial_count(trials=trials, probability=both, uniform=uniform)
-            counts.append(count)
-        return counts
+        bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
+        comb = self.wave.evenly(start, bin_s / pixel.sigma_s, middle)
+        begin = _Drawn(
+            number=0.0 * start, fired=0.0 * start, parts=tuple(comb.parts),
+            firings=ops.room(start, count), counts=ops.room(start, count),
+        )  # fmt: skip
+
+        def step(now: _Drawn) -> _Drawn:
+            # A random number has two words, so two bins share one.
+            pair = ops.uint32(ops.int32(0.5 * (first + now.number)))
+            words = random.words(seed=self.seed, stage=Stage.HISTOGRAM, pulse=self.pulse, draw=pair)
+            for word in words:
+                place = start + now.number * (bin_s / pixel.sigma_s)
+                light = comb.power_w(place, now.parts) * (pixel.per_watt * bin_s)
+                free = self._free(now, blind)
+                firings, counts = self._bin(free, light, random.open_uniform(word))
+                index = ops.int32(now.number)
+                room = ops.put(now.firings, index, firings)
+                now = _Drawn(
+                    number=now.number + 1.0, fired=self._still_blind(now, room, firings),
+                    parts=comb.following(now.parts), firings=room, counts=ops.put(now.counts, index, counts),
+                )  # fmt: skip
+            return now
+
+        done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
+        return [ops.get(done.counts, ops.full(first, i)) for i in range(count)]
+
+    def _free(self, now: _Drawn, blind: Lanes) -> Lanes:
+        """How many trials meet a free SPAD in the next bin, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
+        # Who was blind at the first bin gets free evenly over one dead time; who fired since, after one.
+        left: Lanes = 1.0
+        if pixel.spad.stamps == "all":
+            left = ops.maximum(1.0 - now.number * (pixel.histogram.bin_s / pixel.spad.dead_time_s), 0.0)
+        return ops.maximum(whole * (1.0 - blind * left) - now.fired, 0.0)
+
+    def _still_blind(self, now: _Drawn, firings: Array, new: Lanes) -> Lanes:
+        """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        found = now.fired + new
+        if pixel.spad.stamps == "first":
+            return found
+        # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
+        age = now.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
+        late = ops.floor(age)
+        for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
+            there = (index >= 0.0) & (index <= now.number)
+            old = ops.get(firings, ops.int32(ops.where(there, index, 0.0)))
+            before = ops.where(index >= 0.0, share, 0.0)
+            found = found - ops.where(there, before * old, 0.0)
+        return found
+
+    def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
+        """Firings of one bin and what it counts, (n,) each.
+
+        free     trials that meet a free SPAD
+        light    detections of one free SPAD by echoes and air
+        uniform  in (0, 1]
+        """
+        pixel, ops = self.pixel, self.ops
+        spad = pixel.spad
+        share = dead_time.firing_share(detections=light + pixel.rate_hz * pixel.histogram.bin_s)
+        if spad.coincidence == 1:
+            count = draws.binomial_count(trials=free, probability=share, uniform=uniform)
+            if not pixel.corrected:
+                return count, count
+            of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
+            return count, pixel.trials * dead_time.detections_of_share(share=of_free)
+        # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
+        both = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
+        return free * share, draws.binomial_count(trials=pixel.trials, probability=both, uniform=uniform)
 
     def _filtered(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Values of the filter above the background at the searched bins and beside them, (n,) each; (T95)."""

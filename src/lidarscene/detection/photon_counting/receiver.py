@@ -20,6 +20,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.model import Sensor
+from ...sensor.photon_counting.model import Macropixel
 from .. import ambient, comparator, intensity
 from ..outcomes import Outcome, Status
 from ..returns import Detection, Returns, alarm_status
@@ -166,10 +167,7 @@ class _Receiver(Shots):
             place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early
         )
         tripped = there & (peak.value >= threshold)
-        time_s = peak.time_s
-        if sensor.histogram is not None and sensor.histogram.walk == "corrected":
-            seen = pixel.detections(pixel.power_w(_within(peak.photons, point.largest)))
-            time_s = time_s - pixel.sigma_s * pile_up.shift(detections=seen)
+        time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
@@ -190,6 +188,18 @@ class _Receiver(Shots):
             highest_w=ops.where(higher, power_w, found.highest_w),
             stops=_inserted(found.stops, stop),
         )
+
+    def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
+        """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
+
+        photons  (n,) of the return
+        largest  (n,) most photons that tell the light; None: any
+        """
+        if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
+            return 0.0
+        photons = photons if largest is None else xp(photons, largest).minimum(photons, largest)
+        own = pixel.sigma_s * pile_up.shift(detections=pixel.detections(pixel.power_w(photons)))
+        return own - pile_up.shadow_s(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s)
 
     def _key(self, time_s: Lanes, value: Lanes) -> Lanes:
         """Sort key, (n,): returns with larger keys are kept first."""
@@ -292,11 +302,6 @@ class _Receiver(Shots):
             stops=tuple(returns),
             source=number,
         )
-
-
-def _within(photons: Lanes, largest: Lanes | None) -> Lanes:
-    """Photons that the response can be inverted for."""
-    return photons if largest is None else xp(photons, largest).minimum(photons, largest)
 
 
 def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:

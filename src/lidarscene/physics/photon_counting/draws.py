@@ -11,11 +11,11 @@ import math
 from ...maths.arrays import Lanes, xp
 from ...maths.special import log1p
 
-_FEW = 5.0
+_FEW = 4.0
 """Below this mean the distribution is inverted term by term."""
 
-_TERMS = 17
-"""Terms that are inverted: P(count > 17) is 5e-6 at a mean of 5."""
+_TERMS = 14
+"""Terms that are inverted: P(count > 14) is 1e-5 at a mean of 4."""
 
 
 def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:

@@ -27,6 +27,18 @@ def shift(*, detections: Lanes) -> Lanes:
     return _table().at(ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / np.log1p(_MOST).item()))
 
 
+def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
+    """How much earlier the matched filter finds an echo because its shadow holds less background (T92b).
+
+    SPADs that the echo fired do not count the background after it. The background falls by the share that fired, as the
+    echo is that share: whatever its strength, the peak moves by lambda sigma^2 (1 + w^2), if the dead time is longer
+    than the pulse.
+
+    rate_hz  lambda of the background
+    """
+    return rate_hz * sigma_s * sigma_s * (1.0 + TEMPLATE**2)
+
+
 @lru_cache(maxsize=1)
 def _table() -> Table:
     """`shift` over log(1 + Lambda)."""
