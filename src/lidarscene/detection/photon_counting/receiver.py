@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ...light.echoes import EchoTrain, Interference
+from ...light.echoes import Echoes, EchoTrain, Interference, SubEchoes
 from ...light.waveform import Waveform, waveform
 from ...maths.arrays import Array, Lanes, Mask, Ops, chosen, xp
 from ...physics.electronics import tdc
@@ -21,7 +21,7 @@ from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.model import Sensor
 from ...sensor.photon_counting.model import Macropixel
-from .. import ambient, comparator, intensity
+from .. import ambient, comparator, intensity, returns
 from ..outcomes import Outcome, Status
 from ..returns import Detection, Returns, alarm_status
 from ..rises import Rise, visit_all
@@ -91,8 +91,8 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     receiver = _Receiver(
         sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse,
         train=light.train, folds_m=light.folds_m,
-        light=_broadened(light.train, sensor, sigma),
-        seen=_broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma),
+        light=waveform(*broadened(light.train, sensor, sigma)),
+        seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
     )  # fmt: skip
     found = receiver.search()
     number, range_m = receiver.strongest()
@@ -100,12 +100,27 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
 
 
-def _broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> Waveform:
-    """The light as a sum of Gaussians of this width, with the energy of the laser's pulses."""
+def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """What any sensor's receiver makes of pulses with one echo each, in clear air.
+
+    seed, pulse  as of `detect`
+    """
+    if sensor.histogram is None:
+        return returns.detect(echoes, sensor, seed=seed, pulse=pulse)
+    part = SubEchoes(range_m=echoes.range_m, peak_power_w=echoes.peak_power_w, count=1)
+    train = EchoTrain(
+        parts=(part,), surfaces=1, found=echoes.found, background_power_w=echoes.background_power_w,
+        interference=echoes.interference, white_w_m2=echoes.white_w_m2,
+    )  # fmt: skip
+    return detect(train, sensor, seed=seed, pulse=pulse)
+
+
+def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
+    """The light with echoes of this width and the energy of the laser's pulses, and a sensor with such a pulse."""
     ratio = sensor.laser.pulse_fwhm_s / (SIGMAS_PER_FWHM * sigma_s)
     parts = tuple(replace(part, peak_power_w=part.peak_power_w * ratio) for part in train.parts)
     laser = replace(sensor.laser, pulse_fwhm_s=SIGMAS_PER_FWHM * sigma_s)
-    return waveform(replace(train, parts=parts), replace(sensor, laser=laser))
+    return replace(train, parts=parts), replace(sensor, laser=laser)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -268,14 +283,14 @@ class _Receiver(Shots):
     def detection(self, found: _Found, stops: tuple[_Stop, ...], number: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops, sensor = self.ops, self.sensor
-        returns, kept = [], ops.full(self.light.origin_m, False)
+        reported, kept = [], ops.full(self.light.origin_m, False)
         for stop in stops:
             used = stop.key > _EMPTY
             kept = kept | (used & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
             amplitude = ops.maximum(stop.photons, 0.0)
             value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
-            returns.append(
+            reported.append(
                 Returns(
                     reported=used, status=stop.status, range_m=range_m, amplitude=amplitude, intensity=value,
                     snr=stop.snr, detection_probability=stop.probability, source=stop.source,
@@ -299,7 +314,7 @@ class _Receiver(Shots):
             detection_probability=ops.where(lit, probability, 0.0),
             outcome=outcome,
             ambient=ambient.counts(background, sensor, seed=self.seed, pulse=self.pulse),
-            stops=tuple(returns),
+            stops=tuple(reported),
             source=number,
         )
 

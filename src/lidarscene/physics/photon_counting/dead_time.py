@@ -69,27 +69,28 @@ def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
 def firing_shares(
     rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True
 ) -> Numbers:
-    """(n,) probability that a SPAD fires in each bin of a shot, exactly for a light that is even within a bin; NumPy.
+    """(..., n) probability that a SPAD fires in each bin of a shot, exactly for a light that is even within a bin; NumPy.
 
     The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
     a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90).
 
-    rate_hz      (n,) lambda in each bin
+    rate_hz      (..., n) lambda in each bin
     dead_time_s  inf: a SPAD fires once in a shot
     steady       whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
     """
     hazard = -np.expm1(-np.asarray(rate_hz, dtype=np.float64) * bin_s)
-    count = len(hazard)
+    count = hazard.shape[-1]
     dead = count if math.isinf(dead_time_s) else max(int(round(dead_time_s / bin_s)), 0)
-    fired = np.zeros(count + dead)
+    fired = np.zeros((*hazard.shape[:-1], count + dead))
     if steady and not math.isinf(dead_time_s):
         # In balance f = a h with a = 1 - d f.
-        fired[:dead] = hazard[0] / (1.0 + dead * hazard[0])
-    busy = float(fired[:dead].sum())
+        fired[..., :dead] = hazard[..., :1] / (1.0 + dead * hazard[..., :1])
+    busy = fired[..., :dead].sum(axis=-1)
     for i in range(count):
-        fired[dead + i] = (1.0 - busy) * hazard[i]
-        busy += fired[dead + i] - fired[i] if dead else 0.0
-    return fired[dead:]
+        fired[..., dead + i] = (1.0 - busy) * hazard[..., i]
+        if dead:
+            busy = busy + fired[..., dead + i] - fired[..., i]
+    return fired[..., dead:]
 
 
 def coates(counts: Numbers, *, trials: float, dead_bins: int | None = None) -> Numbers:
