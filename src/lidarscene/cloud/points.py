@@ -56,6 +56,7 @@ class PointCloud:
     range_m: Numbers
     intensity: Numbers
     pulse_width_s: Numbers
+    signal: Numbers
     snr: Numbers
     detection_probability: Numbers
     ambient: Numbers

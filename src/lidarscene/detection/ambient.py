@@ -21,9 +21,7 @@ def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Lanes, pulse: Arr
     seed                32-bit frame seed
     pulse               (n,) uint32 pulse numbers
     """
-    rate, narrowing = sensor.detector.background_counts(
-        background_power_w=background_power_w, photon_energy_j=sensor.laser.photon_energy_j
-    )
+    rate, narrowing = sensor.background_counts(background_power_w)
     words = random.words(seed=seed, stage=random.Stage.AMBIENT, pulse=pulse)
     return counting.poisson_count(
         mean=rate * sensor.tdc.ambient_s,

@@ -16,6 +16,7 @@ class Status(enum.IntEnum):
     FALSE_ALARM = 1
     INTERFERENCE = 2  # another lidar's pulse
     WEATHER = 3  # light from fog, rain or snow
+    ALIASED = 4  # an echo of the pulse before: from beyond the unambiguous range
 
 
 class Outcome(enum.IntEnum):

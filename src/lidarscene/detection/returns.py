@@ -48,6 +48,7 @@ class Returns:
     amplitude: Lanes
     intensity: Lanes
     width_s: Lanes | None = None
+    photons: Lanes | None = None
     snr: Lanes | None = None
     detection_probability: Lanes | None = None
     source: Lanes | None = None

@@ -13,11 +13,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..light.echoes import EchoTrain
-from ..light.waveform import sampled
+from ..light.waveform import sampled, sampled_power_w
 from ..maths.arrays import Numbers
 from ..physics.optics import radiometry
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
+from .photon_counting.folding import folded
+from .photon_counting.histograms import histograms
 
 MOST_PULSES = 10_000
 """Most pulses of one call: each has some ten thousand samples."""
@@ -37,10 +39,12 @@ class Waveforms:
     background_w  (n,) float32, constant optical power of the background
     signal        (n, times) float32, mean signal of the detector above that of the background
     threshold     (n,) float32, level of the comparator
-    unit          of signal and threshold: "A" (APD) or "cells" (SiPM)
+    unit          of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
     channel       (n,) uint16, as the sensor reports it
     azimuth_rad   (n,) float32, as the sensor reports it
     elevation_rad (n,) float32, as the sensor reports it
+    counts        (n, times) float32, of a receiver that sums shots: its histogram, with the noise of a frame; the times
+                  are the middles of its bins, and the signal is the mean count of each; None of any other
     """
 
     pulse: Numbers
@@ -54,6 +58,7 @@ class Waveforms:
     channel: Numbers
     azimuth_rad: Numbers
     elevation_rad: Numbers
+    counts: Numbers | None = None
 
 
 def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Numbers:
@@ -84,6 +89,7 @@ def sampled_pulses(
     times_s: Numbers | None,
     *,
     first_pulse: int,
+    seed: int = 0,
 ) -> Waveforms:
     """Waveforms of chosen pulses of a frame.
 
@@ -91,13 +97,24 @@ def sampled_pulses(
     chosen       (n,) rising pulse numbers within the frame, from `check_pulses`
     times_s      (times,) time since the middle of the pulse left; None: `window_times_s`
     first_pulse  pulse number of the frame's first pulse
+    seed         of the frame, for the counts of a histogram
+
+    Raises InputError for times with a sensor whose histogram has its own.
     """
+    if sensor.histogram is not None and times_s is not None:
+        raise InputError("times_s: must be left out for a histogram, whose bins are the times")
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
-    powers, signals, backgrounds = [], [], []
+    powers, signals, backgrounds, counts = [], [], [], []
     # Each run of consecutive pulses is traced in one call.
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
         pulse_train = train_of(int(together[0]), len(together))
-        power, signal = sampled(pulse_train, sensor, times)
+        if sensor.histogram is None:
+            power, signal = sampled(pulse_train, sensor, times)
+        else:
+            own = histograms(pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32))
+            times, signal = own.time_s, own.expected
+            counts.append(own.counts.astype(np.float32))
+            power = sampled_power_w(folded(pulse_train, sensor.histogram).train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
         backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))
@@ -105,6 +122,7 @@ def sampled_pulses(
     threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
     pulse = (chosen + first_pulse).astype(np.uint32)
     azimuth, elevation = sensor.scanner.angles(pulse)
+    unit = "A" if isinstance(sensor.detector, Apd) else "cells" if sensor.histogram is None else "photons"
     return Waveforms(
         pulse=pulse,
         time_s=times,
@@ -113,8 +131,9 @@ def sampled_pulses(
         background_w=background.astype(np.float32),
         signal=np.concatenate(signals),
         threshold=threshold.astype(np.float32),
-        unit="A" if isinstance(sensor.detector, Apd) else "cells",
+        unit=unit,
         channel=np.asarray(sensor.scanner.channel(pulse)).astype(np.uint16),
         azimuth_rad=np.asarray(azimuth, dtype=np.float32),
         elevation_rad=np.asarray(elevation, dtype=np.float32),
+        counts=np.concatenate(counts) if counts else None,
     )

@@ -22,7 +22,7 @@ from ..maths.pose import Pose
 Fields = dict[str, Any]
 """Arrays, names and metadata by attribute of a point cloud."""
 
-STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather")
+STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather", "aliased")
 STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
@@ -47,10 +47,11 @@ COLUMNS = (
     Column("y", "xyz_m", "float32", "m", "position, left"),
     Column("z", "xyz_m", "float32", "m", "position, up"),
     Column("range", "range_m", "float32", "m", "range that the sensor reports"),
-    Column("intensity", "intensity", "float32", "A or cells", "peak of the echo at the comparator"),
+    Column("intensity", "intensity", "float32", "A, cells or photons", "peak of the echo at the comparator"),
     Column(
         "pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"
     ),
+    Column("signal", "signal", "float32", "1", "photons counted of the return, 0 if they are not counted"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
     Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
@@ -59,7 +60,7 @@ COLUMNS = (
     Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
     Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
     Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather"),
+    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased"),
     Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
     Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
     Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),

@@ -83,6 +83,10 @@ class Waveform:
         )
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
+    def air_w(self, place: Lanes) -> Lanes:
+        """Power of the air's even light at a place, (n,) W; 0 without any."""
+        return 0.0 if self.volume is None else _volume_w(self.volume, self.range_m(place), self.fwhm_s)
+
     def range_m(self, place: Lanes) -> Lanes:
         """Range [m] of the light at a place, (n,)."""
         return self.origin_m + place * self.unit_m
@@ -182,6 +186,16 @@ def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[N
 
     times_s  (times,) time since the middle of the pulse left
     """
+    power = sampled_power_w(pulse_train, sensor, times_s)
+    point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
+    return power, np.asarray(point.signal(power))
+
+
+def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:
+    """Optical power over time, without the background: (n, times) W, NumPy.
+
+    times_s  (times,) time since the middle of the pulse left
+    """
     times = np.asarray(times_s, dtype=np.float64)
     power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
     for part in pulse_train.parts:
@@ -201,8 +215,7 @@ def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[N
         power += _volume_w(
             replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
         )
-    point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
-    return power, np.asarray(point.signal(power))
+    return power
 
 
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:

@@ -17,7 +17,7 @@ from .arrays import Array, Lanes, xp
 class Stage(enum.IntEnum):
     """Who draws: one key each, so that no two uses of one pulse ever share a number.
 
-    Numbers are never given out again: 7 and 10 are retired. A new stage takes the next one, 13.
+    Numbers are never given out again: 7 and 10 are retired. A new stage takes one that no other has ever had.
     """
 
     EDGE_NOISE = 1
@@ -30,6 +30,7 @@ class Stage(enum.IntEnum):
     AMBIENT = 9
     PARTICLES = 11
     GAPS = 12
+    HISTOGRAM = 16
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

@@ -23,7 +23,8 @@ from ..sensor.model import Sensor
 
 def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:
     """One array for each field of `detection.sampled_waveforms.Waveforms`, by its name."""
-    _save(path, {one.name: getattr(waveforms, one.name) for one in dataclasses.fields(waveforms)})
+    arrays = {one.name: getattr(waveforms, one.name) for one in dataclasses.fields(waveforms)}
+    _save(path, {name: array for name, array in arrays.items() if array is not None})
 
 
 class AmbientImage:

@@ -63,7 +63,7 @@ class Chunk:
             needed += needed_of(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.width_s, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            own = (stop.width_s, stop.photons, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
 
@@ -152,7 +152,7 @@ class Lit:
 
 def is_plain(sensor: Sensor) -> bool:
     """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
-    return sensor.sampler is None and sensor.tdc.keep == "first"
+    return sensor.sampler is None and sensor.histogram is None and sensor.tdc.keep == "first"
 
 
 def of_light(light: Echoes) -> list[Any]:

@@ -44,6 +44,8 @@ def metadata_of(scene: Scene, sensor: Sensor, now: Frame, asked: FrameOptions) -
 def _intensity_unit(sensor: Sensor) -> str:
     if sensor.intensity is not None:
         return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
+    if sensor.histogram is not None:
+        return "photons"
     return "A" if isinstance(sensor.detector, Apd) else "cells"
 
 

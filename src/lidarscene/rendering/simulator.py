@@ -283,7 +283,9 @@ class Simulator:
             pulse, numbers = transfer.counter(begin, count), numbered(begin, count)
             return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulse, numbers, seed_word)))
 
-        return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse)
+        return sampled_pulses(
+            train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed
+        )
 
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from ..detection import multi_echo, returns
+from ..detection.photon_counting import receiver
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import columns
@@ -89,9 +90,8 @@ class Stages:
             return without_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
-        return without_continuing(
-            pulse, lit.paths, multi_echo.detect(whole, sensor, seed=seed, pulse=pulse), goes_on
-        )
+        detect = multi_echo.detect if sensor.histogram is None else receiver.detect
+        return without_continuing(pulse, lit.paths, detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def pulse_train(self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""

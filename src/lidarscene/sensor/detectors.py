@@ -32,10 +32,13 @@ class WorkingPoint:
     recovery_s        with which a clipped pulse drains; None: at once
     knee              amplitude from which a pulse's width tells its power better than its height; None: none
     largest           amplitude above which the height tells no power at all; None: none
-    noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD; None for (9)
     crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
                       hold; None where it does
     unfiltered        the same before a matched filter; None without one
+    noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted
+                      photons; None for (9)
+    echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
+    level             threshold that follows the background by a law of its own; None: the converter sets it
     """
 
     noise: Lanes
@@ -80,6 +83,8 @@ class WorkingPoint:
             crossings_hz=None if crossings_hz is None else same_multiple_hz,
             unfiltered=self,
         )
+    echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
+    level: Lanes | None = None
 
     @property
     def exact(self) -> bool:
@@ -145,6 +150,8 @@ class WorkingPoint:
 
     def detection_probability(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
+        if self.echo_tail is not None:
+            return self.echo_tail(threshold, signal)
         if self.cells is not None and self.busy is not None:
             return self._tail(threshold, self.cells, self.busy, (self.busy + signal) / self.cells)
         found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)

@@ -16,12 +16,14 @@ from ..maths.pose import Pose
 from ..maths.units import si
 from ..physics.optics import beam
 from ..scan import Scanner
-from .detectors import Apd, Detector, Sipm
-from .model import MOST_STOPS, Laser, Optics, Sensor, Tdc
+from .detectors import Apd, Sipm
+from .model import MOST_STOPS, Detector, Laser, Optics, Sensor, Tdc
 from .optics import OpticsFile
+from .photon_counting.file import HistogramFile, SpadFile
+from .photon_counting.model import Histogram, Spad
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile
 from .scanner_tables import Surroundings
-from .scanners import AnyScannerFile, TableFile
+from .scanners import AnyScannerFile, SpinningFile, TableFile
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -131,8 +133,9 @@ class SensorFile(FileModel):
     laser: LaserFile
     optics: OpticsFile
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
-    detector: Annotated[ApdFile | SipmFile, Field(discriminator="type")]
-    tdc: TdcFile
+    detector: Annotated[ApdFile | SipmFile | SpadFile, Field(discriminator="type")]
+    tdc: TdcFile | None = Field(default=None, description="of an APD or a SiPM")
+    histogram: HistogramFile | None = Field(default=None, description="of SPADs, in place of tdc")
     sampler: AnySamplerFile | None = Field(
         default=None,
         description="what measures the pulses that trip the comparator; the TDC alone if left out",
@@ -148,6 +151,8 @@ class SensorFile(FileModel):
 
     @model_validator(mode="after")
     def _one_way_of_timing(self) -> SensorFile:
+        if self.tdc is None:
+            return self
         timing = self.tdc.timing
         if self.sampler is not None and timing != "leading_edge":
             raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
@@ -159,9 +164,20 @@ class SensorFile(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _one_receiver(self) -> SensorFile:
+        counts = isinstance(self.detector, SpadFile)
+        for key, wanted in (("tdc", not counts), ("histogram", counts)):
+            if (getattr(self, key) is not None) != wanted:
+                verb = "must be given" if wanted else "must be left out"
+                raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
+        if counts and self.sampler is not None:
+            raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
+        return self
+
+    @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:
         period_us = self.scanner.shot_period_us(1e3 / self.laser.repetition_rate_khz)
-        if self.tdc.window_us > period_us * (1.0 + 1e-9):
+        if self.tdc is not None and self.tdc.window_us > period_us * (1.0 + 1e-9):
             raise ValueError(
                 f"tdc.window_us: must be <= {period_us:g}, the pulse period, got {self.tdc.window_us:g}"
             )
@@ -170,7 +186,7 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """The sensor in SI units; the files that it names lie in ``folder``."""
         detector: Detector = self.detector.in_si()
-        laser, optics = self.laser.in_si(), self.optics.build(folder)
+        laser, optics = self.laser.in_si(repetition_rate_hz=self._rate_hz), self.optics.build(folder)
         if self.optics.overlap is not None:
             overlap = self.optics.overlap.build(
                 optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")
@@ -183,16 +199,42 @@ class SensorFile(FileModel):
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
-            tdc=self.tdc.build(detector),
+            tdc=self._converter(detector),
+            histogram=self._histogram(detector),
             sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
         )
 
+    @property
+    def _rate_hz(self) -> float:
+        """Points per second. A histogram's shots follow from the scanner's mode, and so does the rate of its points."""
+        if self.histogram is not None and isinstance(self.scanner, SpinningFile):
+            return len(self.scanner.elevation_deg) / self.scanner.cycle_s
+        return si(float(self.laser.repetition_rate_khz), "khz")
+
+    @property
+    def _dwell_us(self) -> float:
+        """Time of one point."""
+        return self.scanner.shot_period_us(1e6 / self._rate_hz)
+
+    def _converter(self, detector: Detector) -> Tdc:
+        if self.histogram is not None:
+            return self.histogram.converter(self._dwell_us)
+        assert self.tdc is not None
+        return self.tdc.build(detector)
+
+    def _histogram(self, detector: Detector) -> Histogram | None:
+        if self.histogram is None:
+            return None
+        assert isinstance(detector, Spad)
+        fwhm_ns = float(self.laser.pulse_fwhm_ns)
+        return self.histogram.build(detector, pulse_fwhm_ns=fwhm_ns, dwell_us=self._dwell_us)
+
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:
         around = Surroundings(
-            rate_hz=si(self.laser.repetition_rate_khz, "khz"),
+            rate_hz=self._rate_hz,
             lens_radius_m=float(optics.aperture_radius_m),
             focal_length_m=float(optics.focal_length_m),
             folder=folder,

@@ -15,10 +15,13 @@ from ..maths.units import Key, Quantity
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
 from ..scan import Scanner
-from .detectors import Detector, Sipm, WorkingPoint
+from .detectors import Apd, Sipm, WorkingPoint
 from .overlap import Overlap, Spot
+from .photon_counting.model import Histogram, Macropixel, Spad, working_point
 
 MOST_STOPS = 16
+
+Detector = Apd | Sipm | Spad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,6 +252,7 @@ class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
     sampler  what measures the pulses that trip the comparator; None: the TDC alone
+    histogram  of a `Spad`, over which shots are summed; None with any other detector
     intensity  as the maker reports it, or None: the amplitude
     """
 
@@ -259,6 +263,7 @@ class Sensor:
     detector: Detector
     tdc: Tdc
     sampler: MultiLevel | Adc | None = None
+    histogram: Histogram | None = None
     mounting: Pose = field(default_factory=Pose)
     intensity: Intensity | None = None
     description: str = ""
@@ -304,8 +309,14 @@ class Sensor:
         """Whether it knows for how long a pulse was above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
-    def working_point(self, background_power_w: Lanes) -> WorkingPoint:
-        """The detector under this background; behind a matched filter, if pulses are found there."""
+    def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
+        """The detector under this background; behind a matched filter, if pulses are found there.
+
+        range_m  of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none has
+        """
+        if isinstance(self.detector, Spad):
+            pixel = self.pixel(background_power_w, range_m=range_m)
+            return working_point(pixel, ambient_s=self.tdc.ambient_s)
         point = self.detector.working_point(
             background_power_w=background_power_w,
             photon_energy_j=self.laser.photon_energy_j,
@@ -326,11 +337,33 @@ class Sensor:
             p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz
         )
 
+    def pixel(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> Macropixel:
+        """The SPADs under this background, as `working_point`."""
+        assert isinstance(self.detector, Spad)
+        assert self.histogram is not None
+        armed: Lanes = 0.0
+        if range_m is not None:
+            armed = radiometry.time_of_flight_s(range_m=range_m) - self.tdc.blanking_s
+        return Macropixel.under(
+            background_power_w, self.detector, self.histogram,
+            photon_energy_j=self.laser.photon_energy_j, pulse_fwhm_s=self.laser.pulse_fwhm_s, armed_s=armed,
+        )  # fmt: skip
+
+    def background_counts(self, background_power_w: Lanes) -> tuple[Lanes, Lanes]:
+        """Counts a second of light and dark, and the narrowing of their noise by dead times."""
+        if isinstance(self.detector, Spad):
+            return self.pixel(background_power_w).background_counts(self.tdc.ambient_s)
+        return self.detector.background_counts(
+            background_power_w=background_power_w, photon_energy_j=self.laser.photon_energy_j
+        )
+
     def threshold(self, point: WorkingPoint) -> Lanes:
-        """Comparator level U: TNR sigma_0 or the fixed level, never below what the detector can resolve."""
+        """Level U: TNR sigma_0, the fixed level or the detector's own law; never below what the detector resolves."""
         if self.tdc.threshold_level is not None:
             level: Lanes = self.tdc.threshold_level
-        else:
-            assert self.tdc.threshold_to_noise is not None
+        elif self.tdc.threshold_to_noise is not None:
             level = self.tdc.threshold_to_noise * point.noise
+        else:
+            assert point.level is not None
+            level = point.level
         return xp(level, point.least_threshold).maximum(level, point.least_threshold)

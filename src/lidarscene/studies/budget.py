@@ -70,7 +70,8 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     # Which beam looks into the sun is not in the columns.
     lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
     light = light or lambertian
-    point = sensor.working_point(np.broadcast_to(light.background_power_w, len(cloud)))
+    background = np.broadcast_to(light.background_power_w, len(cloud))
+    point = sensor.working_point(background, range_m=np.asarray(hits.range_m))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
     noise = np.broadcast_to(point.noise, len(cloud))
     met = np.asarray(hits.found)

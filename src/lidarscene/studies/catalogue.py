@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..detection.returns import detect
+from ..detection.photon_counting.receiver import detect_alone
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor
@@ -65,10 +65,10 @@ def points_per_second(sensor: Sensor) -> float:
 
 
 def precision_m(sensor: Sensor, target: Target, range_m: float) -> float | None:
-    """Standard deviation of one shot's reported range, by `returns.detect`; None if hardly any echo is found."""
+    """Standard deviation of one shot's reported range, by `detect_alone`; None if hardly any echo is found."""
     light = echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
     numbers = np.arange(SHOTS, dtype=np.uint32)
-    seen = detect(light, sensor, seed=_SEED, pulse=numbers).stops[0]
+    seen = detect_alone(light, sensor, seed=_SEED, pulse=numbers).stops[0]
     echo = seen.reported & (seen.status == int(Status.ECHO))
     ranges = np.asarray(seen.range_m)[np.asarray(echo)]
     return float(np.std(ranges)) if ranges.size > SHOTS // 100 else None

@@ -11,8 +11,8 @@ from typing import Any
 from ..errors import InputError
 from ..scene.model import Scene, Sun
 from ..sensor.catalogue import load_sensor
-from ..sensor.detectors import Apd, Detector
-from ..sensor.model import Sensor
+from ..sensor.detectors import Apd
+from ..sensor.model import Detector, Sensor
 
 DETECTOR = "detector"
 """Key of the choice; all other keys that begin with it are of the sensor file."""
@@ -50,6 +50,8 @@ class Equipment:
         self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
         self.sensor = load_sensor(sensor, overrides=overrides)
         own, other = ("APD", "SiPM") if isinstance(self.sensor.detector, Apd) else ("SiPM", "APD")
+        if self.sensor.histogram is not None:
+            own = "SPAD histogram"
         self.detectors = {f"{own}, its own": "", f"{other} of Table 1": f"table1-{other.lower()}"}
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
@@ -95,7 +97,9 @@ class Equipment:
             threshold_level=other.tdc.threshold_level,
             both_edges=other.tdc.both_edges,
         )
-        return dataclasses.replace(own, detector=other.detector, tdc=tdc)
+        if own.histogram is not None:
+            tdc = dataclasses.replace(tdc, bandwidth_hz=other.tdc.bandwidth_hz)
+        return dataclasses.replace(own, detector=other.detector, tdc=tdc, histogram=None)
 
     def _controls(self, chosen: str) -> list[Control]:
         sensor = self._sensor(chosen, [])
@@ -116,6 +120,12 @@ class Equipment:
             found.append(
                 _around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0)
             )
+        elif sensor.histogram is not None:
+            slope = float(sensor.histogram.threshold_slope)
+            found.append(
+                Control(key="histogram.threshold_slope", label="threshold / sqrt(background)", unit="", low=0.0,
+                        high=max(3.0 * slope, 1.0), value=slope)
+            )  # fmt: skip
         else:
             found.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
         return found

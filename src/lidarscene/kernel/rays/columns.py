@@ -32,6 +32,7 @@ ABSENT: dict[str, Any] = {
     "interactions": np.uint8(0),
     "ghost": np.uint8(0),
     "pulse_width_s": np.float32(0.0),
+    "signal": np.float32(0.0),
 }
 """Columns that only some worlds or sensors have, with their value in all others."""
 
@@ -235,6 +236,8 @@ def columns(
         given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
     if sensor.measures_width:
         given["pulse_width_s"] = of_stop("width_s")
+    if sensor.histogram is not None:
+        given["signal"] = of_stop("photons")
     return given | {
         "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,

@@ -88,7 +88,8 @@ class PulseTrain:
 
 def stationary_train(sensor: Sensor) -> PulseTrain:
     """Every pulse enters the eye: the beam does not move."""
-    return PulseTrain(time_s=np.zeros(1), period_s=1.0 / float(sensor.laser.repetition_rate_hz))
+    rate_hz = float(sensor.laser.repetition_rate_hz) * len(_shots_s(sensor))
+    return PulseTrain(time_s=np.zeros(1), period_s=1.0 / rate_hz)
 
 
 def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
@@ -97,7 +98,7 @@ def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
         raise ValueError(
             f"pulses_in_aperture must be 1 to {sensor.scanner.pulses} pulses of a frame, got {pulses_in_aperture}"
         )
-    times = firing_time_s(sensor, np.arange(pulses_in_aperture, dtype=np.uint32))
+    times = _with_shots(sensor, firing_time_s(sensor, np.arange(pulses_in_aperture, dtype=np.uint32)))
     return PulseTrain(time_s=times, period_s=_frame_s(sensor))
 
 
@@ -119,8 +120,22 @@ def scanned_train(
     for centre in (np.array([1.0, 0.0, 0.0]), *direction[:, places].T):
         inside = np.flatnonzero(centre @ direction >= reach)
         best = inside if len(inside) > len(best) else best
-    times = np.sort(firing_time_s(sensor, pulse[best]))
+    times = _with_shots(sensor, firing_time_s(sensor, pulse[best]))
     return PulseTrain(time_s=times - times[0], period_s=_frame_s(sensor))
+
+
+def _shots_s(sensor: Sensor) -> Numbers:
+    """(shots,) times of the laser's shots of one point, after its first; one without a histogram."""
+    if sensor.histogram is None:
+        return np.zeros(1)
+    count = int(sensor.histogram.shots)
+    period = sensor.histogram.period_s
+    return np.arange(count) * (1.0 / (float(sensor.laser.repetition_rate_hz) * count) if period is None else float(period))
+
+
+def _with_shots(sensor: Sensor, times_s: Numbers) -> Numbers:
+    """All shots of the points that are fired at these times, rising."""
+    return np.sort((times_s[:, None] + _shots_s(sensor)).ravel())
 
 
 def _frame_s(sensor: Sensor) -> float:

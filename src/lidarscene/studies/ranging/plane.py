@@ -22,14 +22,14 @@ from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import sunlight
-from ...sensor.detectors import Apd, WorkingPoint
+from ...sensor.detectors import Apd, Sipm, WorkingPoint
 from ...sensor.model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
 _BLINDING_W = 1e20  # more light than any detector resolves
 _NOTHING = 1e-100  # below this the products of the closed forms underflow
-_PARTS = ("laser", "optics", "detector", "tdc")
+_PARTS = ("laser", "optics", "detector", "tdc", "histogram")
 
 
 class RangeStatus(enum.IntEnum):
@@ -60,7 +60,7 @@ class Target:
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
     """Common shape of all arrays in a sensor and a target; () if there are none."""
-    parts = [getattr(sensor, part) for part in _PARTS] + [target]
+    parts = [getattr(sensor, part) for part in _PARTS if getattr(sensor, part) is not None] + [target]
     values = [getattr(part, field.name) for part in parts for field in dataclasses.fields(part)]
     return np.broadcast_shapes(*(value.shape for value in values if isinstance(value, np.ndarray)))
 
@@ -72,6 +72,8 @@ def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
         parts = [getattr(sensor, part) for sensor in sensors]
         if len({type(one) for one in parts}) > 1:
             return None
+        if parts[0] is None:
+            continue
         fields = {}
         for field in dataclasses.fields(parts[0]):
             values = [getattr(one, field.name) for one in parts]
@@ -123,7 +125,7 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
 
 def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Numbers]:
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
-    point = sensor.working_point(light.background_power_w)
+    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     every = np.ones_like(light.range_m)
     signal, level = point.signal(light.peak_power_w) * every, sensor.threshold(point) * every
     return point, np.asarray(signal), np.asarray(level)
@@ -244,6 +246,8 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         efficiency_laser=optics.efficiency_laser,
         efficiency_sun=optics.efficiency_sun,
     )
+    if not isinstance(detector, Apd | Sipm):
+        raise ValueError(f"sensor '{sensor.name}' counts photons: the closed forms are of an APD or a SiPM")
     if isinstance(detector, Apd):
         bound = range_limit.maximum_range_apd_m(
             wall, receiver, quantum_efficiency=detector.quantum_efficiency, excess_noise=detector.excess_noise,

@@ -29,7 +29,8 @@ from . import derivatives, gain, plane
 from .plane import RangeStatus, Target
 
 _RANGE = "range_m"
-_PARTS = ("laser", "optics", "detector", "tdc")
+_CODE = ("stops", "reach", "search", "coincidence")
+_PARTS = ("laser", "optics", "detector", "tdc", "histogram")
 _UNITS = {
     "m": "m", "w": "W", "s": "s", "hz": "Hz", "m2": "m2", "rad": "rad", "a": "A", "ohm": "ohm", "k": "K",
     "klux": "klux",
@@ -76,13 +77,15 @@ class Table:
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     """Every continuous number of laser, optics, detector, TDC and target, by dotted name, in SI units.
 
-    Counts that choose code (``tdc.stops``) are left out; the number of cells counts as continuous.
+    Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as continuous.
     """
     found = {}
     for prefix, part in [(name, getattr(sensor, name)) for name in _PARTS] + [("target", target)]:
+        if part is None:
+            continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
-            if isinstance(value, (int, float)) and not isinstance(value, bool) and field.name != "stops":
+            if isinstance(value, (int, float)) and not isinstance(value, bool) and field.name not in _CODE:
                 found[f"{prefix}.{field.name}"] = float(value)
     return found
 
@@ -101,7 +104,7 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes])
 def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tuple[Lanes, Lanes]:
     """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers."""
     light = _light(sensor, target, range_m)
-    point = sensor.working_point(light.background_power_w)
+    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal, level = point.signal(light.peak_power_w), sensor.threshold(point)
     sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     ops = xp(signal, level)

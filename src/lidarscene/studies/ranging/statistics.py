@@ -1,7 +1,7 @@
 """Detection statistics of a sensor on a target: detection curves, detection against false alarms, simulated shots.
 
 The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too.
-Shots are simulated by `detection.returns.detect`, on numpy with made-up echoes. No tracing, no LLVM.
+Shots are simulated by `detection.photon_counting.receiver.detect_alone`, on numpy with made-up echoes. No tracing, no LLVM.
 
 Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
 """
@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...detection.outcomes import Outcome, Status
-from ...detection.returns import detect
+from ...detection.photon_counting.receiver import detect_alone
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
@@ -95,7 +95,7 @@ def operating_curve(
     varied = dataclasses.replace(sensor.tdc, threshold_to_noise=ratios, threshold_level=None)
     tuned = dataclasses.replace(sensor, tdc=varied)
     light = plane.echoes_of_plane(sensor, target, range_m)
-    point = tuned.working_point(light.background_power_w)
+    point = tuned.working_point(light.background_power_w, range_m=light.range_m)
     threshold = tuned.threshold(point) + 0.0 * ratios
     signal = point.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
@@ -117,7 +117,7 @@ def operating_curve(
 def detection_probability(sensor: Sensor, target: Target, range_m: float) -> float:
     """P_d of the target at this range."""
     light = plane.echoes_of_plane(sensor, target, range_m)
-    point = sensor.working_point(light.background_power_w)
+    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal = point.signal(light.peak_power_w)
     found = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
     return float(np.ravel(found)[0])
@@ -177,7 +177,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
 ) -> Shots:
-    """That many pulses at a target, or for None into the sky, through `detection.returns.detect` on numpy."""
+    """That many pulses at a target, or for None into the sky, through `detection.photon_counting.receiver.detect_alone` on numpy."""
     every = np.ones(shots)
     echoes = plane.echoes_of_plane(sensor, target, every if range_m is None else range_m * every)
     if range_m is None:
@@ -185,7 +185,7 @@ def simulated_shots(
         echoes = dataclasses.replace(
             echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background
         )
-    found = detect(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
+    found = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
     alarms = sum(
         int(np.sum(np.asarray(s.reported & (s.status == int(Status.FALSE_ALARM))))) for s in found.stops
     )

@@ -1,0 +1,268 @@
+"""Bins: the counts of a pulse's histogram around an echo, and the filter that looks for its peak there.
+
+The histogram of the whole window is never made. Only the bins around an echo are drawn, one after the other in order of
+time: each count is binomial, of the SPADs that are still free, so pile-up and dead time need no approximation within
+them. The counts of a bin belong to (seed, pulse, bin), whichever echo asks for them.
+
+Symbols: N trials, lambda rate of detections of one free SPAD, sigma width of an echo in the histogram.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ...light.waveform import Waveform
+from ...maths import random
+from ...maths.arrays import Array, Lanes, Ops, xp
+from ...maths.random import Stage
+from ...physics.photon_counting import dead_time, draws, matched_filter
+from ...sensor.photon_counting.model import Macropixel
+
+_BOX = 2.4
+"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+
+_BOX_SHARE = math.erf(_BOX / math.sqrt(2.0))
+
+_LEAST = 1e-3
+"""Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
+
+_STEPS = 12
+"""Steps of the integral of the air's light before an echo."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """The highest value of the filter near an echo; each field (n,).
+
+    value    of the filter above the background, in photons
+    time_s   of flight, with the shift by pile-up
+    photons  of the echo: counts around the peak above those of the background
+    """
+
+    value: Lanes
+    time_s: Lanes
+    photons: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Drawn:
+    """How far the bins around an echo are drawn; each field (n,), rooms with a number for each bin.
+
+    number   of the next bin, from the first one
+    fired    firings of the bins so far that are blind in it
+    parts    of each sub-echo, the light in it (`light.waveform.Comb`)
+    firings  of each bin
+    counts   of each bin
+    """
+
+    number: Lanes
+    fired: Lanes
+    parts: tuple[Lanes, ...]
+    firings: Array
+    counts: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bins:
+    """Histograms of some pulses, of which only the bins around echoes are drawn.
+
+    pixel  SPADs under each pulse's background
+    wave   light on the detector, as wide as echoes are in the histogram
+    seed   32-bit frame seed
+    pulse  (n,) uint32 pulse numbers
+    """
+
+    pixel: Macropixel
+    wave: Waveform
+    seed: Lanes
+    pulse: Array
+
+    @property
+    def ops(self) -> Ops:
+        """The array functions for these arrays."""
+        return xp(self.wave.origin_m)
+
+    def highest(self, place: Lanes, time_s: Lanes) -> Peak:
+        """The peak of the filter near a place of the waveform, at this time of flight."""
+        pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
+        bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
+        # Bins are drawn in pairs: a random number has two words. So the first one is even.
+        middle = ops.floor(time_s / bin_s)
+        first = 2.0 * ops.floor(0.5 * (middle - reach))
+        start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
+        counts = self._drawn(first, start, self._blind(start, first * bin_s, time_s), place)
+        background = pixel.count_rate_hz * bin_s
+        values = self._filtered(counts, background)
+        least = reach - search - 1
+        best, at = values[1], 0.0 * place + (least + 1.0)
+        before, after = values[0], values[2]
+        for k in range(2, len(values) - 1):
+            better = values[k] > best
+            before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
+            best, at = ops.where(better, values[k], best), ops.where(better, float(least + k), at)
+        if histogram.estimator == "matched_filter":
+            at = at + self._between(before, best, after)
+        else:
+            at = at + self._centroid(counts, background, at)
+        return Peak(
+            value=best, time_s=(first + at + 0.5) * bin_s, photons=self._photons(counts, background, at)
+        )
+
+    def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> Lanes:
+        """Share of the SPADs that are blind at the first bin: fired by the background, by nearer echoes and by the air.
+
+        start, time_s  place and time of flight of that bin
+        echo_s         time of flight of the echo, for which the pixel is
+        """
+        pixel, wave, ops = self.pixel, self.wave, self.ops
+        free = pixel.free
+        if pixel.spad.stamps == "first":
+            armed = pixel.armed_s + time_s - echo_s
+            free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
+        if len(wave.centres) == 1 and wave.volume is None:
+            return 1.0 - free  # the pulse's only echo is the one in these bins
+        sigma, once = pixel.sigma_s, pixel.spad.stamps == "first"
+        dead = 1e9 if once else pixel.spad.dead_time_s / sigma
+        energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
+        before: Lanes = 0.0 * start
+        for centre, height in zip(wave.centres, wave.heights, strict=True):
+            before = before + ops.where((centre < start) & (centre > start - dead), height * energy, 0.0)
+        if wave.volume is not None:
+            since = ops.maximum(time_s, 0.0) if once else ops.minimum(pixel.spad.dead_time_s, ops.maximum(time_s, 0.0))
+            step = since / (sigma * _STEPS)
+            of_air = sum(wave.air_w(start - (k + 0.5) * step) for k in range(_STEPS))
+            before = before + of_air * step * sigma * pixel.per_watt
+        return 1.0 - free * ops.exp(-before)
+
+    def _drawn(self, first: Lanes, start: Lanes, blind: Lanes, middle: Lanes) -> list[Lanes]:
+        """Counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
+
+        first   number of the first bin, even
+        start   its place
+        blind   share of the SPADs that are blind then
+        middle  place of the echo
+        """
+        pixel, ops = self.pixel, self.ops
+        bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
+        comb = self.wave.evenly(start, bin_s / pixel.sigma_s, middle)
+        begin = _Drawn(
+            number=0.0 * start, fired=0.0 * start, parts=tuple(comb.parts),
+            firings=ops.room(start, count), counts=ops.room(start, count),
+        )  # fmt: skip
+
+        def step(now: _Drawn) -> _Drawn:
+            # A random number has two words, so two bins share one.
+            pair = ops.uint32(ops.int32(0.5 * (first + now.number)))
+            words = random.words(seed=self.seed, stage=Stage.HISTOGRAM, pulse=self.pulse, draw=pair)
+            for word in words:
+                place = start + now.number * (bin_s / pixel.sigma_s)
+                light = comb.power_w(place, now.parts) * (pixel.per_watt * bin_s)
+                free = self._free(now, blind)
+                firings, counts = self._bin(free, light, random.open_uniform(word))
+                index = ops.int32(now.number)
+                room = ops.put(now.firings, index, firings)
+                now = _Drawn(
+                    number=now.number + 1.0, fired=self._still_blind(now, room, firings),
+                    parts=comb.following(now.parts), firings=room, counts=ops.put(now.counts, index, counts),
+                )  # fmt: skip
+            return now
+
+        done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
+        return [ops.get(done.counts, ops.full(first, i)) for i in range(count)]
+
+    def _free(self, now: _Drawn, blind: Lanes) -> Lanes:
+        """How many trials meet a free SPAD in the next bin, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
+        # Who was blind at the first bin gets free evenly over one dead time; who fired since, after one.
+        left: Lanes = 1.0
+        if pixel.spad.stamps == "all":
+            left = ops.maximum(1.0 - now.number * (pixel.histogram.bin_s / pixel.spad.dead_time_s), 0.0)
+        return ops.maximum(whole * (1.0 - blind * left) - now.fired, 0.0)
+
+    def _still_blind(self, now: _Drawn, firings: Array, new: Lanes) -> Lanes:
+        """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        found = now.fired + new
+        if pixel.spad.stamps == "first":
+            return found
+        # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
+        age = now.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
+        late = ops.floor(age)
+        for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
+            there = (index >= 0.0) & (index <= now.number)
+            old = ops.get(firings, ops.int32(ops.where(there, index, 0.0)))
+            before = ops.where(index >= 0.0, share, 0.0)
+            found = found - ops.where(there, before * old, 0.0)
+        return found
+
+    def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
+        """Firings of one bin and what it counts, (n,) each.
+
+        free     trials that meet a free SPAD
+        light    detections of one free SPAD by echoes and air
+        uniform  in (0, 1]
+        """
+        pixel, ops = self.pixel, self.ops
+        spad = pixel.spad
+        share = dead_time.firing_share(detections=light + pixel.rate_hz * pixel.histogram.bin_s)
+        if spad.coincidence == 1:
+            count = draws.binomial_count(trials=free, probability=share, uniform=uniform)
+            if not pixel.corrected:
+                return count, count
+            of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
+            return count, pixel.trials * dead_time.detections_of_share(share=of_free)
+        # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
+        both = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
+        return free * share, draws.binomial_count(trials=pixel.trials, probability=both, uniform=uniform)
+
+    def _filtered(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
+        """Values of the filter above the background at the searched bins and beside them, (n,) each; (T95)."""
+        pixel, ops = self.pixel, self.ops
+        reach, search = pixel.histogram.reach, pixel.histogram.search
+        side = reach - search - 1
+        step = pixel.histogram.bin_s / (matched_filter.TEMPLATE * pixel.sigma_s)
+        weights = [matched_filter.SCALE * ops.exp(-0.5 * (k * step) * (k * step)) for k in range(side + 1)]
+        total = weights[0] + 2.0 * sum(weights[1:], 0.0)
+        found = []
+        for centre in range(reach - search - 1, reach + search + 3):
+            value = weights[0] * counts[centre]
+            for k in range(1, side + 1):
+                value = value + weights[k] * (counts[centre - k] + counts[centre + k])
+            found.append(value - total * background)
+        return found
+
+    def _between(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
+        """Place of the peak in bins from the highest value: of the Gaussian through it and its neighbours."""
+        ops = self.ops
+        least = ops.maximum(_LEAST * best, 1e-20)
+        low, top, high = (ops.log(ops.maximum(one, least)) for one in (before, best, after))
+        bend = low - 2.0 * top + high
+        flat = bend > -1e-9
+        offset = 0.5 * (low - high) / ops.where(flat, -1.0, bend)
+        return ops.where(flat, 0.0, ops.minimum(ops.maximum(offset, -0.5), 0.5))
+
+    def _centroid(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:
+        """Centroid of the counts above the background within 2.4 sigmas of a bin, in bins from it."""
+        ops = self.ops
+        half = _BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
+        total, moment = 0.0 * middle, 0.0 * middle
+        for i, count in enumerate(counts):
+            off = i - middle
+            # The bins at both ends count by the part that lies inside.
+            share = ops.minimum(ops.maximum(half + 0.5 - ops.abs(off), 0.0), 1.0)
+            inside = share * (count - background)
+            total, moment = total + inside, moment + off * inside
+        return ops.minimum(ops.maximum(moment / ops.maximum(total, 1.0), -half), half)
+
+    def _photons(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:
+        """Counts above the background within 2.4 sigmas of a place, which is in bins from the first one's centre."""
+        ops = self.ops
+        half = _BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
+        total: Lanes = 0.0 * middle
+        for i, count in enumerate(counts):
+            # The bins at both ends count by the part that lies inside, or the number would jump with the place.
+            inside = ops.minimum(ops.maximum(half + 0.5 - ops.abs(i - middle), 0.0), 1.0)
+            total = total + inside * (count - background)
+        return ops.maximum(total, 0.0) / _BOX_SHARE

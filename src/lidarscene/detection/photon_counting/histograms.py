@@ -1,0 +1,82 @@
+"""Histograms of chosen pulses over the whole window, for users who want to see them; NumPy.
+
+The receiver draws only the bins around echoes. Here every bin has its expected count, from the exact course of the free
+SPADs, and a count drawn with the random number that the receiver uses for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...light.echoes import EchoTrain
+from ...light.waveform import sampled_power_w
+from ...maths import random
+from ...maths.arrays import Numbers
+from ...maths.random import Stage
+from ...physics.photon_counting import dead_time, draws
+from ...sensor.model import Sensor
+from ...sensor.photon_counting.model import Spad
+from .folding import folded
+from .receiver import broadened
+
+_FINE = 8
+"""Steps of each bin in which the course of the free SPADs is followed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Histograms:
+    """Histograms of n pulses, over bins from the moment when the pulse leaves.
+
+    time_s    (bins,) middle of each bin
+    expected  (n, bins) mean counts
+    counts    (n, bins) counts, drawn
+    """
+
+    time_s: Numbers
+    expected: Numbers
+    counts: Numbers
+
+
+def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -> Histograms:
+    """The histograms of some pulses.
+
+    train  their light; NumPy
+    pulse  (n,) uint32 pulse numbers
+    """
+    assert isinstance(sensor.detector, Spad)
+    assert sensor.histogram is not None
+    spad, bin_s = sensor.detector, float(sensor.histogram.bin_s)
+    pixel = sensor.pixel(np.asarray(train.background_power_w)[:, None])
+    count = int(float(sensor.tdc.window_s) / bin_s + 1e-6)
+    fine_s = bin_s / _FINE
+    times = (np.arange(count * _FINE) + 0.5) * fine_s
+    light = folded(train, sensor.histogram).train
+    spread, narrow = broadened(light, sensor, pixel.sigma_s)
+    power = sampled_power_w(spread, narrow, times)
+    once = spad.stamps == "first"
+    rate = power * pixel.per_watt + np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
+    armed = times >= float(sensor.tdc.blanking_s)
+    fired = dead_time.firing_shares(
+        np.where(armed, rate, 0.0) if once else rate, bin_s=fine_s,
+        dead_time_s=np.inf if once else float(spad.dead_time_s), steady=not once,
+    )  # fmt: skip
+    share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
+    if spad.coincidence > 1:
+        share = np.asarray(
+            dead_time.coincidence_share(least=spad.coincidence, spads=float(spad.spads), share=share)
+        )
+    bins = np.arange(count, dtype=np.uint32)
+    words = random.words(
+        seed=seed, stage=Stage.HISTOGRAM, pulse=np.repeat(pulse, count), draw=np.tile(bins // 2, len(pulse))
+    )
+    word = np.where(np.tile(bins % 2 == 0, len(pulse)), words[0], words[1]).reshape(len(pulse), count)
+    trials = float(pixel.trials)
+    return Histograms(
+        time_s=(bins + 0.5) * bin_s,
+        expected=trials * share,
+        counts=np.asarray(
+            draws.binomial_count(trials=trials, probability=share, uniform=random.open_uniform(word))
+        ),
+    )

@@ -1,0 +1,340 @@
+"""Receiver: what a histogram over many shots reports of each pulse.
+
+The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts around
+it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of which only
+the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
+
+A "pulse" is one point here: all of its shots together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ...light.echoes import Echoes, EchoTrain, Interference, SubEchoes
+from ...light.waveform import Waveform, waveform
+from ...maths.arrays import Array, Lanes, Mask, Ops, chosen, xp
+from ...physics.electronics import tdc
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ...physics.optics import radiometry
+from ...physics.photon_counting import matched_filter, pile_up
+from ...sensor.model import Sensor
+from ...sensor.photon_counting.model import Macropixel
+from .. import ambient, comparator, intensity, returns
+from ..outcomes import Outcome, Status
+from ..returns import Detection, Returns, alarm_status
+from ..rises import Rise, visit_all
+from ..shots import Shots
+from .bins import Bins
+from .folding import folded
+
+_EMPTY = -1e30
+"""Key of an unused stop: below every other key."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Stop:
+    """A return, or room for one; each field (n,).
+
+    key           sort key: returns with larger keys are kept first; `_EMPTY` if the stop is unused
+    time_s        time of flight that the receiver reports
+    photons       of the return
+    snr           expected value of the filter over the noise without an echo
+    probability   P_d
+    source        number of the sub-echo with the most light there, -1 for the even light of the air
+    true_range_m  of the light there
+    status        a `Status`
+    """
+
+    key: Lanes
+    time_s: Lanes
+    photons: Lanes
+    snr: Lanes
+    probability: Lanes
+    source: Lanes
+    true_range_m: Lanes
+    status: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Found:
+    """State of the search over the peaks of each pulse; each field (n,).
+
+    tripped    whether the filter exceeded the threshold at any peak
+    in_window  whether it did within the window
+    last_s     time of the last return
+    highest    place of the highest peak of the light
+    highest_w  power there
+    stops      returns so far, best first
+    """
+
+    tripped: Mask
+    in_window: Mask
+    last_s: Lanes
+    highest: Lanes
+    highest_w: Lanes
+    stops: tuple[_Stop, ...]
+
+
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """What the receiver reports of every pulse, in order of time (docs/theory.md 34).
+
+    seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+    pulse  (n,) uint32 pulse numbers
+    """
+    assert sensor.histogram is not None
+    light = folded(pulse_train, sensor.histogram)
+    background = pulse_train.background_power_w
+    point = sensor.working_point(background)
+    sigma = sensor.pixel(background).sigma_s
+    receiver = _Receiver(
+        sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse,
+        train=light.train, folds_m=light.folds_m,
+        light=waveform(*broadened(light.train, sensor, sigma)),
+        seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
+    )  # fmt: skip
+    found = receiver.search()
+    number, range_m = receiver.strongest()
+    stops = receiver.with_alarms(found.stops, number, range_m)
+    return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
+
+
+def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """What any sensor's receiver makes of pulses with one echo each, in clear air.
+
+    seed, pulse  as of `detect`
+    """
+    if sensor.histogram is None:
+        return returns.detect(echoes, sensor, seed=seed, pulse=pulse)
+    part = SubEchoes(range_m=echoes.range_m, peak_power_w=echoes.peak_power_w, count=1)
+    train = EchoTrain(
+        parts=(part,), surfaces=1, found=echoes.found, background_power_w=echoes.background_power_w,
+        interference=echoes.interference, white_w_m2=echoes.white_w_m2,
+    )  # fmt: skip
+    return detect(train, sensor, seed=seed, pulse=pulse)
+
+
+def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
+    """The light with echoes of this width and the energy of the laser's pulses, and a sensor with such a pulse."""
+    ratio = sensor.laser.pulse_fwhm_s / (SIGMAS_PER_FWHM * sigma_s)
+    parts = tuple(replace(part, peak_power_w=part.peak_power_w * ratio) for part in train.parts)
+    laser = replace(sensor.laser, pulse_fwhm_s=SIGMAS_PER_FWHM * sigma_s)
+    return replace(train, parts=parts), replace(sensor, laser=laser)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Receiver(Shots):
+    """The receiver at work on some pulses.
+
+    train    their light, folded into the unambiguous range
+    folds_m  by how much each sub-echo of a surface was folded, (n,) each; None: nothing folds
+    light    expected light as wide as in the histogram
+    seen     expected light as wide as behind the filter
+    """
+
+    train: EchoTrain
+    folds_m: Sequence[Lanes] | None
+    light: Waveform
+    seen: Waveform
+
+    @property
+    def ops(self) -> Ops:
+        """The array functions for these arrays."""
+        return xp(self.light.origin_m)
+
+    def search(self) -> _Found:
+        """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
+        ops, like = self.ops, self.light.origin_m
+        nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
+        empty = _Stop(
+            key=ops.full(like, _EMPTY), time_s=nothing, photons=nothing, snr=nothing, probability=nothing,
+            source=number, true_range_m=nothing, status=number,
+        )  # fmt: skip
+        start = _Found(
+            tripped=never, in_window=never, last_s=nothing - 1.0, highest=nothing, highest_w=nothing,
+            stops=(empty,) * self.sensor.tdc.stops,
+        )  # fmt: skip
+        if len(self.seen.centres) > 1 or self.seen.volume is not None:
+            return visit_all(self.seen, self._visit, start)
+        # The only echo is the only peak.
+        power = self.seen.heights[0]
+        return ops.where_any(power > 0.0, lambda: self._with(power > 0.0, nothing, power, start), start)
+
+    def _visit(self, rise: Rise, found: _Found) -> _Found:
+        return self._with(rise.found, rise.peak, self.ops.where(rise.found, rise.top[0], 0.0), found)
+
+    def _with(self, there: Mask, place: Lanes, power_w: Lanes, found: _Found) -> _Found:
+        """What was found so far and a peak of the light behind the filter."""
+        ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
+        range_m = self.seen.range_m(place)
+        arrival_s = radiometry.time_of_flight_s(range_m=range_m)
+        # Power there as that of a lone pulse of the laser: what the working point knows.
+        lone_w = power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s)
+        background = self.train.background_power_w
+        pixel = sensor.pixel(background, range_m=range_m)
+        point = sensor.working_point(background, range_m=range_m)
+        threshold = sensor.threshold(point)
+        detections = pixel.detections(lone_w)
+        early = pixel.sigma_s * pile_up.shift(detections=detections)
+        bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
+        peak = bins.highest(
+            place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early
+        )
+        tripped = there & (peak.value >= threshold)
+        time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
+        time_s = tdc.quantised(
+            time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
+        )
+        taken = tripped & comparator.listening(sensor, arrival_s) & (time_s - found.last_s >= converter.dead_time_s)
+        source, true_range, status = self._source(place)
+        signal = point.signal(lone_w)
+        stop = _Stop(
+            key=ops.where(taken, self._key(time_s, peak.value), _EMPTY), time_s=time_s, photons=peak.photons,
+            snr=signal / point.noise, probability=point.detection_probability(threshold, signal, 0.0),
+            source=source, true_range_m=true_range, status=status,
+        )  # fmt: skip
+        higher = there & (power_w > found.highest_w)
+        return _Found(
+            tripped=found.tripped | tripped,
+            in_window=found.in_window | taken,
+            last_s=ops.where(taken, time_s, found.last_s),
+            highest=ops.where(higher, place, found.highest),
+            highest_w=ops.where(higher, power_w, found.highest_w),
+            stops=_inserted(found.stops, stop),
+        )
+
+    def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
+        """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
+
+        photons  (n,) of the return
+        largest  (n,) most photons that tell the light; None: any
+        """
+        if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
+            return 0.0
+        photons = photons if largest is None else xp(photons, largest).minimum(photons, largest)
+        own = pixel.sigma_s * pile_up.shift(detections=pixel.detections(pixel.power_w(photons)))
+        return own - pile_up.shadow_s(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s)
+
+    def _key(self, time_s: Lanes, value: Lanes) -> Lanes:
+        """Sort key, (n,): returns with larger keys are kept first."""
+        return {"first": -time_s, "last": time_s, "strongest": value}[self.sensor.tdc.keep]
+
+    def _source(self, place: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+        """Number of the sub-echo with the most light at a peak, -1 for the air's even light, true range and status."""
+        ops, wave = self.ops, self.seen
+        surfaces = self.train.surfaces
+        strongest, number = ops.full(place, -1.0), ops.full(place, 0)
+        of_surfaces, of_air, weighted, fold = (ops.full(place, 0.0) for _ in range(4))
+        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
+            ahead = centre - place
+            part = height * ops.exp(-0.5 * ahead * ahead)
+            if k < surfaces:
+                of_surfaces, weighted = of_surfaces + part, weighted + part * ahead
+                if self.folds_m is not None:
+                    fold = ops.where(part > strongest, self.folds_m[k], fold)
+            else:
+                of_air = of_air + part
+            number = ops.where(part > strongest, k, number)
+            strongest = ops.maximum(part, strongest)
+        lit = of_surfaces > 0.0
+        mean = place + ops.where(lit, weighted / ops.where(lit, of_surfaces, 1.0), 0.0)
+        range_m = wave.range_m(mean) + fold
+        status = ops.where(fold > 0.0, int(Status.ALIASED), int(Status.ECHO))
+        if wave.volume is None and len(wave.centres) == surfaces:
+            return number, range_m, status
+        even = wave.air_w(place)
+        weather = of_air + even > of_surfaces
+        number = ops.where(weather & (even > strongest), -1, number)
+        range_m = ops.where(weather, ops.maximum(wave.range_m(place), 0.0), range_m)
+        return number, range_m, ops.where(weather, int(Status.WEATHER), status)
+
+    def strongest(self) -> tuple[Array, Lanes]:
+        """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""
+        ops, wave = self.ops, self.seen
+        number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
+        range_m = ops.full(wave.origin_m, 0.0)
+        for k in range(self.train.surfaces):
+            brighter = wave.heights[k] > highest
+            own = wave.range_m(wave.centres[k]) + (0.0 if self.folds_m is None else self.folds_m[k])
+            number, range_m = ops.where(brighter, k, number), ops.where(brighter, own, range_m)
+            highest = ops.maximum(wave.heights[k], highest)
+        return number, range_m
+
+    def with_alarms(self, stops: tuple[_Stop, ...], number: Array, range_m: Lanes) -> tuple[_Stop, ...]:
+        """Stops with the false alarms among them.
+
+        number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
+        """
+        ops, converter = self.ops, self.sensor.tdc
+        sources: tuple[Interference, ...] = self.train.interference
+        zero = ops.full(range_m, 0.0)
+        for alarms in comparator.false_alarms(self, sources):
+            for alarm in comparator.first_of(alarms, converter.stops):
+                there = alarm.time_s < converter.window_s
+                stop = _Stop(
+                    key=ops.where(there, self._key(alarm.time_s, alarm.amplitude), _EMPTY), time_s=alarm.time_s,
+                    photons=alarm.amplitude, snr=zero, probability=zero, source=number, true_range_m=range_m,
+                    status=ops.full(number, 0) + alarm_status(alarm.interfering),
+                )  # fmt: skip
+                stops = _inserted(stops, stop)
+        return stops
+
+    def detection(self, found: _Found, stops: tuple[_Stop, ...], number: Array) -> Detection:
+        """The stops as `Returns`, and the outcome of each pulse."""
+        ops, sensor = self.ops, self.sensor
+        reported, kept = [], ops.full(self.light.origin_m, False)
+        for stop in stops:
+            used = stop.key > _EMPTY
+            kept = kept | (used & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))))
+            range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
+            amplitude = ops.maximum(stop.photons, 0.0)
+            value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
+            reported.append(
+                Returns(
+                    reported=used, status=stop.status, range_m=range_m, amplitude=amplitude, intensity=value,
+                    snr=stop.snr, detection_probability=stop.probability, source=stop.source,
+                    true_range_m=stop.true_range_m, photons=amplitude,
+                )  # fmt: skip
+            )
+        # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
+        outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
+        outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
+        outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
+        outcome = ops.where(self.train.found, outcome, int(Outcome.NO_SURFACE))
+        # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
+        lit = found.highest_w > 0.0
+        power_w = ops.where(lit, self.seen.at(found.highest)[0], 0.0)
+        background = self.train.background_power_w
+        point = sensor.working_point(background, range_m=self.seen.range_m(found.highest))
+        signal = point.signal(power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s))
+        probability = point.detection_probability(sensor.threshold(point), signal, 0.0)
+        return Detection(
+            snr=ops.where(lit, signal / point.noise, 0.0),
+            detection_probability=ops.where(lit, probability, 0.0),
+            outcome=outcome,
+            ambient=ambient.counts(background, sensor, seed=self.seed, pulse=self.pulse),
+            stops=tuple(reported),
+            source=number,
+        )
+
+
+def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
+    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
+    kept = []
+    for old in stops:
+        better = new.key > old.key
+        kept.append(chosen(better, new, old))
+        new = chosen(better, old, new)
+    return tuple(kept)
+
+
+def _in_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
+    """The stops in order of their times; unused ones come last."""
+    ops = xp(stops[0].key)
+    keyed = [replace(one, key=ops.where(one.key > _EMPTY, -one.time_s, _EMPTY)) for one in stops]
+    empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))
+    ordered = (empty,) * len(stops)
+    for one in keyed:
+        ordered = _inserted(ordered, one)
+    return ordered

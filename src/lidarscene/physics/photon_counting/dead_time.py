@@ -1,0 +1,112 @@
+"""Dead time: what SPADs count of a light that changes in time, shot after shot.
+
+A SPAD fires once and is then blind for its dead time, or for the rest of the shot. Photons of an echo are lost behind
+those of the sun, of nearer echoes and of the same echo: pile-up. Counts of a histogram bin are therefore not in
+proportion to the light.
+
+Symbols: lambda rate of detected photons of one free SPAD, tau its dead time, a share of the SPADs that are free, Lambda
+detections of an echo that one SPAD would make in a shot without dead time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...maths.arrays import Lanes, Numbers, xp
+from ...maths.special import expm1, log1p
+
+_TERMS = 14
+"""Terms of a binomial tail: what is left is below 1e-6 of it where the mean is below the least count."""
+
+_MOST = 1.0 - 1e-6
+"""Largest share of SPADs that a histogram can tell from all of them, in single precision."""
+
+
+def free_share(*, rate_hz: Lanes, dead_time_s: Lanes) -> Lanes:
+    """Share of time in which a SPAD is free under even light, a = 1 / (1 + lambda tau) (T90)."""
+    return 1.0 / (1.0 + rate_hz * dead_time_s)
+
+
+def free_share_of_first(*, rate_hz: Lanes, time_s: Lanes) -> Lanes:
+    """Share of SPADs that have not fired so long after they were armed, exp(-lambda t) (T91)."""
+    ops = xp(rate_hz, time_s)
+    return ops.exp(-rate_hz * ops.maximum(time_s, 0.0))
+
+
+def firing_share(*, detections: Lanes) -> Lanes:
+    """Share of the free SPADs that fire, 1 - exp(-Lambda), for this mean number of detections (T92)."""
+    return -expm1(-detections)
+
+
+def detections_of_share(*, share: Lanes) -> Lanes:
+    """Lambda from the share of the free SPADs that fire: Coates' correction of one bin, -ln(1 - share) (T94)."""
+    return -log1p(-xp(share).minimum(share, _MOST))
+
+
+def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
+    """Probability that at least ``least`` of so many SPADs fire in one bin, each with this probability (T93).
+
+    The binomial tail, with relative precision: summed upwards where it is small, else one minus the terms below.
+    """
+    ops = xp(spads, share)
+    odds_of = ops.minimum(share, _MOST)
+    odds = odds_of / (1.0 - odds_of)
+    none = ops.exp(spads * log1p(-odds_of))
+    term, below = none, none
+    for k in range(1, least):
+        term = term * ops.maximum(spads - (k - 1.0), 0.0) / k * odds
+        below = below + term
+    term = term * ops.maximum(spads - (least - 1.0), 0.0) / least * odds
+    above = term
+    for k in range(least + 1, least + _TERMS):
+        term = term * ops.maximum(spads - (k - 1.0), 0.0) / k * odds
+        above = above + term
+    return ops.where(spads * odds_of < 0.5 * least, above, ops.maximum(1.0 - below, 0.0))
+
+
+def firing_shares(
+    rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True
+) -> Numbers:
+    """(..., n) probability that a SPAD fires in each bin of a shot, exactly for a light that is even within a bin; NumPy.
+
+    The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
+    a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90).
+
+    rate_hz      (..., n) lambda in each bin
+    dead_time_s  inf: a SPAD fires once in a shot
+    steady       whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
+    """
+    hazard = -np.expm1(-np.asarray(rate_hz, dtype=np.float64) * bin_s)
+    count = hazard.shape[-1]
+    dead = count if math.isinf(dead_time_s) else max(int(round(dead_time_s / bin_s)), 0)
+    fired = np.zeros((*hazard.shape[:-1], count + dead))
+    if steady and not math.isinf(dead_time_s):
+        # In balance f = a h with a = 1 - d f.
+        fired[..., :dead] = hazard[..., :1] / (1.0 + dead * hazard[..., :1])
+    busy = fired[..., :dead].sum(axis=-1)
+    for i in range(count):
+        fired[..., dead + i] = (1.0 - busy) * hazard[..., i]
+        if dead:
+            busy = busy + fired[..., dead + i] - fired[..., i]
+    return fired[..., dead:]
+
+
+def coates(counts: Numbers, *, trials: float, dead_bins: int | None = None) -> Numbers:
+    """(n,) detections of each bin, per SPAD and shot, from a histogram with pile-up: Coates' correction (T94); NumPy.
+
+    Lambda_i = -ln(1 - n_i / (N - sum n_j)), with the sum over the bins in which those fired that are still blind
+    (P. B. Coates, "The correction for photon pile-up in the measurement of radiative lifetimes", J. Phys. E 1, 878,
+    1968).
+
+    counts     (n,) of the histogram, from the moment when all SPADs were free
+    trials     N, number of SPADs times shots
+    dead_bins  bins for which a SPAD is blind after that in which it fired; None: for the rest of the shot
+    """
+    values = np.asarray(counts, dtype=np.float64)
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.zeros(len(values), int) if dead_bins is None else np.maximum(np.arange(len(values)) - dead_bins, 0)
+    free = trials - (total[:-1] - total[first])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-np.log1p(-np.minimum(values / free, _MOST)))

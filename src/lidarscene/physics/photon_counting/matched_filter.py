@@ -1,0 +1,160 @@
+"""Matched filter: what a filter over a histogram of counts finds, how often noise deceives it, how well it measures.
+
+The counts of the bins are weighted with a template, a Gaussian somewhat wider than the pulse, which is moved along the
+histogram. The weights are scaled so that the filter's value at an echo is the echo's number of photons. Counts are not
+Gaussian: where few are expected, chance exceeds a threshold far more often than a normal distribution says.
+
+Symbols: S photons of the echo, r rate of background counts, sigma width of the pulse in the histogram, w that of the
+template in sigmas, U threshold, F value of the filter.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...maths.arrays import Lanes, xp
+from ...maths.special import normal_tail
+
+TEMPLATE = 1.2
+"""w. The exact match, 1, is best against the background alone; against the echo's own noise a wider template is
+better. With 1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the best."""
+
+_GAIN = TEMPLATE / math.sqrt(1.0 + TEMPLATE**2)
+"""Of the filter at the echo, before it is scaled."""
+
+SCALE = 1.0 / _GAIN
+"""Weight of a count in the middle of the template, so that F is a number of photons."""
+
+_BACKGROUND_GAIN = (1.0 + TEMPLATE**2) / (4.0 * TEMPLATE**2)
+_OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
+"""var F' / (2 |F''|) of (T98), for each unit of variance and times S."""
+
+_THIRD = math.sqrt(2.0 / 3.0)
+"""Integral of the template's cube over that of its square."""
+
+_TILT_1 = 1.5**-1.5
+_TILT_2 = 0.5 * (2.0**-1.5 - 1.5**-3.0)
+"""Exponents of the growth of the slope's variance with the tilt: ln of the integral of t^2 exp(s h(t) - t^2)."""
+
+
+def background_variance(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
+    """Variance of F by even background, r sigma sqrt(pi) (1 + w^2) / w (T95)."""
+    return rate_hz * sigma_s * (math.sqrt(math.pi) * (1.0 + TEMPLATE**2) / TEMPLATE)
+
+
+OWN_VARIANCE = (1.0 + TEMPLATE**2) / (TEMPLATE * math.sqrt(TEMPLATE**2 + 2.0))
+"""Variance of F by the echo's own photons, for each of them (T95)."""
+
+OUTPUT_WIDTH = math.sqrt(1.0 + TEMPLATE**2)
+"""Width of the filter's response to an echo, in sigmas of the pulse."""
+
+
+def background_skewness(*, variance: Lanes, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
+    """Third cumulant of F by even background over its variance: photons that one unit of noise counts as (T95)."""
+    return _THIRD / _GAIN * variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
+
+
+OWN_SKEWNESS = (TEMPLATE / math.sqrt(TEMPLATE**2 + 3.0)) / (TEMPLATE / math.sqrt(TEMPLATE**2 + 2.0)) / _GAIN
+"""The same by the echo's own photons."""
+
+
+def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
+    """Probability that F exceeds its mean by so much, (T96).
+
+    F is taken for a scaled and shifted Poisson number with its variance and third cumulant, and that one's tail is
+    Lugannani and Rice's (Adv. Appl. Probab. 12, 475, 1980) in the form of Barndorff-Nielsen.
+
+    excess    of the threshold over the mean
+    variance  of F
+    unit      third cumulant over variance: the step of the Poisson number
+    """
+    root, _, mean = _saddle(excess, variance, unit)
+    ops = xp(root)
+    theta = ops.log(ops.maximum(1.0 + excess / (unit * mean), 1e-6))
+    level = ops.maximum(mean + excess / unit, 1e-6 * mean)
+    slope = theta * ops.sqrt(level)
+    close = ops.abs(theta) < 2e-2
+    ratio = ops.where(close, 1.0, slope / ops.where(close, 1.0, root))
+    lift = ops.where(close, 1.0 / (6.0 * ops.sqrt(mean)), ops.log(ratio) / ops.where(close, 1.0, root))
+    return normal_tail(root + lift)
+
+
+def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+    """Signed root of the log likelihood ratio, tilt theta, and mean of the Poisson number."""
+    ops = xp(excess, variance, unit)
+    mean = ops.maximum(variance, 1e-12) / (unit * unit)
+    x = ops.maximum(1.0 + excess / (unit * mean), 1e-6)
+    theta = ops.log(x)
+    # x ln x - x + 1, without the difference of near equals close to x = 1.
+    near = x - 1.0
+    series = near * near * (0.5 - near * (1.0 / 6.0 - near * (1.0 / 12.0 - 0.05 * near)))
+    depth = ops.where(ops.abs(near) < 3e-2, series, x * theta - near)
+    root = ops.sqrt(2.0 * mean * ops.maximum(depth, 0.0))
+    return ops.where(near < 0.0, -root, root), theta, mean
+
+
+def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
+    """Probability that noise makes a peak above the threshold, for each bin (T97).
+
+    A smooth noise passes the threshold upwards with Rice's rate, here with the density of (T96) at the threshold and
+    the variance of the slope given that F is there. Excursions that end before the next bin are not seen: their length
+    is Rayleigh's.
+
+    rate_hz   r, counts per second
+    variance  of F, `background_variance` unless the counts are not Poisson's
+    """
+    unit = background_skewness(variance=variance, rate_hz=rate_hz, sigma_s=sigma_s)
+    above = tail(excess=threshold, variance=variance, unit=unit)
+    root, theta, mean = _saddle(threshold, variance, unit)
+    ops = xp(root)
+    level = ops.maximum(mean + threshold / unit, 1e-6)
+    density = ops.exp(-0.5 * root * root) / (unit * ops.sqrt(2.0 * math.pi * level))
+    # var F' / var F = 1 / (2 w^2 sigma^2) without tilt; counts near the peak weigh more where F is high.
+    peak = 1.0 / _THIRD
+    tilted = ops.exp(theta * (_TILT_1 * peak + _TILT_2 * peak * peak * theta))
+    slope = variance * tilted / (2.0 * TEMPLATE**2 * sigma_s * sigma_s)
+    crossings = density * ops.sqrt(slope / (2.0 * math.pi)) * bin_s
+    safe = ops.maximum(above, 1e-37)
+    # above erf(sqrt(pi) / 2 crossings / above), with erf(x) = 1 - 2 Q(x sqrt(2))
+    ratio = ops.minimum(crossings / safe, 10.0)
+    return safe * (1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio))
+
+
+def detection_probability(
+    *, threshold: Lanes, signal: Lanes, background: Lanes, own: Lanes, unit: Lanes
+) -> Lanes:
+    """Probability that the filter's peak at an echo exceeds the threshold (T98).
+
+    The receiver takes the highest value near the echo, which is higher than that at the echo itself: on average by
+    var F' / (2 |F''|), the gain from the noise of its place.
+
+    signal      S
+    background  variance of F by the background
+    own         variance of F by the echo's own photons
+    unit        third cumulant of F at the echo over its variance
+    """
+    ops = xp(threshold, signal, background)
+    lit = signal > 1e-6
+    spread = ops.maximum(background + own, 1e-30)
+    steep = ops.where(lit, ops.maximum(signal, 0.5 * ops.sqrt(spread)), 1.0)
+    gained = (_BACKGROUND_GAIN * background + _OWN_GAIN * own) / steep
+    found = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
+    return ops.where(lit, found, 0.0)
+
+
+def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:
+    """Cramer and Rao's bound on the time of an echo, from counts in bins (T99).
+
+    1 / sqrt(sum (S g_i')^2 / (S g_i + r bin_s)), with g_i the share of the pulse in each bin and g_i' its derivative.
+    """
+    ops = xp(signal, rate_hz)
+    information: Lanes = 0.0
+    steps = int(math.ceil(6.0 * sigma_s / bin_s))
+    for k in range(-steps, steps + 1):
+        # Bins that lie symmetrically about the echo; another place changes the sum by less than 1e-3 for fine bins.
+        low, high = (k - 0.5) * bin_s / sigma_s, (k + 0.5) * bin_s / sigma_s
+        share = 0.5 * (math.erf(high * math.sqrt(0.5)) - math.erf(low * math.sqrt(0.5)))
+        slope = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
+        expected = signal * share + rate_hz * bin_s
+        information = information + (signal * slope) ** 2 / ops.maximum(expected, 1e-30)
+    return 1.0 / ops.sqrt(information)

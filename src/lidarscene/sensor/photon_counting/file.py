@@ -1,0 +1,134 @@
+"""[detector] type = "spad" and [histogram] of a sensor file: a receiver that counts photons over many shots."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from ...errors import InputError
+from ...files.table import Table
+from ...maths.units import si
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ..model import MOST_STOPS, Tdc
+from .model import Histogram, Spad
+
+MOST_BINS = 64
+"""Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""
+
+SHORTEST_DEAD_TIME = 1.0
+"""Of a SPAD, in FWHM of the pulse: it counts an echo but once."""
+
+_TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
+_SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
+
+
+class SpadFile(Table[Spad]):
+    """[detector] type = "spad"."""
+
+    type: Literal["spad"]
+
+
+class HistogramFile(
+    Table[Histogram],
+    only=("bin_s", "threshold_floor", "threshold_slope", "estimator", "coates", "walk"),
+):
+    """[histogram]: sums the time stamps of many shots and finds the peaks; stands in the place of [tdc]."""
+
+    shots: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
+        default=None, description="added up for one point; as many as the pulse period allows if left out"
+    )
+    pulse_period_us: Annotated[float, Field(gt=0)] | None = Field(
+        default=None,
+        description="between the laser's pulses of one point, at multiplier 1; later light folds back onto the next",
+    )
+    multiplier: Annotated[float, Field(gt=0, le=16)] = Field(
+        default=1.0, description="of the number of shots; above 1 the pulse period is shorter by it"
+    )
+    window_us: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="of the histogram, after each pulse; the pulse period if left out"
+    )
+    ambient_window_us: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="time of each shot in which the background is counted; the window if left out"
+    )
+    blanking_ns: Annotated[float, Field(ge=0)] = Field(
+        default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
+    )
+    separation_ns: Annotated[float, Field(ge=0)] = Field(
+        default=0.0, description="least distance of two returns; of nearer ones the first is kept"
+    )
+    lsb_ps: Annotated[float, Field(ge=0)] = Field(default=0.0, description="step of the reported time")
+    stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = Field(default=1, description="returns for each point")
+    keep: Literal["first", "last", "strongest"] = Field(
+        default="strongest", description="which peaks, if there are more than stops"
+    )
+
+    def period_us(self, dwell_us: float) -> float | None:
+        """Between the laser's pulses of one point, with the multiplier; None: not given."""
+        if self.pulse_period_us is None:
+            return None
+        period = self.pulse_period_us / max(self.multiplier, 1.0)
+        if self.shots is not None and self.shots * period > dwell_us * (1.0 + 1e-9):
+            raise InputError(
+                f"histogram.shots: must be <= {math.floor(dwell_us / period)}, the pulses of {period:g} us in the "
+                f"{dwell_us:g} us of a point, got {self.shots}"
+            )
+        return period
+
+    def summed(self, dwell_us: float) -> int:
+        """Number of shots of a point that the sensor dwells on for so long."""
+        if self.shots is not None:
+            return self.shots
+        if self.pulse_period_us is None:
+            raise InputError("histogram: one of shots and pulse_period_us was expected, got none")
+        found = math.floor(dwell_us / self.pulse_period_us * self.multiplier * (1.0 + 1e-9))
+        if found < 1:
+            raise InputError(
+                f"histogram.pulse_period_us: must be <= {dwell_us * self.multiplier:g}, the time of a point, "
+                f"got {self.pulse_period_us:g}"
+            )
+        return found
+
+    def build(self, spad: Spad, *, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
+        """In SI units, for a point that the sensor dwells on for so long. Raises InputError."""
+        period_us = self.period_us(dwell_us)
+        sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
+        sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * float(spad.jitter_s)) ** 2 + self.bin_ns**2 / 12.0)
+        if self.bin_ns > 1.5 * sigma_ns:
+            raise InputError(
+                f"histogram.bin_ns: must be <= {1.5 * sigma_ns:.3g}, 1.5 times the width (sigma) of an echo, "
+                f"got {self.bin_ns:g}"
+            )
+        search = math.ceil(_SEARCH_REACH * sigma_ns / self.bin_ns)
+        reach = search + 1 + math.ceil(_TEMPLATE_REACH * sigma_ns / self.bin_ns)
+        if 2 * reach + 2 > MOST_BINS:
+            least = 2.0 * (_SEARCH_REACH + _TEMPLATE_REACH) * sigma_ns / (MOST_BINS - 8)
+            raise InputError(
+                f"histogram.bin_ns: must be >= {least:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
+            )
+        if 1e9 * float(spad.dead_time_s) < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
+            raise InputError(
+                f"detector.dead_time_ns: must be >= {SHORTEST_DEAD_TIME * pulse_fwhm_ns:g}, the width of the pulse, got "
+                f"{1e9 * float(spad.dead_time_s):g}"
+            )
+        return self.in_si(
+            shots=float(self.summed(dwell_us)), period_s=si(period_us, "us"), reach=reach, search=search
+        )
+
+    def converter(self, dwell_us: float) -> Tdc:
+        """The peak finder as a converter: one comparison for each bin, and the threshold of the histogram."""
+        period_us = self.period_us(dwell_us)
+        window_us = self.window_us if self.window_us is not None else period_us
+        if window_us is None:
+            raise InputError("histogram: one of window_us and pulse_period_us was expected, got none")
+        most = dwell_us if period_us is None else period_us
+        if window_us > most * (1.0 + 1e-9):
+            raise InputError(f"histogram.window_us: must be <= {most:g}, the pulse period, got {window_us:g}")
+        values: dict[str, Any] = {
+            "window_s": si(window_us, "us"), "bandwidth_hz": 1.0 / si(float(self.bin_ns), "ns"),
+            "least_significant_bit_s": si(self.lsb_ps, "ps"), "stops": self.stops, "keep": self.keep,
+            "blanking_s": si(self.blanking_ns, "ns"), "dead_time_s": si(self.separation_ns, "ns"),
+            "walk": "none", "ambient_window_s": si(self.ambient_window_us, "us"),
+        }  # fmt: skip
+        return Tdc(**values)

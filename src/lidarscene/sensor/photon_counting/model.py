@@ -1,0 +1,273 @@
+"""SPADs and their histogram as data, and the working point that a background puts them in.
+
+A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one histogram.
+A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are returns. So the
+signal is a number of photons: the value of the filter above that of the background (docs/theory.md 34).
+
+Symbols: N number of SPADs times shots, lambda rate of detected photons of one free SPAD, Lambda detections of an echo
+that one SPAD would make in a shot without dead time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from ...maths.arrays import Lanes, xp
+from ...maths.special import normal_tail
+from ...maths.units import Key, Quantity
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ...physics.optics import pulse
+from ...physics.photon_counting import dead_time, matched_filter
+from ..detectors import WorkingPoint
+
+_INVERSIONS = 40
+"""Bisections of the response with coincidence: from 1e-9 to 1e4 detections, to 1e-8 of their logarithm."""
+
+
+_LARGEST_SHARE = 0.995
+"""Share of the free SPADs above which their number no longer tells the light: 5.3 detections of each."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spad:
+    """Macro-pixel of single-photon avalanche diodes. SI units.
+
+    stamps       "all": a SPAD fires again after its dead time; "first": once in a shot
+    coincidence  1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs fire
+    """
+
+    spads: Annotated[Lanes, Quantity(ge=1, whole=True, about="SPADs of one pixel")]
+    radius_m: Annotated[
+        Lanes, Quantity("mm", gt=0, about="of a disc of the pixel's area: the field of view")
+    ]
+    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor")]
+    dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
+    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each SPAD")]
+    jitter_s: Annotated[
+        Lanes, Quantity("ps", ge=0, about="standard deviation of a time stamp")
+    ] = 0.0
+    stamps: Annotated[
+        Literal["all", "first"],
+        Key(about='time stamps of a SPAD in a shot: "all" that its dead time allows, or the "first"'),
+    ] = "all"
+    coincidence: Annotated[
+        int, Quantity(ge=1, le=16, about="SPADs that must fire in one bin to count; 1: each one counts")
+    ] = 1
+
+    @property
+    def saturates(self) -> bool:
+        """Whether strong echoes lose their height: a SPAD counts each but once."""
+        return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Histogram:
+    """Sum of time stamps over shots, and what reads it.
+
+    shots       added up for one point
+    period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
+    reach       bins that are drawn to either side of an echo
+    search      bins to either side of an echo in which its peak is looked for
+    """
+
+    shots: Lanes
+    period_s: Lanes | None
+    bin_s: Annotated[Lanes, Quantity("ns", gt=0)]
+    threshold_floor: Annotated[
+        Lanes, Quantity(ge=0, about="photons, without background")
+    ]
+    threshold_slope: Annotated[
+        Lanes, Quantity(ge=0, about="photons for the square root of the background counts of all shots")
+    ]
+    estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
+    coates: Annotated[bool, Key(about="whether counts are corrected for pile-up before the filter")] = False
+    walk: Annotated[
+        Literal["corrected", "raw"],
+        Key(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
+    ] = "corrected"
+    reach: int
+    search: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Macropixel:
+    """SPADs under one background, and the histogram that they fill. Each field a number or (n,).
+
+    fwhm_s       of the laser's pulse
+    sigma_s      width of an echo in the histogram: of the pulse, the jitter and a bin
+    per_watt     detections of one free SPAD in a second, for each watt on the pixel
+    rate_hz      lambda of the background and the dark counts
+    free         share of the SPADs that are free, before the echo
+    trials       N, or the shots alone if SPADs count only together
+    armed_s      time from when the SPADs were armed to the echo
+    """
+
+    spad: Spad
+    histogram: Histogram
+    fwhm_s: Lanes
+    sigma_s: Lanes
+    per_watt: Lanes
+    rate_hz: Lanes
+    free: Lanes
+    trials: Lanes
+    armed_s: Lanes
+
+    @classmethod
+    def under(
+        cls, background_power_w: Lanes, spad: Spad, histogram: Histogram, *,
+        photon_energy_j: Lanes, pulse_fwhm_s: Lanes, armed_s: Lanes = 0.0,
+    ) -> Macropixel:  # fmt: skip
+        """Under this background.
+
+        armed_s  time since the SPADs were armed, which matters with ``stamps = "first"``
+        """
+        sigma = pulse_fwhm_s / SIGMAS_PER_FWHM
+        bin_s, jitter = histogram.bin_s, spad.jitter_s
+        variance = sigma * sigma + jitter * jitter + bin_s * bin_s / 12.0
+        per_watt = spad.pde / (photon_energy_j * spad.spads)
+        rate = background_power_w * per_watt + spad.dark_count_rate_hz
+        if spad.stamps == "first":
+            free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
+        else:
+            free = dead_time.free_share(rate_hz=rate, dead_time_s=spad.dead_time_s)
+        return cls(
+            spad=spad, histogram=histogram, fwhm_s=pulse_fwhm_s, sigma_s=xp(variance).sqrt(variance), per_watt=per_watt, rate_hz=rate,
+            free=free, trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0), armed_s=armed_s,
+        )  # fmt: skip
+
+    @property
+    def corrected(self) -> bool:
+        """Whether Coates' correction applies: not to coincidences, which do not say how many SPADs are free."""
+        return self.histogram.coates and self.spad.coincidence == 1
+
+    @property
+    def count_share(self) -> Lanes:
+        """Probability of a background count of one trial in one bin."""
+        share = self.free * dead_time.firing_share(detections=self.rate_hz * self.histogram.bin_s)
+        return self._coincident(share)
+
+    @property
+    def count_rate_hz(self) -> Lanes:
+        """Background counts a second, over all trials, as the filter sees them."""
+        if self.corrected:
+            return self.trials * self.rate_hz
+        return self.trials * self.count_share / self.histogram.bin_s
+
+    @property
+    def variance_share(self) -> Lanes:
+        """Variance of the filtered background over that of Poisson counts (T95)."""
+        ops = xp(self.rate_hz)
+        if self.spad.coincidence > 1:
+            return 1.0 - self.count_share
+        # Counts of a SPAD within its dead time exclude each other, which narrows the noise: the template's
+        # autocorrelation exp(-t^2 / (4 w^2 sigma^2)) over the dead time, times the rate of firings.
+        width = matched_filter.TEMPLATE * self.sigma_s
+        excluded = self.rate_hz * self.free * width * (2.0 * math.sqrt(math.pi))
+        if self.spad.stamps == "all":
+            ratio = 0.5 * self.spad.dead_time_s / width
+            excluded = excluded * (1.0 - 2.0 * normal_tail(math.sqrt(2.0) * ratio))
+        share = ops.maximum(1.0 - excluded, self.free * self.free)
+        return share / self.free if self.corrected else share
+
+    def background_counts(self, time_s: Lanes) -> tuple[Lanes, Lanes]:
+        """Background counts a second, averaged over so long a time in each shot, and the narrowing of their noise."""
+        if self.spad.stamps == "first":
+            share = dead_time.firing_share(detections=self.rate_hz * time_s)
+            ops = xp(share)
+            return self.trials * share / time_s, ops.sqrt(1.0 - share)
+        return self.trials * self.count_share / self.histogram.bin_s, self.free
+
+    def detections(self, peak_power_w: Lanes) -> Lanes:
+        """Lambda of an echo with this peak power."""
+        return self.per_watt * pulse.pulse_energy_j(peak_power_w=peak_power_w, fwhm_s=self.fwhm_s)
+
+    def counts(self, detections: Lanes) -> Lanes:
+        """Photons of an echo, as the filter sees them, from Lambda (T92)."""
+        if self.corrected:
+            return self.trials * detections
+        if self.spad.coincidence == 1:
+            return self.trials * self.free * dead_time.firing_share(detections=detections)
+        # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
+        bin_s, before, total = self.histogram.bin_s, self.free, 0.0
+        background = self.rate_hz * bin_s
+        dark = self.count_share
+        step = bin_s / self.sigma_s
+        ops = xp(detections, step)
+        density = step / math.sqrt(2.0 * math.pi)
+        for k in range(-self.histogram.reach, self.histogram.reach + 1):
+            light = detections * density * ops.exp(-0.5 * (k * step) * (k * step))
+            share = before * dead_time.firing_share(detections=light + background)
+            total = total + self._coincident(share) - dark
+            before = before * ops.exp(-light)
+        return self.trials * ops.maximum(total, 0.0)
+
+    def power_w(self, counts: Lanes) -> Lanes:
+        """Peak power of an echo with so many photons."""
+        unit = self.per_watt * pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=self.fwhm_s)
+        if self.corrected:
+            return counts / (self.trials * unit)
+        if self.spad.coincidence == 1:
+            return dead_time.detections_of_share(share=counts / (self.trials * self.free)) / unit
+        ops = xp(counts, unit, self.free)
+        nothing = 0.0 * (counts + self.free)
+
+        def halved(state: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
+            low, high, left = state
+            middle = 0.5 * (low + high)
+            above = self.counts(ops.exp(middle)) > counts
+            return ops.where(above, low, middle), ops.where(above, middle, high), left - 1.0
+
+        low, high, _ = ops.loop(
+            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)), lambda state: state[2] > 0.5, halved
+        )
+        return ops.exp(0.5 * (low + high)) / unit
+
+    def _coincident(self, share: Lanes) -> Lanes:
+        """Probability of a count of one trial from that of one SPAD."""
+        if self.spad.coincidence == 1:
+            return share
+        return dead_time.coincidence_share(least=self.spad.coincidence, spads=self.spad.spads, share=share)
+
+
+def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
+    """What the filter makes of light and background; signals are photons (T95) to (T98).
+
+    ambient_s  time in each shot in which the background is counted
+    """
+    rate, sigma = pixel.count_rate_hz, pixel.sigma_s
+    variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
+    ops = xp(variance)
+    own = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
+    most = pixel.trials * (pixel.free if pixel.spad.coincidence == 1 else 1.0)
+    kappa_2 = 0.0 if pixel.corrected else -own / most
+    background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
+    own_unit = own * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
+
+    def found(threshold: Lanes, signal: Lanes) -> Lanes:
+        shot = ops.maximum(own * signal + kappa_2 * signal * signal, 0.0)
+        total = ops.maximum(variance + shot, 1e-30)
+        unit = (variance * background_unit + shot * own_unit) / total
+        return matched_filter.detection_probability(
+            threshold=threshold, signal=signal, background=variance, own=shot, unit=unit
+        )
+
+    def false_peak(threshold: Lanes) -> Lanes:
+        return matched_filter.false_peak_share(
+            threshold=threshold, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=pixel.histogram.bin_s
+        )
+
+    background = ops.sqrt(rate * ambient_s)
+    return WorkingPoint(
+        noise=ops.sqrt(variance),
+        kappa_1=own,
+        kappa_2=kappa_2,
+        least_threshold=0.0,
+        level=pixel.histogram.threshold_floor + pixel.histogram.threshold_slope * background,
+        signal=lambda power_w: pixel.counts(pixel.detections(power_w)),
+        power_w=pixel.power_w,
+        largest=None if pixel.corrected else most * _LARGEST_SHARE,
+        noise_tail=false_peak,
+        echo_tail=found,
+    )
