@@ -104,7 +104,7 @@ pytest_plugins = ("helpers.in_this_process", "helpers.libraries", "helpers.small
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def run_python() -> RunPython:
     """Run code in a fresh Python, with NAME=value in its environment, or NAME=None for unset."""
 
