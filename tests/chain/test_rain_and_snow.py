@@ -104,8 +104,8 @@ def strong_before(kind, range_m):
 
 def tripped_by_all(kind, pulses, far_m=25.0):
     """Share of pulses whose light trips the comparator within this range, where particles are drawn one by one down to
-    a fiftieth of what it takes, and their pulses are added up; each peak of the sum has noise of its own, a fifth of the
-    threshold.
+    a fiftieth of what it takes, and their pulses are added up; each peak of the sum has noise of its own, of a fifth
+    of the threshold.
     """
     slope_per_m, number_m4, _, one_mm = particles(kind)
     random, needed = np.random.default_rng(1), needed_w()

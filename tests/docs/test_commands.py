@@ -17,7 +17,9 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
-    return Reader(tmp_path_factory.mktemp("documentation"))
+    """What a page of studies shows too is run there."""
+    done = {command for page in pages(of_studies=True) for command in commands(page)}
+    return Reader(tmp_path_factory.mktemp("documentation"), done)
 
 
 def test_pages_show_commands() -> None:

@@ -1,9 +1,9 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
 They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
-fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, a job of four frames for twelve on one
-worker, the view written by `--save` instead of served. What is only parsed is in `PARSED_ONLY`, with the test that runs
-its like.
+fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts of fewer pixels, a job of four
+frames for twelve on one worker, the view written by `--save` instead of served. What is only parsed is in
+`PARSED_ONLY`, with the test that runs its like.
 """
 
 import re
@@ -17,6 +17,7 @@ import pytest
 from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
 from lidarscene import catalog
 from lidarscene.cli import main
+from lidarscene.figures import lines, maps
 from lidarscene.scene.file import load_scene
 
 # What needs more than this machine, and what another test runs as it stands.
@@ -54,8 +55,10 @@ COARSE_JOB = {
 }
 """What `scenes/job.toml` says, and what instead: four frames for twelve."""
 
-OF_STUDIES = ("compare.md", "fov.md", "range.md", "sensors.md", "your_own.md")
+OF_STUDIES = ("compare.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
+DPI = 60
+"""Of charts and maps, for 200."""
 
 
 def pages(*, of_studies: bool) -> list[Path]:
@@ -117,7 +120,7 @@ def coarse(arguments: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Reader:
-    """Who follows one page after the other, in one folder; ``done`` is what has run already, for another page."""
+    """Who follows one page after the other, in one folder; ``done`` is what runs for another page."""
 
     folder: Path
     done: set[str] = field(default_factory=set)
@@ -125,6 +128,8 @@ class Reader:
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """In the order of the page, and its Python between them where it has files of its own."""
         make_workplace(self.folder, page, monkeypatch)
+        for module in (lines, maps):
+            monkeypatch.setattr(module, "DPI", DPI)
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():
                 Path(f"{name}.toml").write_text(
@@ -137,8 +142,8 @@ class Reader:
             if block.language == "python" and own_files:
                 exec(compile(block.code, str(block), "exec"), {"__name__": "documentation"})
             if block.language == "sh":
-                lines = [re.split(" #", line)[0].strip() for line in block.code.splitlines()]
-                self._run(capsys, (line.removeprefix(".venv/bin/") for line in lines))
+                typed = [re.split(" #", line)[0].strip() for line in block.code.splitlines()]
+                self._run(capsys, (line.removeprefix(".venv/bin/") for line in typed))
         self._run(capsys, (one for one in commands(page) if one not in shown and not incomplete(one)))
 
     def _run(self, capsys: pytest.CaptureFixture[str], shown: Iterable[str]) -> None:
