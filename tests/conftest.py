@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import open3d as open3d_door
-from lidarscene.kernel.device import backend, llvm
+from lidarscene.kernel.device import backend, llvm, transfer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ["LIDARSCENE_CACHE"] = ""  # what an earlier run left must not decide a test
@@ -78,7 +78,12 @@ def mi() -> ModuleType:
 
 def _mitsuba() -> ModuleType:
     try:
-        return backend.mitsuba()
+        mitsuba = backend.mitsuba()
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            transfer.use_threads(
+                1
+            )  # there is a worker for each core; a thread that waits costs a fifth of the CPU
+        return mitsuba
     except BackendError as error:
         if REQUIRED:
             raise
