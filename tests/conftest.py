@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, settings
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import open3d as open3d_door
-from lidarscene.kernel.device import backend, llvm
+from lidarscene.kernel.device import backend, llvm, transfer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 TESTS = Path(__file__).parent
@@ -75,7 +75,12 @@ def mi() -> ModuleType:
 
 def _mitsuba() -> ModuleType:
     try:
-        return backend.mitsuba()
+        mitsuba = backend.mitsuba()
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            transfer.use_threads(
+                1
+            )  # there is a worker for each core; a thread that waits costs a fifth of the CPU
+        return mitsuba
     except BackendError as error:
         if REQUIRED:
             raise
@@ -101,7 +106,7 @@ pytest_plugins = ("helpers.in_this_process", "helpers.libraries", "helpers.small
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def run_python() -> RunPython:
     """Run code in a fresh Python, with NAME=value in its environment, or NAME=None for unset."""
 

@@ -3,6 +3,7 @@
 import ast
 import itertools
 from collections.abc import Iterable, Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -66,6 +67,12 @@ def room(module: str) -> str:
     return [*module.split("."), ""][1]
 
 
+@cache
+def nodes(code: str) -> tuple[ast.AST, ...]:
+    """Of its syntax tree; parsed once for all tests."""
+    return tuple(ast.walk(ast.parse(code)))
+
+
 def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
     """Dotted names of everything that `code` in `file` (relative to the package) imports, anywhere.
 
@@ -74,7 +81,7 @@ def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
     """
     package = (PACKAGE, *file.parts[:-1])
     known = set(modules)
-    for node in ast.walk(ast.parse(code)):
+    for node in nodes(code):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from helpers.documentation import says
 from scipy.constants import c
-from scipy.special import gammainc
+from scipy.signal import fftconvolve
+from scipy.special import gammainc, log_ndtr
 from scipy.stats import norm
 
 from lidarscene import load_scene, load_sensor, render
@@ -103,7 +104,8 @@ def strong_before(kind, range_m):
 
 def tripped_by_all(kind, pulses, far_m=25.0):
     """Share of pulses whose light trips the comparator within this range, where particles are drawn one by one down to
-    a fiftieth of what it takes, and their pulses are added up; each peak of the sum has noise of its own.
+    a fiftieth of what it takes, and their pulses are added up; each peak of the sum has noise of its own, of a fifth
+    of the threshold.
     """
     slope_per_m, number_m4, _, one_mm = particles(kind)
     random, needed = np.random.default_rng(1), needed_w()
@@ -117,26 +119,36 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     at = np.interp(random.random(counts.sum()) * before[-1], before, r)
     wide = np.interp(at, r, smallest) + random.exponential(1.0 / slope_per_m, counts.sum())
     watts = np.interp(at, r, per_sigma) * one_mm * 1e6 * wide**2
+    of = np.repeat(np.arange(pulses), counts)
+    hopeful = np.flatnonzero(np.bincount(of, watts, minlength=pulses) > 0.2 * needed)  # four deviations below
     grid = np.arange(1.0, far_m, 0.04)
     floor, sigma_m = np.interp(grid, r, even), 0.5 * c * 5e-9 / math.sqrt(8.0 * math.log(2.0))
-    tripped = 0
-    for places, powers in zip(*(np.split(one, np.cumsum(counts)[:-1]) for one in (at, watts)), strict=True):
-        if powers.sum() < 0.2 * needed:  # four deviations below
-            continue
-        light = floor + np.exp(-0.5 * ((grid[:, None] - places) / sigma_m) ** 2) @ powers
-        peaks = light[1:-1][(light[1:-1] > light[:-2]) & (light[1:-1] >= light[2:])]
-        tripped += bool(np.any(peaks + needed / 5.0 * random.normal(size=len(peaks)) >= needed))
+    tripped = 0.0
+    for some in np.array_split(hopeful, 20):
+        mine = np.isin(of, some)
+        row, place = np.searchsorted(some, of[mine]), (at[mine] - grid[0]) / 0.04
+        left = np.minimum(place.astype(int), len(grid) - 2)
+        # Shared out to the grid's two points beside it, which widens a pulse by less than 0.1 %.
+        powers = np.zeros((len(some), len(grid)))
+        np.add.at(powers, (row, left), watts[mine] * (1.0 - (place - left)))
+        np.add.at(powers, (row, left + 1), watts[mine] * (place - left))
+        shape = np.exp(-0.5 * ((grid - grid[len(grid) // 2]) / sigma_m) ** 2)
+        light = floor + fftconvolve(powers, shape[None], mode="same", axes=1)
+        inner = light[:, 1:-1]
+        pulse, peak = np.nonzero((inner > light[:, :-2]) & (inner >= light[:, 2:]))
+        quiet = np.bincount(pulse, log_ndtr(5.0 * (1.0 - inner[pulse, peak] / needed)), minlength=len(some))
+        tripped += np.sum(-np.expm1(quiet))
     return tripped / pulses
 
 
 def test_as_many_beams_as_where_all_particles_are_drawn(sky):
-    """Eight frames. Those that two weak ones trip together are in both.
+    """Four frames. Those that two weak ones trip together are in both.
 
     Tolerance: counting, and 1 %: of all light one deviate for each peak here, one for each particle there. With
     particles down to what trips it alone rain has 5 % fewer.
     """
     kind, _, beams = sky
-    scene, pulses, frames = load_scene(SCENES / f"{kind}.toml"), 40_000, 8
+    scene, pulses, frames = load_scene(SCENES / f"{kind}.toml"), 40_000, 4
     simulator = Simulator(scene, load_sensor("biaxial-905"))
     taken = sum(
         np.sum(

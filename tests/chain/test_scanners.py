@@ -10,7 +10,7 @@ from helpers import chain, launches, scanners
 from lidarscene import Simulator
 from lidarscene.light import beams
 from lidarscene.maths.pose import direction_from_angles
-from lidarscene.scene.model import Air
+from lidarscene.scene.model import Air, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -134,3 +134,16 @@ def test_another_frame_of_another_pattern_compiles_nothing(mi):
     with launches.launched() as later:
         Simulator(around(), equipped(other), world=first.world).render(seed=1, chunk=1500)
     launches.assert_none_is_new(later, before)
+
+
+@pytest.mark.parametrize(("name", "even"), [("mid40", True), ("mirror_step", False), ("polygon", False)])
+def test_sky_in_all_directions(mi, name, even):
+    """Even through prisms, whose echo is not; a mirror or a facet takes of both alike."""
+    scanner = scanners.ALL[name]()
+    described = chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), sky=0.1, sun=Sun(azimuth_rad=math.pi))
+    light = chain.run(described, dataclasses.replace(chain.sensor("table1-apd"), scanner=scanner)).light
+    relative = light.background_power_w / light.background_power_w.max()
+    assert (np.ptp(relative) < 1e-5) == even
+    pulse = scanners.frame(scanner)
+    share = np.broadcast_to(scanner.background_share(pulse), len(pulse))
+    np.testing.assert_allclose(relative, share / share.max(), rtol=1e-5)

@@ -5,6 +5,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.command_line import COARSE, WALL, Run
@@ -56,28 +57,34 @@ def test_pages_show_everything(folder: Path) -> None:
     assert "Cells are 2 degrees high" in page
 
 
-def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> None:
-    ran = run("fov", "table1-apd", "table1-sipm", "-o", "again", *FAST, RISEN, "--json")
-    assert (ran.code, ran.err) == (0, "")
-    told = json.loads(ran.out)
-    assert told["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
-    assert told["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
-    for name in NAMES:
-        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
-
-
-def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def again(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
+    """The same once more in another process, without a back end: its folder, its JSON, what it loaded."""
+    where = tmp_path_factory.mktemp("fov again") / "out"
+    argv = ["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN, "--json"]
     code = f"""
 import sys
 from lidarscene.cli.main import main
-code = main(["fov", "table1-apd", "-o", r"{tmp_path / "out"}", *{FAST!r}])
+code = main({argv!r})
 print([name for name in ("mitsuba", "drjit", "scipy", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (ran.returncode, ran.stderr) == (0, "")
-    assert ran.stdout.endswith("\n[]\n")
-    assert "No view from above" in (tmp_path / "out" / "index.md").read_text("utf-8")
+    said, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
+    return where, json.loads(said), loaded
+
+
+def test_the_same_again_and_as_json(folder: Path, again: tuple[Path, Any, str]) -> None:
+    where, told, _ = again
+    assert told["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
+    assert told["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
+    for name in NAMES:
+        assert (where / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_runs_without_tracing(again: tuple[Path, Any, str]) -> None:
+    assert again[2] == "[]"
 
 
 LABELLED = WALL.replace('"wall"', '"wall"\nclass = "building"', 1)
@@ -93,6 +100,7 @@ def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
     (tmp_path / "wall.toml").write_text(LABELLED)
     ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
     assert (ran.code, ran.err) == (0, "")
+    assert "No view from above" in (tmp_path / "out" / "index.md").read_text("utf-8")
     (row,) = bodies_of(tmp_path / "out")
     assert (row["sensor"], row["body"], row["class"]) == ("table1-apd", "wall", "building")
     assert int(row["points"]) == pytest.approx(11 * 11, abs=4)

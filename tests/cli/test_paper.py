@@ -1,10 +1,13 @@
 """`lidarscene paper`: everything it promises is there, and what it refuses."""
 
+import contextlib
 import csv
 import html.parser
+import io
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.command_line import Run
@@ -16,11 +19,35 @@ PICTURES = [name for name in study.file_names() if name.endswith((".png", ".svg"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def told() -> io.StringIO:
+    """What the command of `folder` prints."""
+    return io.StringIO()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, told: io.StringIO) -> Path:
     """The command run once."""
     where = tmp_path_factory.mktemp("paper") / "new" / "out"
-    assert main.main(["paper", "-o", str(where)]) == 0
+    with contextlib.redirect_stdout(told):
+        assert main.main(["paper", "-o", str(where)]) == 0
     return where
+
+
+@pytest.fixture(scope="module")
+def again(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
+    """And once more in another process, without a back end: its folder, its JSON, what it loaded."""
+    where = tmp_path_factory.mktemp("paper again") / "out"
+    code = f"""
+import sys
+from lidarscene.cli.main import main
+code = main(["paper", "-o", r"{where}", "--json"])
+print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
+sys.exit(code)
+"""
+    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    said, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
+    return where, json.loads(said), loaded
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
@@ -82,34 +109,23 @@ def test_html_is_self_contained(folder: Path) -> None:
     assert "http" not in text
 
 
-def test_both_pages_tell_the_same_claims(folder: Path, run: Run) -> None:
-    told = json.loads(run("paper", "-o", "again", "--json").out)
+def test_both_pages_tell_the_same_claims(folder: Path, again: tuple[Path, Any, str]) -> None:
+    told = again[1]
     page = (folder / "index.html").read_text("utf-8")
     assert page.count("<tr>") == len(told["claims"]) + len(told["errata"]) + 2
     assert len(told["claims"]) >= 35
     assert all(Path(name).is_file() for name in told["files"])
 
 
-def test_the_same_again(folder: Path, run: Run, tmp_path: Path) -> None:
+def test_the_same_again(folder: Path, again: tuple[Path, Any, str], told: io.StringIO) -> None:
     """No dates, no random numbers."""
-    ran = run("paper", "-o", "again")
-    assert (ran.code, ran.err) == (0, "")
     for name in study.file_names():
-        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
-    assert "at the best gain optical noise equals electrical noise" in ran.out.lower()
+        assert (again[0] / name).read_bytes() == (folder / name).read_bytes(), name
+    assert "at the best gain optical noise equals electrical noise" in told.getvalue().lower()
 
 
-def test_runs_without_tracing(run_python, tmp_path: Path) -> None:
-    code = f"""
-import sys
-from lidarscene.cli.main import main
-code = main(["paper", "-o", r"{tmp_path / "out"}"])
-print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
-sys.exit(code)
-"""
-    ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert (ran.returncode, ran.stderr) == (0, "")
-    assert ran.stdout.endswith("\n[]\n")
+def test_runs_without_tracing(again: tuple[Path, Any, str]) -> None:
+    assert again[2] == "[]"
 
 
 @pytest.mark.parametrize(

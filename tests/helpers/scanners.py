@@ -153,3 +153,17 @@ ALL = {
 def frame(scanner):
     """All pulse numbers of a frame."""
     return np.arange(scanner.pulses, dtype=np.uint32)
+
+
+PULSES = np.array([0, 1, 17, 130, 1201, 2077, 2400, 2999], dtype=np.uint32)
+"""Some of a frame."""
+
+
+def directions(scanner, pulse):
+    """(n, 3) of these pulses."""
+    return np.stack(np.broadcast_arrays(*scanner.direction(pulse)), axis=1)
+
+
+def shares(scanner, pulse):
+    """(n,) shares of the aperture."""
+    return np.broadcast_to(scanner.aperture_share(pulse), len(pulse))

@@ -6,6 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarscene import catalog
+from lidarscene.errors import InputError
+from lidarscene.materials.catalogue import material as catalogue_material
+
 MATERIALS = Path(__file__).parents[2] / "src" / "lidarscene" / "catalog" / "materials"
 WAVELENGTHS = [850, 905, 940, 1064, 1550]
 
@@ -262,3 +266,16 @@ def test_retroreflector_is_a_real_sheeting(name):
     peak = coefficient * 2.0 ** ((0.2 / half_angle) ** 2)
     returned = peak * np.pi * np.radians(half_angle) ** 2 / np.log(2.0)
     assert 0.01 < returned < 1.0 - max(values(material).values())
+
+
+@pytest.mark.parametrize("name", catalog.names("materials"))
+def test_material_loads(name: str) -> None:
+    material = catalogue_material(name)
+    assert material.name == name
+    assert 0 <= material.at(905e-9)["reflectivity"] <= 1
+
+
+@pytest.mark.parametrize("name", ["../sensors/table1-apd", "/etc/passwd\0", "concret", ""])
+def test_unknown_material(name: str) -> None:
+    with pytest.raises(InputError, match=r"^no material '.*' in the catalogue; (did you mean|it has) "):
+        catalogue_material(name)

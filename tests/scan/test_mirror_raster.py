@@ -1,0 +1,35 @@
+"""Rasters of mirrors: their grids in angles and in time."""
+
+import math
+
+import numpy as np
+from helpers import brute, scanners
+from helpers.scanners import DEG, directions
+
+from lidarscene import scan
+
+
+def test_mirror_raster_turns_its_mirrors_by_its_grid():
+    scanner = scanners.mirror()
+    row, column = 3, 117
+    turned = (1 - 2 * column / 119) * 15 * DEG, (1 - 2 * row / 40) * 6 * DEG
+    expected, _ = brute.gimbal(0.6, "below", "elevation", *turned)
+    got = directions(scanner, np.array([row * 120 + column], dtype=np.uint32))[0]
+    np.testing.assert_allclose(got, expected, atol=3e-7)
+
+
+def test_sine_lines_come_back_and_are_even_in_time():
+    """Rationale: a resonant mirror's angle is A sin, whichever way the line goes; lines follow at half a period."""
+    scanner = scanners.mirror(waveform="sine", line_duty=0.8, mirrors=scan.MirrorPair(last="elevation"))
+    pulse = np.arange(240, dtype=np.uint32)
+    (fast, _), time_s = scanner._mechanism(pulse), scanner.time_s(pulse)
+    line_s = 120 / (100e3 * 0.8)
+    middle = time_s - 59.5 / 100e3  # the first line's middle is where the sine goes through zero
+    np.testing.assert_allclose(fast, -15 * DEG * np.sin(math.pi * middle / line_s), atol=1e-6)
+
+
+def test_ramp_goes_on_within_a_line():
+    scanner = scanners.mirror(slow="ramp")
+    _, slow = scanner._mechanism(scanners.frame(scanner))
+    whole = scanner.time_s(scanners.frame(scanner)) / (41 * scanner.line_s)
+    np.testing.assert_allclose(slow, (1 - 2 * whole) * 6 * DEG, atol=2e-7)

@@ -1,0 +1,26 @@
+"""Spinning heads, by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import scanners
+from helpers.scanners import DEG
+
+
+def test_vlp16_by_hand():
+    """Pulse 3 of cycle 100: laser 3 at +3 degrees, 100 x 55.296 + 3 x 2.304 us after the start, turning clockwise."""
+    scanner = scanners.vlp16()
+    pulse = np.array([1603], dtype=np.uint32)
+    azimuth, elevation = scanner.angles(pulse)
+    t = 100 * 55.296e-6 + 3 * 2.304e-6
+    assert scanner.time_s(pulse)[0] == pytest.approx(t, rel=1e-12)
+    assert azimuth[0] == pytest.approx(-2 * math.pi * 10 * t, abs=3e-7)
+    assert elevation[0] == pytest.approx(3 * DEG, abs=1e-8)
+    np.testing.assert_allclose(np.ravel(scanner.offset_m(pulse)), [0, 0, -2.2e-3], atol=1e-9)
+
+
+def test_exits_turn_with_the_head():
+    scanner = scanners.vlp16(start_m=([0.03] * 16, [0.01] * 16, [0.0] * 16), start_azimuth_rad=math.pi / 2)
+    x, y, z = (v[0] for v in scanner.offset_m(np.zeros(1, dtype=np.uint32)))
+    np.testing.assert_allclose([x, y, z], [-0.01, 0.03, 0.0], atol=1e-8)
