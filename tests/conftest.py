@@ -20,7 +20,8 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers share it; what an earlier run left must not decide a test
+# Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
+if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
 OUTSIDE = dict(os.environ)
