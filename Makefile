@@ -18,7 +18,7 @@ car: $(READY)
 	    --set scanner.azimuth_step_deg=0.1 --set scanner.elevation_step_deg=0.1
 
 test: $(READY)
-	$(BIN)/pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event simulation.
 quick: $(READY)

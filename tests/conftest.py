@@ -20,8 +20,8 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm, transfer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-TESTS = Path(__file__).parent
-if "PYTEST_XDIST_WORKER" not in os.environ:  # its workers share it; what an earlier run left must not decide a test
+# Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
+if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
 OUTSIDE = dict(os.environ)
@@ -32,6 +32,14 @@ with contextlib.suppress(BackendError):
 settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("lidarscene")
 
+TESTS = Path(__file__).parent
+LONGEST = (
+    "docs/test_commands.py", "batch/test_run.py", "batch/test_cluster.py", "studies/sipm_events/test_events.py",
+    "cli/test_batch.py", "chain/test_rain_and_snow.py", "view/test_page.py", "cli/test_paper.py",
+    "cli/test_field_of_view.py", "figures/test_pictures.py", "studies/ranging/test_sensitivities.py",
+    "studies/sipm_events/test_working_point.py", "kernel/device/test_replay.py", "cli/test_main.py",
+)  # fmt: skip
+"""Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
 REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
 
 
@@ -46,6 +54,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         folder, *rest = item.path.relative_to(TESTS).parts
         if rest:
             item.add_marker(folder)
+    turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: turn.get(item.path, len(turn)))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

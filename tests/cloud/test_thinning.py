@@ -13,6 +13,7 @@ from lidarscene.cloud.thinning import Thinned
 from lidarscene.figures.pictures import frame_picture
 
 N = 1000
+SMALL = (480, 400)
 
 
 @pytest.mark.parametrize("cuts", [[0, N], [0, 1, 1, 400, N], list(range(0, N + 1, 10))], ids=len)
@@ -41,11 +42,11 @@ def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_picture_is_the_same_by_either_road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a cloud, and of its pieces; and it is another one than that of all points."""
     cloud, thinned = street(), Thinned()
-    frame_picture(cloud, tmp_path / "all.png")
+    frame_picture(cloud, tmp_path / "all.png", size_px=SMALL)
     monkeypatch.setattr(thinning, "MOST_POINTS", len(cloud) // 2)
     for first in range(0, len(cloud), 700):
         thinned.append(cloud.select(slice(first, first + 700)))
-    frame_picture(thinned, tmp_path / "pieces.png")
-    frame_picture(cloud, tmp_path / "whole.png")
+    frame_picture(thinned, tmp_path / "pieces.png", size_px=SMALL)
+    frame_picture(cloud, tmp_path / "whole.png", size_px=SMALL)
     assert (tmp_path / "pieces.png").read_bytes() == (tmp_path / "whole.png").read_bytes()
     assert (tmp_path / "all.png").read_bytes() != (tmp_path / "whole.png").read_bytes()

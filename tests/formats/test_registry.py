@@ -36,27 +36,6 @@ def test_round_trip(tmp_path: Path, name: str, n: int, dtype: Any, truth: bool) 
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_round_trip_of_text(tmp_path: Path) -> None:
-    for n in (0, 1, 100):
-        cloud = small_cloud(n)
-        cloud.save(tmp_path / "a.pcd", ascii=True)
-        assert_same(PointCloud.load(tmp_path / "a.pcd"), cloud)
-
-
-@pytest.mark.parametrize("name", ["las", "laz"])
-@pytest.mark.parametrize("n", [0, 1, 100])
-def test_las_keeps_all_but_the_last_digits_of_positions(tmp_path: Path, name: str, n: int) -> None:
-    """Tolerance: half of the step that LAS has, and float32 of 100 m."""
-    need(name)
-    cloud = small_cloud(n)
-    cloud.save(file_of(tmp_path, name))
-    back = PointCloud.load(file_of(tmp_path, name))
-    np.testing.assert_allclose(back.xyz_m, cloud.xyz_m, rtol=0, atol=0.5 * las.STEP_M + 4e-6)
-    assert back.xyz_m.dtype == np.float32
-    same = {"xyz_m": cloud.xyz_m, "range_m": cloud.range_m}
-    assert_same(back.__class__(**{f: getattr(back, f) for f in back.__dataclass_fields__} | same), cloud)
-
-
 @pytest.mark.parametrize("name", READ)
 def test_any_text_survives(tmp_path: Path, name: str) -> None:
     """Rationale: names come from file names and editors. More than 64 kB of them must not break a header."""
@@ -70,6 +49,26 @@ def test_any_text_survives(tmp_path: Path, name: str) -> None:
     cloud.save(file_of(tmp_path, name), format=name)
     back = PointCloud.load(file_of(tmp_path, name), format=name)
     assert (back.metadata, back.class_names) == (cloud.metadata, cloud.class_names)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("n", [0, 1])
+def test_clouds_of_no_point_and_of_one_can_be_written(tmp_path: Path, name: str, n: int) -> None:
+    need(name)
+    small_cloud(n, truth=False).save(file_of(tmp_path, name), format=name)
+    assert file_of(tmp_path, name).is_file()
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_same_cloud_gives_the_same_file(tmp_path: Path, name: str) -> None:
+    """Rationale: a repeated run must not look like a change. LAS has today's date in bytes 90 to 94."""
+    need(name)
+    data = []
+    for folder in ("a", "b"):
+        path = file_of(tmp_path / folder, name)
+        small_cloud(50).save(path, format=name)
+        data.append(path.read_bytes())
+    assert data[0] == data[1]
 
 
 def test_suffix_names_the_format() -> None:
@@ -184,25 +183,6 @@ def test_files_of_other_programs_are_refused(tmp_path: Path, name: str) -> None:
         path.write_text("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nDATA ascii\n")
     with pytest.raises(InputError, match=r"not (a point cloud of|written by) lidarscene"):
         PointCloud.load(path)
-
-
-def test_pcd_counts_its_points(tmp_path: Path) -> None:
-    path = tmp_path / "a.pcd"
-    for ascii in (False, True):
-        small_cloud(5).save(path, ascii=ascii)
-        path.write_bytes(path.read_bytes().replace(b"POINTS 5", b"POINTS 6"))
-        with pytest.raises(
-            InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"
-        ):
-            PointCloud.load(path)
-
-
-def test_las_refuses_what_its_integers_cannot_hold(tmp_path: Path) -> None:
-    need("las")
-    far = np.zeros((2, 3), np.float64)
-    far[1, 0] = 3e4
-    with pytest.raises(InputError, match=r"a\.las: LAS holds points up to 21475 m from the sensor"):
-        small_cloud(2, xyz_m=far).save(tmp_path / "a.las")
 
 
 def test_coordinates_of_a_map_survive(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.registry import FORMATS
 
@@ -22,6 +23,14 @@ def need(name: str) -> None:
 
 def file_of(folder: Path, name: str) -> Path:
     return folder / f"a{FORMATS[name].suffix}"
+
+
+def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
+    """The file of pieces that are appended one after the other."""
+    with FORMATS[name].stream(path) as append:
+        for piece in pieces:
+            append(piece)
+    return path.read_bytes()
 
 
 def rotated(quaternion: tuple[float, ...], vectors: np.ndarray) -> np.ndarray:

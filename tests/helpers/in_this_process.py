@@ -6,6 +6,7 @@ import pytest
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
+from lidarscene.figures import pictures
 
 
 @pytest.fixture
@@ -29,3 +30,9 @@ def wall(tmp_path: Path) -> str:
     """A scene of one wall of 4 m, 10 m off, in the middle of the coarse raster."""
     (tmp_path / "wall.toml").write_text(WALL)
     return "wall.toml"
+
+
+@pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a sixteenth of the pixels, where pictures are compared with one another: whole ones take most of the time."""
+    monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))

@@ -22,6 +22,8 @@ from lidarscene import (
 )
 from lidarscene.errors import OptionWarning
 
+pytestmark = pytest.mark.usefixtures("small_pictures")
+
 SETS = tuple(one.removeprefix("--set=") for one in COARSE)
 MOVING = """
 [ego]

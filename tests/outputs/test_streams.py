@@ -27,6 +27,8 @@ from lidarscene.labels.files import write_labels
 from lidarscene.rendering.rig import simulators
 from lidarscene.rendering.simulator import Simulator
 
+pytestmark = pytest.mark.usefixtures("small_pictures")
+
 SENSOR = "table1-apd"
 MOVING = """
 [ego]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.clouds import assert_same, small_cloud
-from helpers.formats import need
+from helpers.formats import need, written
 
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
@@ -17,13 +17,6 @@ from lidarscene.formats.registry import FORMATS
 
 STREAMED = [name for name, one in FORMATS.items() if one.stream]
 CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])
-
-
-def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
-    with FORMATS[name].stream(path) as append:
-        for piece in pieces:
-            append(piece)
-    return path.read_bytes()
 
 
 def test_which_formats_can() -> None:
@@ -56,32 +49,6 @@ def test_no_points(tmp_path: Path, name: str) -> None:
         assert_same(PointCloud.load(path), none)
     else:  # rows and nothing else
         assert path.read_bytes() == b""
-
-
-def test_laz_does_not_show_how_it_was_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """More points than the 50,000 of a chunk of LAZ, in pieces that end within chunks, against one write of all."""
-    need("laz")
-    cloud = small_cloud(120_000)
-    pieces = [cloud.select(slice(*ends)) for ends in itertools.pairwise([0, 49_999, 50_001, 60_000, 120_000])]
-    streamed = written(tmp_path / "pieces.laz", "laz", pieces)
-    monkeypatch.setattr(las, "PIECE_POINTS", 10**9)
-    cloud.save(tmp_path / "whole.laz")
-    assert streamed == (tmp_path / "whole.laz").read_bytes()
-
-
-def test_las_does_not_cut_a_pulse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pulses of three returns in pieces of four points and more: number_of_returns is that of the pulse."""
-    need("las")
-    import laspy
-
-    monkeypatch.setattr(las, "PIECE_POINTS", 4)
-    pulse, angle = np.repeat(np.arange(5.0), 3), np.repeat(np.zeros(5, np.float32), 3)
-    cloud = small_cloud(
-        15, time_s=pulse, channel=angle.astype(np.int32), azimuth_rad=angle, elevation_rad=angle,
-        return_number=np.tile(np.array([1, 2, 3], np.uint8), 5),
-    )  # fmt: skip
-    cloud.save(tmp_path / "a.las")
-    assert np.array(laspy.read(tmp_path / "a.las").number_of_returns).tolist() == 15 * [3]
 
 
 @pytest.mark.parametrize("name", STREAMED)
@@ -118,37 +85,3 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert str(error.value) == f"{path}: cannot be written: File too large"
     assert os.listdir(tmp_path) == []
-
-
-def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    need("parquet")
-    import pyarrow.parquet
-
-    monkeypatch.setattr(parquet, "GROUP_POINTS", 30)
-    written(tmp_path / "a.parquet", "parquet", [small_cloud(25)] * 4)
-    file = pyarrow.parquet.ParquetFile(tmp_path / "a.parquet")
-    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [30, 30, 30, 10]
-
-
-def test_las_intensity_is_of_the_largest_of_all_pieces(tmp_path: Path) -> None:
-    """The second piece holds the largest: the first one's points are put in order afterwards."""
-    need("las")
-    import laspy
-
-    low = small_cloud(2, intensity=np.array([1.0, 2.0], np.float32))
-    written(tmp_path / "a.las", "las", [low, small_cloud(1, intensity=np.array([4.0], np.float32))])
-    # Rounded to 16 bits: a quarter and a half of 65535 are 16383.75 and 32767.5, which goes to the even neighbour.
-    assert laspy.read(tmp_path / "a.las").intensity.tolist() == [16384, 32768, 65535]
-
-
-def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
-    """What the header declares of extra bytes holds for all points, or is not declared."""
-    need("las")
-    import laspy
-
-    small_cloud(100).save(tmp_path / "a.las")
-    las_file = laspy.read(tmp_path / "a.las")
-    for extra in las_file.header.vlrs.get("ExtraBytesVlr")[0].extra_bytes_structs:
-        values = np.asarray(las_file[extra.format_name()])
-        assert not extra.min_is_relevant() or extra.min[0] <= values.min()
-        assert not extra.max_is_relevant() or extra.max[0] >= values.max()

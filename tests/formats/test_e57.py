@@ -1,0 +1,87 @@
+"""E57: as pye57 reads it, and without any library."""
+
+import struct
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from helpers.clouds import small_cloud
+from helpers.formats import need
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.described import LARGEST
+
+N = 50
+
+
+def finite(values: np.ndarray) -> np.ndarray:
+    """As formats without infinity have them."""
+    return np.clip(values, -LARGEST, LARGEST) if values.dtype.kind == "f" else values
+
+
+def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
+    need("e57")
+    pye57 = library("pye57")
+    cloud = small_cloud(N)
+    cloud.save(tmp_path / "a.e57")
+    file = pye57.E57(str(tmp_path / "a.e57"))
+    header = file.get_header(0)
+    assert header.point_count == N
+    raw = file.read_scan_raw(0, ignore_unsupported_fields=True)
+    for i, axis in enumerate("XYZ"):
+        np.testing.assert_array_equal(raw[f"cartesian{axis}"], cloud.xyz_m[:, i])
+    np.testing.assert_array_equal(raw["intensity"], cloud.intensity)
+    np.testing.assert_array_equal(raw["rowIndex"], cloud.channel)
+    for column in cloud.columns[3:]:
+        if f"ls:{column.name}" in header.point_fields:
+            came = e57_field(pye57, file, header, f"ls:{column.name}")
+            np.testing.assert_array_equal(came, finite(cloud.column(column.name)).astype(float))
+    np.testing.assert_array_equal(e57_field(pye57, file, header, "timeStamp"), cloud.time_s)
+    np.testing.assert_array_equal(e57_field(pye57, file, header, "returnIndex"), cloud.return_number - 1.0)
+    assert len(header.point_fields) == len(cloud.columns)
+    file.close()
+
+
+def e57_field(pye57: Any, file: Any, header: Any, name: str) -> np.ndarray:
+    values = np.zeros(header.point_count)
+    buffers = pye57.libe57.VectorSourceDestBuffer()
+    buffers.append(pye57.libe57.SourceDestBuffer(file.image_file, name, values, len(values), True, True))
+    reader = header.points.reader(buffers)
+    reader.read()
+    reader.close()
+    return values
+
+
+def test_e57_pose_puts_the_scan_into_the_world(
+    tmp_path: Path, library: Any, street_cloud: PointCloud
+) -> None:
+    """The same scan in both frames: read with the pose, and read as it is. Tolerance: float32 of 40 m."""
+    need("e57")
+    pye57 = library("pye57")
+    placed = []
+    for cloud in (street_cloud, street_cloud.in_sensor_frame()):
+        cloud.save(tmp_path / "a.e57")
+        file = pye57.E57(str(tmp_path / "a.e57"))
+        scan = file.read_scan(0, ignore_missing_fields=True)
+        placed.append(np.stack([scan[f"cartesian{axis}"] for axis in "XYZ"], axis=-1))
+        file.close()
+    np.testing.assert_allclose(placed[0], street_cloud.xyz_m, atol=1e-9)
+    np.testing.assert_allclose(placed[1], street_cloud.xyz_m, atol=2e-5)
+
+
+def test_e57_without_its_library(tmp_path: Path) -> None:
+    """Reference: ASTM E2807: pages of 1020 bytes and a checksum, an XML section where the header says."""
+    need("e57")
+    small_cloud(N).save(tmp_path / "a.e57")
+    data = (tmp_path / "a.e57").read_bytes()
+    assert data[:8] == b"ASTM-E57"
+    pages = np.frombuffer(data, np.uint8).reshape(-1, 1024)[:, :1020]
+    start, length = struct.unpack_from("<QQ", data, 24)
+    logical = start // 1024 * 1020 + start % 1024
+    root = ElementTree.fromstring(pages.tobytes()[logical : logical + length])
+    prototype = root.find(".//{*}points/{*}prototype")
+    assert prototype is not None
+    names = [element.tag for element in prototype]
+    assert "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}cartesianX" in names
+    assert "{https://lidarscene.invalid/e57/1}snr" in names

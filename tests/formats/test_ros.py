@@ -1,0 +1,107 @@
+"""ROS 2: as mcap_ros2 reads it."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+from helpers.formats import file_of, need, rotated
+
+from lidarscene.cloud.points import PointCloud
+
+LAYOUTS = {
+    "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
+    "ouster": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (16, 7), "t": (20, 6), "reflectivity": (24, 4),
+               "ring": (26, 4), "ambient": (28, 4), "range": (32, 6)},
+}  # fmt: skip
+
+NUMPY = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+def messages(path: Path, library: Any) -> dict[str, Any]:
+    """Messages by topic, decoded by mcap_ros2 from the definitions that the file holds."""
+    if path.suffix == ".mcap":
+        reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
+        with open(path, "rb") as file:
+            made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+            return {channel.topic: message for _, channel, _, message in made.iter_decoded_messages()}
+    dynamic = library("mcap_ros2._dynamic")
+    connection = sqlite3.connect(path)
+    try:
+        definitions = dict(
+            connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
+        )
+        query = "SELECT name, type, data FROM messages JOIN topics ON topics.id = messages.topic_id"
+        return {
+            topic: dynamic.generate_dynamic(kind, definitions[kind])[kind](data)
+            for topic, kind, data in connection.execute(query)
+        }
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_point_cloud_2(
+    tmp_path: Path, library: Any, street_cloud: PointCloud, suffix: str, layout: str
+) -> None:
+    """Reference: the fields of both drivers, and mcap_ros2 as reader; rosbags wrote."""
+    name = {".mcap": "mcap", ".db3": "rosbag2"}[suffix] + ("-ouster" if layout == "ouster" else "")
+    need(name)
+    path = file_of(tmp_path, name)
+    street_cloud.save(path, format=name)
+    came = messages(path, library)
+    points, own = came["/points"], street_cloud.in_sensor_frame()
+    fields = {field.name: (field.offset, field.datatype) for field in points.fields}
+    assert {name: fields[name] for name in LAYOUTS[layout]} == LAYOUTS[layout]
+    assert (points.header.frame_id, points.height, points.width) == ("lidar", 1, len(own))
+    assert points.row_step == points.width * points.point_step == len(points.data)
+    rows = np.frombuffer(
+        bytes(points.data),
+        np.dtype(
+            {
+                "names": list(fields),
+                "formats": [NUMPY[kind] for _, kind in fields.values()],
+                "offsets": [offset for offset, _ in fields.values()],
+                "itemsize": points.point_step,
+            }
+        ),
+    )
+    np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), own.xyz_m)
+    np.testing.assert_array_equal(rows["intensity"], own.intensity)
+    np.testing.assert_array_equal(rows["ring"], own.channel)
+    if layout == "velodyne":
+        np.testing.assert_array_equal(rows["time"], own.time_s.astype(np.float32))
+    else:
+        np.testing.assert_array_equal(rows["t"], np.rint(own.time_s * 1e9))
+        np.testing.assert_allclose(rows["range"], 1e3 * own.range_m, atol=0.51)
+    for column in own.columns:
+        if column.name not in (*LAYOUTS[layout], "channel", "time"):
+            np.testing.assert_array_equal(rows[column.name], own.column(column.name))
+    check_transform(came["/tf"].transforms[0], street_cloud)
+
+
+def check_transform(stamped: Any, cloud: PointCloud) -> None:
+    """`map` to `lidar` is where the sensor stands: it takes its points into the world."""
+    assert (stamped.header.frame_id, stamped.child_frame_id) == ("map", "lidar")
+    t, q = stamped.transform.translation, stamped.transform.rotation
+    turned = rotated((q.w, q.x, q.y, q.z), cloud.in_sensor_frame().xyz_m.astype(float))
+    np.testing.assert_allclose(turned + np.array([t.x, t.y, t.z]), cloud.xyz_m, atol=2e-5)
+
+
+def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
+    need("mcap")
+    reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
+    from lidarscene.formats.ros import write_ros
+
+    frames = [small_cloud(n, metadata={"frame_start_s": repr(0.1 * n)}) for n in (3, 5)]
+    write_ros(tmp_path / "a.mcap", iter(frames))
+    with open(tmp_path / "a.mcap", "rb") as file:
+        made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        came = [(m.log_time, d.header.stamp, d.width) for _, _, m, d in made.iter_decoded_messages()]
+    assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in came] == [
+        (300_000_000, 300_000_000, 3),
+        (500_000_000, 500_000_000, 5),
+    ]

@@ -1,0 +1,29 @@
+"""Quaternions and angles of rotation matrices, and the matrices of them."""
+
+import numpy as np
+from helpers.formats import rotated
+
+from lidarscene.maths import rotations
+
+
+def test_quaternions_and_angles() -> None:
+    """Reference: the quaternion turns vectors as the matrix does, and the angles make the matrix again.
+
+    Turns by 180 degrees about each axis are in, where a formula by w alone fails. Tolerance: float64 rounding.
+    """
+    rng = np.random.default_rng(7)
+    turns = [np.diag(d) for d in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
+    for _ in range(50):
+        q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        turns.append(q * np.sign(np.linalg.det(q)))
+    for turn in turns:
+        q = rotations.quaternion(turn)
+        assert q[0] >= 0
+        np.testing.assert_allclose(rotated(q, np.eye(3)), np.asarray(turn).T, atol=1e-14)
+        yaw, pitch, roll = rotations.yaw_pitch_roll_rad(turn)
+        cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (np.cos, np.sin))
+        z, y = (
+            np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]),
+            np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]),
+        )
+        np.testing.assert_allclose(z @ y @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]]), turn, atol=1e-14)
