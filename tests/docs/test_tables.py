@@ -151,17 +151,33 @@ def checked(name: str) -> catalogue.Check:
 
 
 def test_published_against_simulated() -> None:
-    """The rows that are shown, in the words of `catalog check`; precisions to the own error of its draws."""
+    """The rows that are shown, in the words of `catalog check`; scatters to the own error of its draws."""
     for name, quantity, published, simulated in table("sensors.md", "sensor | quantity"):
         one = checked(name.strip("`"))
         kind, condition = quantity.split(", ", 1)
-        candidates = (one.precision_m,) if kind == "precision" else (one.range_m, *one.also)
+        kinds = {"scatter": one.repeatability_m, "false points": (one.false_points,)}
+        candidates = kinds.get(kind, (one.range_m, *one.also))
         (found,) = [c for c in candidates if c.condition.startswith(condition)]
         assert found.published is not None
         assert found.simulated is not None
-        unit = 0.01 if simulated.endswith(" cm") else 1.0
+        unit = {"cm": 0.01, "mm": 0.001}.get(simulated.split()[-1], 1.0)
         row_says([published], found.published / unit)
         row_says([simulated], found.simulated / unit)
+
+
+def test_scatter_as_recorded() -> None:
+    """Every recorded scatter of the sensors that sample, each with its simulated one."""
+    shown = table("sensors.md", "sensor | target at")
+    named = {row[0].strip("`") for row in shown}
+    assert named == {"hdl-32e", "hdl-64e", "vlp-16", "vls-128"}
+    for name in named:
+        recorded = [c for c in checked(name).repeatability_m if "recorded" in c.condition]
+        rows = [row for row in shown if row[0].strip("`") == name]
+        for row, found in zip(rows, recorded, strict=True):
+            assert found.published is not None
+            assert found.simulated is not None
+            assert found.condition.startswith(f"{row[1]}, ")
+            row_says(row[2:4], 1e3 * found.published, 1e3 * found.simulated)
 
 
 def test_beams_of_the_catalogue() -> None:

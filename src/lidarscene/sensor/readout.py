@@ -87,6 +87,37 @@ NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
+class RepeatabilityFile(FileModel):
+    """[[published.repeatability]]: scatter of the range at an SNR, or at a range on a target."""
+
+    sigma_m: Positive = Field(description="standard deviation of the range")
+    snr: Positive | None = Field(default=None, description="at which, or")
+    at_m: Positive | None = Field(default=None, description="range of the target, with its reflectivity")
+    reflectivity: Share | None = Field(default=None, description="of that target")
+    illuminance_klux: NotNegative | None = Field(
+        default=None, description="there; if left out that of [published]"
+    )
+    at_most: bool = Field(default=False, description="an upper bound")
+    recording: bool = Field(
+        default=False, description="measured by others in recordings, not said by the maker"
+    )
+    assumed: tuple[Literal["reflectivity", "illuminance_klux"], ...] = Field(
+        default=(), description="keys of conditions above that are not published but assumed"
+    )
+    source: Annotated[str, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_condition(self) -> RepeatabilityFile:
+        if (self.snr is None) == (self.at_m is None):
+            raise ValueError("one of snr and at_m must be given, got both or none")
+        if self.at_m is not None and self.reflectivity is None:
+            raise ValueError("at_m needs reflectivity; name it in assumed if it is not known")
+        for key in self.assumed:
+            if getattr(self, key) is None:
+                raise ValueError(f"assumed names {key}, which has no value here")
+        return self
+
+
 class PublishedFile(FileModel):
     """[published]: performance and its conditions; what is left out is not published."""
 
@@ -96,9 +127,10 @@ class PublishedFile(FileModel):
     also: tuple[tuple[Share, Positive], ...] = Field(
         default=(), description="further reflectivities and ranges, at the same illuminance"
     )
-    precision_m: Positive | None = Field(default=None, description="standard deviation of the range")
-    precision_at_m: Positive | None = Field(default=None, description="range of that target")
-    precision_reflectivity: Share | None = Field(default=None, description="of that target")
+    repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
+    false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        default=None, description="share of the pulses that report noise, at that illuminance"
+    )
     points_per_second: Positive | None = Field(default=None, description="one return, as rounded there")
     assumed: tuple[str, ...] = Field(
         default=(), description="keys of conditions above that are not published but assumed"
@@ -107,17 +139,12 @@ class PublishedFile(FileModel):
 
     @model_validator(mode="after")
     def _complete(self) -> PublishedFile:
-        for value, conditions in (
-            ("range_m", ("reflectivity", "illuminance_klux")),
-            ("precision_m", ("precision_at_m", "precision_reflectivity", "illuminance_klux")),
-        ):
-            missing = [key for key in conditions if getattr(self, key) is None]
-            if getattr(self, value) is not None and missing:
-                raise ValueError(
-                    f"{value} needs {' and '.join(missing)}; name it in assumed if it is not known"
-                )
-        if self.also and self.illuminance_klux is None:
-            raise ValueError("also needs illuminance_klux; name it in assumed if it is not known")
+        missing = [key for key in ("reflectivity", "illuminance_klux") if getattr(self, key) is None]
+        if self.range_m is not None and missing:
+            raise ValueError(f"range_m needs {' and '.join(missing)}; name it in assumed if it is not known")
+        for key in ("also", "false_points"):
+            if getattr(self, key) and self.illuminance_klux is None:
+                raise ValueError(f"{key} needs illuminance_klux; name it in assumed if it is not known")
         for key in self.assumed:
             if key not in type(self).model_fields or getattr(self, key) is None:
                 raise ValueError(f"assumed names {key}, which has no value here")

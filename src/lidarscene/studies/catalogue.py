@@ -1,31 +1,34 @@
-"""Catalogue sensors compared with what their makers publish: range, precision, points per second.
+"""Catalogue sensors compared with what their makers publish: range, repeatability, false points, points per second.
 
 Sensor files hold estimates where makers say nothing. The published results are the check on them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..detection.photon_counting.receiver import detect_alone
+from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor
-from ..sensor.readout import PublishedFile
+from ..sensor.readout import PublishedFile, RepeatabilityFile
+from .ranging import statistics
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
 SHOTS = 20_000
-"""Shots for one precision: its own error is 0.5 %."""
+"""Shots for one scatter: its own error is 0.5 %."""
 
 _SEED = 1
 
 NOTE = """\
 * not published: assumed. Of several ranges the first is the one that the laser's power was fitted to, if it was.
-Precision is the standard deviation of one shot."""
+The scatter is the standard deviation of one shot's range; false points are per pulse. "recorded" stands for what others
+measured in recordings, with the roughness of the surface in it: an upper bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +57,8 @@ class Check:
     name: str
     range_m: Compared
     also: tuple[Compared, ...]
-    precision_m: Compared
+    repeatability_m: tuple[Compared, ...]
+    false_points: Compared
     points_per_second: Compared
     source: str
 
@@ -64,14 +68,25 @@ def points_per_second(sensor: Sensor) -> float:
     return sensor.scanner.pulses / sensor.scanner.frame_s
 
 
-def precision_m(sensor: Sensor, target: Target, range_m: float) -> float | None:
-    """Standard deviation of one shot's reported range, by `detect_alone`; None if hardly any echo is found."""
-    light = echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
-    numbers = np.arange(SHOTS, dtype=np.uint32)
-    seen = detect_alone(light, sensor, seed=_SEED, pulse=numbers).stops[0]
+def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | None = None) -> float | None:
+    """Standard deviation of one shot's reported range, through the stages of `render`; None if few echoes are found.
+
+    snr  (11) of the echo, whatever light the target would return; None: that of the target
+    """
+    # Not all at one place: a sampler's clock and a converter's steps are met anywhere.
+    ranges = range_m + np.random.default_rng(_SEED).uniform(-0.5, 0.5, SHOTS)
+    light = echoes_of_plane(sensor, target, ranges)
+    if snr is not None:
+        point = sensor.working_point(light.background_power_w)
+        level = snr * point.noise
+        if point.largest is not None and np.any(level > point.largest):
+            return None  # more than the cells can show
+        light = replace(light, peak_power_w=point.power_w(level))
+    seen = detect_alone(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
     echo = seen.reported & (seen.status == int(Status.ECHO))
-    ranges = np.asarray(seen.range_m)[np.asarray(echo)]
-    return float(np.std(ranges)) if ranges.size > SHOTS // 100 else None
+    errors = (np.asarray(seen.range_m) - ranges)[np.asarray(echo)]
+    return float(np.std(errors)) if errors.size > SHOTS // 100 else None
+
 
 
 def check(name: str) -> Check:
@@ -82,7 +97,8 @@ def check(name: str) -> Check:
         name=name,
         range_m=_range(sensor, published, published.reflectivity, published.range_m),
         also=tuple(_range(sensor, published, *pair) for pair in published.also),
-        precision_m=_precision(sensor, published),
+        repeatability_m=tuple(_repeatability(sensor, published, one) for one in published.repeatability),
+        false_points=_false_points(sensor, published),
         points_per_second=Compared(
             published=published.points_per_second, simulated=points_per_second(sensor)
         ),
@@ -103,24 +119,34 @@ def _range(
     return Compared(published=range_m, simulated=float(limit), condition=words)
 
 
-def _precision(sensor: Sensor, published: PublishedFile) -> Compared:
-    if published.precision_m is None:
-        return Compared(published=None, simulated=None)
-    # The model demands the conditions of a precision.
-    at, reflectivity, klux = (
-        published.precision_at_m, published.precision_reflectivity, published.illuminance_klux,
-    )  # fmt: skip
-    assert at is not None
-    assert reflectivity is not None
-    assert klux is not None
+def _repeatability(sensor: Sensor, published: PublishedFile, one: RepeatabilityFile) -> Compared:
+    """At its SNR (on 10 % at 20 m, which sets the background), or on its target."""
+    klux = one.illuminance_klux if one.illuminance_klux is not None else published.illuminance_klux
+    target = Target(reflectivity=one.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
+    sunlit = "*" if "illuminance_klux" in (*published.assumed, *one.assumed) or klux is None else ""
+    if one.snr is not None:
+        words = [f"SNR {one.snr:g}"]
+    else:
+        words = [f"{one.at_m:g} m", f"{one.reflectivity:.0%}{'*' if 'reflectivity' in one.assumed else ''}"]
+    words += [f"{target.illuminance_klux:g} klux{sunlit}"]
+    words += ["at most"] * one.at_most + ["recorded"] * one.recording
     return Compared(
-        published=published.precision_m,
-        simulated=precision_m(sensor, Target(reflectivity=reflectivity, illuminance_klux=klux), at),
-        condition=_words(
-            published, ("precision_at_m", f"{at:g} m"), ("precision_reflectivity", f"{reflectivity:.0%}"),
-            ("illuminance_klux", f"{klux:g} klux"),
-        ),
-    )  # fmt: skip
+        published=one.sigma_m,
+        simulated=scatter_m(sensor, target, range_m=one.at_m or 20.0, snr=one.snr),
+        condition=", ".join(words),
+    )
+
+
+def _false_points(sensor: Sensor, published: PublishedFile) -> Compared:
+    """Noise in a pulse without echo, under the light of a 10 % target."""
+    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    target = Target(reflectivity=0.1, illuminance_klux=klux)
+    beyond_m = float(sensor.tdc.window_s) * SPEED_OF_LIGHT_M_S
+    return Compared(
+        published=published.false_points,
+        simulated=statistics.false_points(sensor, target, beyond_m).per_pulse,
+        condition=_words(published, ("illuminance_klux", f"{klux:g} klux")),
+    )
 
 
 def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
@@ -137,7 +163,8 @@ def as_dict(one: Check) -> dict[str, Any]:
         "name": one.name,
         "range_m": _as_dict(one.range_m),
         "also_range_m": [_as_dict(c) for c in one.also],
-        "precision_m": _as_dict(one.precision_m),
+        "repeatability_m": [_as_dict(c) for c in one.repeatability_m],
+        "false_points": _as_dict(one.false_points),
         "points_per_second": _as_dict(one.points_per_second),
         "source": one.source,
     }
@@ -156,7 +183,8 @@ def as_text(checks: list[Check]) -> str:
         for label, digits, c in (
             ("range, m", ".1f", one.range_m),
             *(("range, m", ".1f", further) for further in one.also),
-            ("precision, m", ".4f", one.precision_m),
+            *(("scatter, m", ".4f", c) for c in one.repeatability_m),
+            ("false points", ".2e", one.false_points),
             ("points/s", ",.0f", one.points_per_second),
         ):
             shift = None if c.deviation is None else round(c.deviation, 3) + 0.0  # no minus before zero
