@@ -68,8 +68,9 @@ def detect(light, equipped, *, seed=0):
 
 
 def power_at_snr(equipped, snr):
-    """Peak power of this SNR."""
+    """Peak power of this SNR, before a matched filter."""
     point = equipped.working_point(np.array([BACKGROUND_W]))
+    point = point.unfiltered or point
     return float(point.power_w(snr * point.noise)[0])
 
 

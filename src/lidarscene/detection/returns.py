@@ -189,7 +189,12 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
         found=found,
         crossing_s=crossing,
         reported_s=timing.of_lone_pulse(
-            shots, own, arrival_s=arrival, crossing_s=crossing, measured=measured, power_w=power,
+            shots,
+            own,
+            arrival_s=arrival,
+            crossing_s=crossing,
+            measured=measured,
+            power_w=power,
             width_s=width_s,
         ),
         amplitude=measured,

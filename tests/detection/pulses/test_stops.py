@@ -1,11 +1,20 @@
 """Which pulses a receiver finds and keeps: walls behind fog, orders of returns."""
 
+import itertools
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import trains
+from scipy.constants import c
+from scipy.signal import find_peaks
+from scipy.stats import norm
 
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import Status
+from lidarscene.errors import InputError
+from lidarscene.light.waveform import sampled
 
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=14", "sampler.full_scale=1e-4")
 LEVELS = ("sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 16, 32, 64]")
@@ -60,3 +69,120 @@ def test_a_comparator_s_first_edge_is_the_fog():
     (stop,) = behind_fog()
     assert (stop.status == Status.WEATHER).all()
     assert stop.range_m.max() < 6.0
+
+
+def random_trains(sensor, pulses, *, seed):
+    """Sub-echoes at random places, up to sixteen thresholds of 5000 deviations high."""
+    range_m, power = trains.random_trains(pulses, 6, sensor, seed=seed, spread_m=12.0)
+    return trains.train(range_m, 4000.0 * power)
+
+
+@pytest.mark.parametrize(("keep", "dead_time_ns"), [("all", 0.0), ("strongest", 0.0), ("strongest", 30.0)])
+def test_peaks_of_any_train(keep, dead_time_ns):
+    """Against SciPy's peaks of finely sampled waveforms that stand out by a threshold on both sides.
+
+    Noise is 2e-4 of the threshold. Trains with a peak whose height or prominence is within 1 % of it are left out, and
+    with a valley on which the two rules differ: they ask how far the light falls between two peaks, SciPy to the next
+    higher one. Of peaks nearer than the dead time both take the higher.
+    """
+    sensor = load_sensor(
+        "table1-apd",
+        overrides=["tdc.timing='peak'", "tdc.threshold_to_noise=5000", "detector.circuit_noise_na=1e5",
+                   f"tdc.keep='{keep}'", f"tdc.dead_time_ns={dead_time_ns}"],
+    )  # fmt: skip
+    light = random_trains(sensor, 300, seed=7)
+    found = trains.detect(light, sensor)
+    point = sensor.working_point(light.background_power_w)
+    threshold = sensor.threshold(point)
+    step_s = 0.01 * trains.SIGMA_S
+    judged = several = 0
+    for pulse in range(300):
+        ranges = light.parts[0].range_m.reshape(300, -1)[pulse]
+        time_s = np.arange(2.0 * ranges.min() / c - 30e-9, 2.0 * ranges.max() / c + 30e-9, step_s)
+        one = replace(
+            light, background_power_w=light.background_power_w[:1],
+            parts=(replace(light.parts[0], range_m=ranges,
+                           peak_power_w=light.parts[0].peak_power_w.reshape(300, -1)[pulse]),),
+        )  # fmt: skip
+        signal = sampled(one, sensor, time_s)[1][0] / threshold[pulse]
+        peaks, about = find_peaks(signal, height=1.0, prominence=0.0)
+        low = np.array([signal[a : b + 1].min() for a, b in itertools.pairwise(peaks)])
+        doubtful = (np.abs(about["prominences"] - 1.0) < 0.05).any() or (low < 1.05).any()
+        if doubtful or (about["peak_heights"] < 1.05).any():
+            continue
+        distance = max(dead_time_ns * 1e-9 / step_s, 1.0)
+        peaks, _ = find_peaks(signal, height=1.0, prominence=1.0, distance=distance)
+        if dead_time_ns and len(peaks) > 2:
+            continue
+        if keep == "strongest":
+            peaks = peaks[[np.argmax(signal[peaks])]] if len(peaks) else peaks
+        have = [float(stop.range_m[pulse]) for stop in found.stops if stop.reported[pulse]]
+        assert have == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)
+        judged, several = judged + 1, several + (len(peaks) > 1)
+    assert judged > 60
+    assert keep == "strongest" or several > 10
+
+
+ECHOES = ((100.0, 2000.0), (110.0, 4000.0), (130.0, 500.0))
+"""Ranges and SNR; 10 m are 67 ns."""
+
+
+@pytest.mark.parametrize(
+    ("overrides", "ranges"),
+    [
+        (["tdc.keep='strongest_and_last'"], [110.0, 130.0]),
+        (["tdc.keep='strongest_and_last'", "tdc.order='strength'"], [110.0, 130.0]),
+        (["tdc.keep='strongest_and_last'", "tdc.window_us=0.8"], [100.0, 110.0]),
+        (["tdc.keep='strongest_and_last'", "tdc.order='strength'", "tdc.window_us=0.8"], [110.0, 100.0]),
+        (["tdc.keep='strongest'", "tdc.stops=2", "tdc.order='strength'"], [110.0, 100.0]),
+        (["tdc.keep='strongest'", "tdc.stops=3", "tdc.order='strength'"], [110.0, 100.0, 130.0]),
+        (["tdc.keep='last'", "tdc.stops=2", "tdc.order='strength'"], [110.0, 130.0]),
+        (["tdc.keep='all'", "tdc.order='strength'"], [110.0, 100.0, 130.0] + [0.0] * 13),
+        # Peaks at least a dead time apart: the higher of two that are nearer.
+        (["tdc.timing='peak'", "tdc.stops=3", "tdc.dead_time_ns=80"], [110.0, 130.0, 0.0]),
+        (["tdc.timing='peak'", "tdc.stops=3", "tdc.dead_time_ns=250"], [110.0, 0.0, 0.0]),
+        (["tdc.stops=3", "tdc.dead_time_ns=80"], [100.0, 130.0, 0.0]),
+    ],
+)
+def test_orders_of_returns(overrides, ranges):
+    sensor = load_sensor("table1-apd", overrides=[*trains.QUIET, *overrides])
+    distances, snr = (np.array(one) for one in zip(*ECHOES, strict=True))
+    power = trains.power_at_snr(sensor, 1.0) * snr
+    found = trains.detect(trains.train(np.tile(distances, (20, 1)), np.tile(power, (20, 1))), sensor)
+    for stop, wanted in zip(found.stops, ranges, strict=True):
+        np.testing.assert_array_equal(np.where(stop.reported, np.rint(stop.true_range_m), 0.0), wanted)
+
+
+def test_alarms_beside_the_strongest_and_the_last():
+    """In an empty window: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
+    sensor = load_sensor(
+        "table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"]
+    )
+    count = 20_000
+    found = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    threshold = float(sensor.threshold(point)[0])
+    expected = -np.log1p(-norm.sf(3.3)) * sensor.tdc.bandwidth_hz * sensor.tdc.window_s
+    random = np.random.default_rng(8)
+    last, highest = [], []
+    for number in random.poisson(expected, count):
+        if number:
+            time, height = random.uniform(0.0, sensor.tdc.window_s, number), random.exponential(1.0, number)
+            last.append(time.max())
+            highest.append(height.max())
+    kept = [np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]
+    reported = found.stops[0].reported
+    times = [np.where(stop.reported, stop.range_m, 0.0) for stop in found.stops]
+    have = (
+        np.maximum(*times)[reported] * 2.0 / c,
+        (np.maximum(*kept)[reported] - threshold) * threshold / float(point.noise[0]) ** 2,
+    )
+    for a, b in zip(have, (np.array(last), np.array(highest)), strict=True):
+        error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
+        assert abs(a.mean() - b.mean()) < norm.isf(0.5e-4) * error
+    assert abs(len(have[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
+
+
+def test_stops_of_strongest_and_last_are_two():
+    with pytest.raises(InputError, match='stops: must be 2 with keep = "strongest_and_last", got 3'):
+        load_sensor("table1-apd", overrides=["tdc.keep='strongest_and_last'", "tdc.stops=3"])

@@ -112,7 +112,7 @@ def of_rise(
 
 
 def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
-    """Noiseless signal at which an edge reaches the fraction of its measured peak, (n,); (T25) with that as threshold."""
+    """Noiseless signal at which an edge reaches the fraction of its measured peak, (n,): (T25) with that for U."""
     point = shots.point
     return tdc.crossing_level(
         threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base), deviate=trip.deviate,
@@ -153,7 +153,10 @@ def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> La
     if sensor.matches:
         # The slope of the pulse looks away from its peak, where most of the echo's own noise is.
         sigma = tdc.noise_at_level(
-            level=trip.signal, noise=point.noise, kappa_1=2.0 / 3.0 * point.kappa_1, kappa_2=0.5 * point.kappa_2
+            level=trip.signal,
+            noise=point.noise,
+            kappa_1=2.0 / 3.0 * point.kappa_1,
+            kappa_2=0.5 * point.kappa_2,
         )
         slope = sampling.matched_slope_noise(x=x)
         curved = sampling.matched_curvature(curvature=curved)

@@ -6,8 +6,8 @@ There noise is white up to the bandwidth B, as the shot noise of (13) counts it;
 sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2. The Cramer-Rao bound is the standard against which estimators of a
 sampled receiver are measured.
 
-Symbols: g pulse shape, sigma_p its standard deviation, f fraction of the peak, x = 2 pi B sigma_p, curvature -P'' / P of
-the waveform at its peak in units of sigma_p (1 of a lone pulse).
+Symbols: g pulse shape, sigma_p its standard deviation, f fraction of the peak, x = 2 pi B sigma_p, curvature -P'' / P
+of the waveform at its peak in units of sigma_p (1 of a lone pulse).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...maths.special import normal_tail
 from .pulse_sums import SIGMAS_PER_FWHM
 
 SHOT_SHARE = math.sqrt(2.0 / 3.0)
-"""int g^3 / int g^2: noise that grows as the signal, in the output of a matched filter, over noise of the peak's level."""
+"""int g^3 / int g^2: of noise that grows as the signal, what counts behind a matched filter, over that at the peak."""
 
 SQUARE_SHARE = math.sqrt(0.5)
 """int g^4 / int g^2: the same of noise that grows as its square."""
