@@ -18,6 +18,7 @@ from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
+from . import memory as of_memory
 from .outcomes import Outcome, Status
 from .returns import Detection, Returns, alarm_status, interferes
 from .rises import Rise, visit_all
@@ -87,6 +88,8 @@ class _Found:
     highest    place of the highest peak
     highest_w  power there
     stops      crossings that the converter keeps so far, best first
+    memory     earlier echoes, as far as the detector remembers them
+    at_highest what the highest peak found of them; None: nothing
     """
 
     high: Mask
@@ -96,6 +99,8 @@ class _Found:
     highest: Lanes
     highest_w: Lanes
     stops: tuple[_Stop, ...]
+    memory: of_memory.Memory
+    at_highest: of_memory.Left | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +158,8 @@ class _Converter(Received):
         )  # fmt: skip
         start = _Found(
             high=never, tripped=never, in_window=never, last=ops.full(like, _EMPTY), highest=nothing, highest_w=nothing,
-            stops=(empty,) * self.sensor.tdc.stops,
+            stops=(empty,) * self.sensor.tdc.stops, memory=(memory := of_memory.empty(self)),
+            at_highest=of_memory.Left(floor=nothing, held=nothing, share=nothing + 1.0) if memory else None,
         )  # fmt: skip
         found = visit_all(self.wave, self._visit, start)
         status = ops.full(like, int(Status.ECHO))
@@ -163,27 +169,34 @@ class _Converter(Received):
         """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        trip = comparator.trip(self, peak_w, draw=rise.number)
+        left = of_memory.left(self, rise, found.memory)
+        here = self if left is None else replace(self, point=left.seen(self.point))
+        trip = comparator.trip(here, peak_w, draw=rise.number)
         # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
         # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
-        in_valley = self.point.signal(rise.valley_w) >= trip.level
+        valley = self.point.signal(rise.valley_w)
+        in_valley = (valley if left is None else ops.maximum(valley, left.floor)) >= trip.level
         edge = rise.found & trip.tripped & ~(found.high & in_valley)
-        place = self._crossing(rise, trip, edge, in_valley)
+        place = here._crossing(rise, trip, edge, in_valley)
         crossing_s = self.time_s(place)
         # The dead time counts from the last crossing that was taken, not from every crossing.
         ready = (place - found.last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         taken_now = taken & self._may_keep(crossing_s, found.stops)
-        new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        higher = peak_w > found.highest_w
+        at_highest = None if left is None else chosen(higher, left, found.at_highest)
         return _Found(
             high=ops.where(rise.found, trip.tripped, found.high),
             tripped=found.tripped | edge,
             in_window=found.in_window | taken,
             last=ops.where(taken, place, found.last),
-            highest=ops.where(peak_w > found.highest_w, rise.peak, found.highest),
+            highest=ops.where(higher, rise.peak, found.highest),
             highest_w=ops.maximum(found.highest_w, peak_w),
             stops=self._with(found.stops, new),
+            memory=of_memory.after(self, rise, trip.signal, left, found.memory),
+            at_highest=at_highest,
         )
 
     def _may_keep(self, crossing_s: Lanes, stops: tuple[_Stop, ...]) -> Mask:
@@ -388,7 +401,8 @@ class _Converter(Received):
         # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         lit = found.highest_w > 0.0
-        signal = self.point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
+        point = self.point if found.at_highest is None else found.at_highest.seen(self.point)
+        signal = point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
         probability = comparator.probability(self, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),
