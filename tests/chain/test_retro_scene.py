@@ -25,7 +25,7 @@ def clouds():
     scene, made = load_scene(SCENE), {}
     options = {
         "both": ("table1-apd", *CLIPPING), "rising": ("table1-apd", *CLIPPING, "tdc.edges='rising'"),
-        "sipm": ("table1-sipm",),
+        "sipm": ("table1-sipm", "detector.statistics='time_domain'"),
     }  # fmt: skip
     for name, (sensor, *keys) in options.items():
         made[name] = Simulator(scene, chain.sensor(sensor, *FINE, CALIBRATED, *keys)).render(seed=2)

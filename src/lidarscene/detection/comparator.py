@@ -212,6 +212,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     fwhm = sensor.laser.pulse_fwhm_s
     power = true_power_w
     if sensor.tdc.walk == "corrected":
+        point = point.calibrated or point
         power = point.inferred_power_w(measured, width_s=width_s, threshold=threshold, pulse_fwhm_s=fwhm)
     return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
 

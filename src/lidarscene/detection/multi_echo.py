@@ -19,6 +19,7 @@ from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.model import MultiLevel, Sensor
 from . import ambient, comparator, intensity
+from . import memory as of_memory
 from .outcomes import Outcome, Status
 from .pulses import stops as keeping
 from .pulses import timing
@@ -75,6 +76,8 @@ class _Found:
     highest_w  power there
     stops      crossings that the converter keeps so far, best first
     pulse      the last peak, which is not yet among the stops; None of a receiver that times edges
+    memory     earlier echoes, as far as the detector remembers them
+    at_highest what the highest peak found of them; None: nothing
     """
 
     high: Mask
@@ -85,6 +88,8 @@ class _Found:
     highest_w: Lanes
     stops: Stops
     pulse: _Pulse | None
+    memory: of_memory.Memory
+    at_highest: of_memory.Left | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,6 +142,8 @@ class _Converter(Received):
             high=never, tripped=never, in_window=never, last=before, highest=nothing, highest_w=nothing,
             stops=keeping.room(tdc, like),
             pulse=_Pulse(stop=keeping.unused(like), peak=before, top=nothing, lowest=nothing) if peaks else None,
+            memory=(memory := of_memory.empty(self)),
+            at_highest=of_memory.Left(floor=nothing, held=nothing, share=nothing + 1.0) if memory else None,
         )  # fmt: skip
         found = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
         stops = found.stops
@@ -149,21 +156,26 @@ class _Converter(Received):
         """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        trip = comparator.trip(self, peak_w, draw=rise.number)
+        left = of_memory.left(self, rise, found.memory)
+        here = self if left is None else replace(self, point=left.seen(self.point))
+        trip = comparator.trip(here, peak_w, draw=rise.number)
         # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
         # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
-        in_valley = self.point.signal(rise.valley_w) >= trip.level
+        valley = self.point.signal(rise.valley_w)
+        in_valley = (valley if left is None else ops.maximum(valley, left.floor)) >= trip.level
         edge = rise.found & trip.tripped & ~(found.high & in_valley)
-        place = self._crossing(rise, trip, edge, in_valley)
+        place = here._crossing(rise, trip, edge, in_valley)
         crossing_s = self.time_s(place)
         # The dead time counts from the last crossing that was taken, not from every crossing.
         ready = (place - found.last) * self.sigma_s >= tdc.dead_time_s
         taken = edge & comparator.listening(self.sensor, crossing_s) & ready
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
-        new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
         return self._after(
-            found, rise, peak_w, edge, taken,
+            found, rise, trip, left,
+            tripped=found.tripped | edge,
+            in_window=found.in_window | taken,
             high=ops.where(rise.found, trip.tripped, found.high),
             last=ops.where(taken, place, found.last),
             stops=keeping.with_new(tdc, found.stops, new, later=True),
@@ -180,18 +192,22 @@ class _Converter(Received):
         ops, tdc, before = self.ops, self.sensor.tdc, found.pulse
         assert before is not None
         peak_w = ops.where(rise.found, rise.top[0], 0.0)
+        left = of_memory.left(self, rise, found.memory)
+        here = self if left is None else replace(self, point=left.seen(self.point))
         gain, of_slow = timing.gains(self.sensor, rise)
         valley = self.point.signal(of_slow * rise.valley_w)
+        if left is not None:
+            valley = ops.maximum(valley, left.floor)
         lowest = ops.minimum(before.lowest, valley)
         own = comparator.level(self, draw=rise.number)
         # After a pulse a rise counts from the lowest light since, where that is above the level: fog, which holds the
         # signal high for many metres, does not hide what rises out of it.
         held = found.high & (lowest >= own)
         base = ops.where(held, self._base(lowest), 0.0)
-        trip = comparator.trip(self, gain * peak_w, draw=rise.number, base=base)
+        trip = comparator.trip(here, gain * peak_w, draw=rise.number, base=base)
         tripped = rise.found & trip.tripped
         in_valley = valley >= trip.level
-        place = self._crossing(rise, trip, tripped, in_valley, gain)
+        place = here._crossing(rise, trip, tripped, in_valley, gain)
         crossing_s = self.time_s(place)
         apart = (rise.peak - before.peak) * self.sigma_s >= tdc.dead_time_s
         apart = apart & (~held | (before.top >= self.threshold + base))
@@ -200,7 +216,7 @@ class _Converter(Received):
         higher = rise.found & ~apart & (trip.signal > before.top) & (tripped | found.high)
         taken = (fresh | higher) & comparator.listening(self.sensor, crossing_s)
         taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
-        new = self._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
         done = replace(before.stop, key=ops.where(taken & apart, before.stop.key, EMPTY))
         stop = new
         if self.sensor.times_edge:
@@ -219,7 +235,9 @@ class _Converter(Received):
             lowest=ops.where(taken, trip.signal, ops.where(rise.found, lowest, before.lowest)),
         )
         return self._after(
-            found, rise, peak_w, tripped, taken,
+            found, rise, trip, left,
+            tripped=found.tripped | tripped,
+            in_window=found.in_window | taken,
             high=ops.where(rise.found, tripped | held, found.high),
             last=found.last,
             stops=keeping.with_new(tdc, found.stops, done, later=True),
@@ -239,15 +257,17 @@ class _Converter(Received):
         return base
 
     def _after(
-        self, found: _Found, rise: Rise, peak_w: Lanes, tripped: Mask, taken: Mask, **changed: Any
+        self, found: _Found, rise: Rise, trip: comparator.Trip, left: of_memory.Left | None, **changed: Any
     ) -> _Found:
         """The state behind a rise: what both kinds of receiver remember, and what one of them ``changed``."""
         ops = self.ops
+        peak_w = ops.where(rise.found, rise.top[0], 0.0)
+        higher = peak_w > found.highest_w
         return _Found(
-            tripped=found.tripped | tripped,
-            in_window=found.in_window | taken,
-            highest=ops.where(peak_w > found.highest_w, rise.peak, found.highest),
+            highest=ops.where(higher, rise.peak, found.highest),
             highest_w=ops.maximum(found.highest_w, peak_w),
+            memory=of_memory.after(self, rise, trip.signal, left, found.memory),
+            at_highest=None if left is None else chosen(higher, left, found.at_highest),
             **changed,
         )
 
@@ -440,7 +460,8 @@ class _Converter(Received):
         # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         lit = found.highest_w > 0.0
-        signal = self.point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
+        point = self.point if found.at_highest is None else found.at_highest.seen(self.point)
+        signal = point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
         probability = comparator.probability(self, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),

@@ -19,6 +19,19 @@ from ..physics.electronics import apd, counting, mcintyre, sampling, saturation,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CellMemory:
+    """What decides how long a SiPM remembers an echo, `physics.electronics.sipm_response.left_busy`.
+
+    free     cells that the background leaves ready
+    rate_hz  at which it fires a ready cell
+    """
+
+    free: Lanes
+    rate_hz: Lanes
+    dead_time_s: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WorkingPoint:
     """A detector under one background, per pulse.
 
@@ -39,6 +52,8 @@ class WorkingPoint:
                       photons; None for (9)
     echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
     level             threshold that follows the background by a law of its own; None: the converter sets it
+    memory            of a SiPM whose cells are followed in time; None: every echo finds the detector as the first does
+    calibrated        the point that the sensor takes this one for, with an earlier echo forgotten; None: itself
     """
 
     noise: Lanes
@@ -55,7 +70,11 @@ class WorkingPoint:
     largest: Lanes | None = None
     noise_tail: Callable[[Lanes], Lanes] | None = None
     crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
+    echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
+    level: Lanes | None = None
     unfiltered: WorkingPoint | None = None
+    memory: CellMemory | None = None
+    calibrated: WorkingPoint | None = None
 
     def matched(self, noise_share: Lanes) -> WorkingPoint:
         """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T82).
@@ -83,8 +102,6 @@ class WorkingPoint:
             crossings_hz=None if crossings_hz is None else same_multiple_hz,
             unfiltered=self,
         )
-    echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
-    level: Lanes | None = None
 
     @property
     def exact(self) -> bool:
@@ -319,7 +336,12 @@ class Sipm:
         variance, free_cells, kappa_1, kappa_2 = noise_state
         share_of = sipm.fired_share_published if published else sipm.fired_share
         photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
-        at_peak, before_peak = self._in_time(1.0 - free_cells / self.cells, pulse_fwhm_s)
+        busy_share = 1.0 - free_cells / self.cells
+        at_peak, before_peak = self._in_time(busy_share, pulse_fwhm_s)
+        memory = None
+        if self.statistics == "time_domain":
+            rate_hz = busy_share / (1.0 - busy_share) / self.dead_time_s
+            memory = CellMemory(free=free_cells, rate_hz=rate_hz, dead_time_s=self.dead_time_s)
 
         def signal(power_w: Lanes) -> Lanes:
             arriving = sipm.signal_photons(
@@ -343,7 +365,7 @@ class Sipm:
             least_threshold=self.cell_floor, signal=signal, power_w=power_w,
             cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
             knee=sipm.MOST_TELLING_SHARE * free_cells,
-            largest=free_cells - 0.5,
+            largest=free_cells - 0.5, memory=memory,
         )  # fmt: skip
 
     def captured(self, pulse_fwhm_s: Lanes) -> Lanes:

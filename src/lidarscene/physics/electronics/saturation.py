@@ -76,6 +76,15 @@ def held_until(
     return ops.where(signal > saturation, ops.maximum(fall_s, drained), fall_s)
 
 
+def drained(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes:
+    """What an amplifier still holds of a clipped pulse this long after the light fell back to S, s exp(-t / tau).
+
+    The next pulse comes on top of it. Nothing drains before.
+    """
+    ops = xp(held, since_s)
+    return held * ops.exp(-ops.maximum(since_s, 0.0) / ops.maximum(recovery_s, 1e-18))
+
+
 def overdrive_of_width(
     *, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
 ) -> Lanes:

@@ -1,0 +1,159 @@
+"""Memory: what the earlier echoes of a pulse leave in the detector for the next one.
+
+Cells that fired are missing until their dead time is over, and until then the count stays up, so that a comparator
+sees no second edge. A clipped amplifier holds charge, which drains with its recovery time. Either way the next echo
+meets another working point: part of the response, on top of what is left (docs/theory.md 20).
+
+Symbols: h what is left of earlier echoes, in signal units; sigma_p width of the laser pulse and unit of all places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..maths.arrays import Lanes, xp
+from ..physics.electronics import saturation, sipm_response
+from ..sensor.detectors import CellMemory, WorkingPoint
+from .rises import Rise
+from .shots import Received
+
+_FOOT = 3.0
+"""Where an echo begins, in sigma_p before its peak: a thousandth of its light has come."""
+
+_REMEMBERED = 2
+"""Earlier echoes that are told apart: the last, and all others together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Earlier:
+    """An earlier echo, or several; each field (n,).
+
+    place   of its peak; of an amplifier: where it leaves clipping
+    amount  cells that it fired; of an amplifier: charge that it holds, as a level of the signal
+    """
+
+    place: Lanes
+    amount: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Left:
+    """What one rise finds of earlier echoes; each field (n,).
+
+    floor  signal that is left where the rise begins
+    held   signal that is left at its peak
+    share  of the response that is left at its peak; 1 without memory
+    """
+
+    floor: Lanes
+    held: Lanes
+    share: Lanes
+
+    def seen(self, point: WorkingPoint) -> WorkingPoint:
+        """The working point that the rise meets."""
+        ops = xp(self.held, self.share)
+
+        def power_w(signal: Lanes) -> Lanes:
+            return point.power_w(ops.maximum(signal - self.held, 1e-30) / self.share)
+
+        return replace(
+            point, signal=lambda power_w: self.held + self.share * point.signal(power_w), power_w=power_w,
+            calibrated=point,
+        )  # fmt: skip
+
+
+Memory = tuple[Earlier, ...]
+"""Earlier echoes of each pulse, the last one first; empty if the detector forgets them."""
+
+
+def empty(shots: Received) -> Memory:
+    """The memory before the first rise."""
+    point, nothing = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
+    if point.memory is not None:
+        return (Earlier(place=nothing, amount=nothing),) * _REMEMBERED
+    if point.saturation is not None and point.recovery_s is not None:
+        return (Earlier(place=nothing, amount=nothing),)
+    return ()
+
+
+def left(shots: Received, rise: Rise, memory: Memory) -> Left | None:
+    """What a rise finds; None if the detector forgets."""
+    if not memory:
+        return None
+    ops, point = shots.ops, shots.point
+    foot = ops.maximum(rise.valley, rise.peak - _FOOT)
+    if point.memory is None:
+        (clipped,) = memory
+        return Left(
+            floor=_charge(shots, clipped, foot),
+            held=_charge(shots, clipped, rise.peak),
+            share=ops.full(rise.peak, 1.0),
+        )
+    cells = point.memory
+    lag_s = sipm_response.peak_lag_s(
+        pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s
+    )
+    floor, held, missing = (
+        sum(_busy(shots, cells, one, place) for one in memory)
+        for place in (foot, rise.peak + lag_s / shots.sigma_s, rise.peak)
+    )
+    # Never none at all: a working point is solved for the light.
+    return Left(floor=floor, held=held, share=ops.maximum(1.0 - missing / cells.free, 1e-6))
+
+
+def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory: Memory) -> Memory:
+    """The memory behind a rise.
+
+    signal  (n,) its peak, with what was left of earlier echoes
+    """
+    if found is None:
+        return memory
+    ops, point = shots.ops, shots.point
+    if point.memory is None:
+        assert point.saturation is not None
+        (before,) = memory
+        # The light falls back to the clipping level a pulse's flank behind its peak.
+        over = ops.maximum(signal / point.saturation, 1.0)
+        clips = rise.found & (over > 1.0)
+        release = rise.peak + ops.sqrt(2.0 * ops.log(over))
+        return (
+            Earlier(
+                place=ops.where(clips, release, before.place), amount=ops.where(clips, signal, before.amount)
+            ),
+        )
+    cells = point.memory
+    fired = sipm_response.fired_by_pulse(
+        peak=ops.maximum(signal - found.held, 0.0), rate_hz=cells.rate_hz,
+        pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s,
+    )  # fmt: skip
+    last, others = memory
+    forgotten = (rise.peak - others.place) * shots.sigma_s > 2.0 * cells.dead_time_s
+    kept = ops.where(forgotten, 0.0, others.amount)
+    total = last.amount + kept
+    place = (last.place * last.amount + others.place * kept) / ops.where(total > 0.0, total, 1.0)
+    new = Earlier(place=rise.peak, amount=fired), Earlier(place=place, amount=total)
+    return tuple(
+        Earlier(
+            place=ops.where(rise.found, one.place, old.place),
+            amount=ops.where(rise.found, one.amount, old.amount),
+        )
+        for one, old in zip(new, memory, strict=True)
+    )
+
+
+def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lanes:
+    """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T80)."""
+    return one.amount * sipm_response.left_busy(
+        age_s=(place - one.place) * shots.sigma_s, rate_hz=cells.rate_hz, dead_time_s=cells.dead_time_s,
+        sigma_s=shots.sigma_s,
+    )  # fmt: skip
+
+
+def _charge(shots: Received, clipped: Earlier, place: Lanes) -> Lanes:
+    """Signal that a clipped amplifier still holds at a place, (n,); theory (T81)."""
+    assert shots.point.recovery_s is not None
+    return saturation.drained(
+        held=clipped.amount,
+        since_s=(place - clipped.place) * shots.sigma_s,
+        recovery_s=shots.point.recovery_s,
+    )
