@@ -336,7 +336,12 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     samples = window.read(wanted)
     sums = window.centroid(samples, wanted)
     any_over = sums.over > 0
-    at: Lanes = ops.where(any_over, sums.moment / ops.where(any_over, sums.total, 1.0), place)
+    # Weak pulses have no sample above the threshold, and are seen behind the filter only.
+    at: Lanes = ops.where(
+        any_over,
+        sums.moment / ops.where(any_over, sums.total, 1.0),
+        rise.peak if shots.sensor.matches else place,
+    )
     amplitude: Lanes = sums.highest
     if adc.estimator == "matched_filter":
         # Newton's method squares the error in each step: from the centroid two steps are enough.
@@ -438,7 +443,7 @@ class _Window:
         The run ends at the first sample below half the threshold. Noise alone should not cut a pulse in two at its
         foot, so it cannot end within sigma_p of the crossing.
         """
-        ops, threshold = self.shots.ops, self.shots.threshold
+        ops, threshold = self.shots.ops, self.shots.sample_threshold
         nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
 
         def step(number: Lanes, so_far: _Centroid) -> _Centroid:

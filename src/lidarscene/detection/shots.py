@@ -63,6 +63,12 @@ class Received(Shots):
         """Time of flight at a place on the waveform, (n,)."""
         return radiometry.time_of_flight_s(range_m=self.wave.range_m(place))
 
+    @property
+    def sample_threshold(self) -> Lanes:
+        """Level U of the signal before a matched filter, (n,)."""
+        raw = self.point.unfiltered
+        return self.threshold if raw is None else self.sensor.threshold(raw)
+
     def noise_at(self, signal: Lanes) -> Lanes:
         """Standard deviation of a sample's noise at a signal level, (n,); (T12) or (T20)."""
         point = self.point.unfiltered or self.point

@@ -297,12 +297,13 @@ class Sensor:
 
     @property
     def noise_bandwidth_hz(self) -> Lanes:
-        """Of white noise: the amplifier's, or that of cells, which stay for a dead time."""
-        bandwidth = self.tdc.bandwidth_hz
-        if not isinstance(self.detector, Sipm):
-            return bandwidth
-        of_cells = 0.5 / self.detector.dead_time_s
-        return xp(bandwidth, of_cells).minimum(bandwidth, of_cells)
+        """Of white noise: the amplifier's, less if cells stay for a dead time or samples are far apart."""
+        bandwidth: Lanes = self.tdc.bandwidth_hz
+        others = [0.5 / self.detector.dead_time_s] if isinstance(self.detector, Sipm) else []
+        others += [0.5 * self.sampler.rate_hz] if isinstance(self.sampler, Adc) else []
+        for other in others:
+            bandwidth = xp(bandwidth, other).minimum(bandwidth, other)
+        return bandwidth
 
     @property
     def measures_width(self) -> bool:
