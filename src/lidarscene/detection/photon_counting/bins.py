@@ -129,7 +129,11 @@ class Bins:
         for centre, height in zip(wave.centres, wave.heights, strict=True):
             before = before + ops.where((centre < start) & (centre > start - dead), height * energy, 0.0)
         if wave.volume is not None:
-            since = ops.maximum(time_s, 0.0) if once else ops.minimum(pixel.spad.dead_time_s, ops.maximum(time_s, 0.0))
+            since = (
+                ops.maximum(time_s, 0.0)
+                if once
+                else ops.minimum(pixel.spad.dead_time_s, ops.maximum(time_s, 0.0))
+            )
             step = since / (sigma * _STEPS)
             of_air = sum(wave.air_w(start - (k + 0.5) * step) for k in range(_STEPS))
             before = before + of_air * step * sigma * pixel.per_watt
@@ -225,7 +229,7 @@ class Bins:
         step = pixel.histogram.bin_s / (matched_filter.TEMPLATE * pixel.sigma_s)
         weights = [matched_filter.SCALE * ops.exp(-0.5 * (k * step) * (k * step)) for k in range(side + 1)]
         total = weights[0] + 2.0 * sum(weights[1:], 0.0)
-        found = []
+        found: list[Lanes] = []
         for centre in range(reach - search - 1, reach + search + 3):
             value = weights[0] * counts[centre]
             for k in range(1, side + 1):
