@@ -1,8 +1,8 @@
 """Receiver: what a histogram over many shots reports of each pulse.
 
 The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts
-around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of which
-only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
+around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of
+which only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
 
 A "pulse" is one point here: all of its shots together.
 """
