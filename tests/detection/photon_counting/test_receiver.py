@@ -95,7 +95,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
 @pytest.mark.parametrize("illuminance_klux", [0.0, 4.0])
 def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
     """60,000 pulses: 4 standard errors, and 0.01 for the gain of the search for the highest bin."""
-    counter = photons.sensor()
+    counter = photons.sensor("histogram.stops=3")
     light = photons.echoes_of(counter, 60.0, photons=snr, count=60_000, illuminance_klux=illuminance_klux)
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
     light = photons.echoes_of(
@@ -105,7 +105,8 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
     found = photons.detected(counter, light)
     expected = float(found.detection_probability[0])
     assert 0.2 < expected < 0.9
-    assert photons.echo_of(found.stops[0]).mean() == pytest.approx(expected, abs=0.018)
+    share = sum(photons.echo_of(stop).mean() for stop in found.stops)
+    assert share == pytest.approx(expected, abs=0.018)
 
 
 @pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])
@@ -173,14 +174,14 @@ def trains(counter, ranges_m, powers_w, count):
 
 
 def test_two_boards_are_two_returns_and_the_first_shades_the_second():
-    """SPADs that the first board fired are blind for 12 ns: behind it, at 1 m, the second has fewer photons by what
+    """SPADs that the first board fired are blind for 12 ns: behind it, at 1.2 m, the second has fewer photons by what
     dead time says, exp(-Lambda); at 6 m it has all. Tolerance: 3 % of photons, 4000 pulses.
     """
     counter = photons.sensor("histogram.stops=2", "detector.spads=100")
     pixel = counter.pixel(np.full(1, 1e-10))
     one_w = float(np.ravel(pixel.power_w(1500.0 * np.ones(1)))[0])
     light = -math.log(1 - 1500.0 / float(pixel.trials) / float(pixel.free[0]))
-    for apart, left in ((1.0, math.exp(-light)), (6.0, 1.0)):
+    for apart, left in ((1.2, math.exp(-light)), (6.0, 1.0)):
         train = trains(counter, [30.0, 30.0 + apart], [one_w, one_w], 4000)
         stops = receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
         assert all(photons.echo_of(stop).all() for stop in stops)

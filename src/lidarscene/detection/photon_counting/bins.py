@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from ...light.waveform import Waveform
 from ...maths import random
-from ...maths.arrays import Array, Lanes, Ops, xp
+from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter
 from ...sensor.photon_counting.model import Macropixel
@@ -38,9 +38,11 @@ class Peak:
     value    of the filter above the background, in photons
     time_s   of flight, with the shift by pile-up
     photons  of the echo: counts around the peak above those of the background
+    rising   whether the filter goes on rising beyond the searched bins: towards another echo's peak
     """
 
     value: Lanes
+    rising: Mask
     time_s: Lanes
     photons: Lanes
 
@@ -119,13 +121,13 @@ class Bins:
             better = values[k] > best
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
             best, at = ops.where(better, values[k], best), ops.where(better, float(least + k), at)
+        rising = (before > best) | (after > best)
         if histogram.estimator == "matched_filter":
             at = at + self._between(before, best, after)
         else:
             at = at + self._centroid(counts, background, at)
-        return Peak(
-            value=best, time_s=(first + at + 0.5) * bin_s, photons=self._photons(counts, background, at)
-        )
+        photons = self._photons(counts, background, at)
+        return Peak(value=best, time_s=(first + at + 0.5) * bin_s, photons=photons, rising=rising)
 
     def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
         """Which SPADs are blind at the first bin: those that the background, nearer echoes and the air have fired.

@@ -143,6 +143,11 @@ class _Receiver(Shots):
         """The array functions for these arrays."""
         return xp(self.light.origin_m)
 
+    @property
+    def _several(self) -> bool:
+        """Whether the light may have more than one peak."""
+        return len(self.seen.centres) > 1 or self.seen.volume is not None
+
     def search(self) -> _Found:
         """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
         ops, like = self.ops, self.light.origin_m
@@ -155,7 +160,7 @@ class _Receiver(Shots):
             tripped=never, in_window=never, last_s=nothing - 1.0, highest=nothing, highest_w=nothing,
             stops=(empty,) * self.sensor.tdc.stops,
         )  # fmt: skip
-        if len(self.seen.centres) > 1 or self.seen.volume is not None:
+        if self._several:
             return visit_all(self.seen, self._visit, start)
         # The only echo is the only peak.
         power = self.seen.heights[0]
@@ -180,6 +185,8 @@ class _Receiver(Shots):
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = there & (peak.value >= threshold)
+        if self._several:
+            tripped = tripped & ~peak.rising
         time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
