@@ -63,7 +63,14 @@ class Chunk:
             needed += needed_of(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.width_s, stop.photons, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
+            own = (
+                stop.width_s,
+                stop.photons,
+                stop.snr,
+                stop.detection_probability,
+                stop.source,
+                stop.true_range_m,
+            )
             needed += [one for one in own if one is not None]
         return needed
 

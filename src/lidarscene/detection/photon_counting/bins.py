@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from ...light.waveform import Waveform
 from ...maths import random
-from ...maths.arrays import Array, Lanes, Ops, xp
+from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter
 from ...sensor.photon_counting.model import Macropixel
@@ -38,11 +38,31 @@ class Peak:
     value    of the filter above the background, in photons
     time_s   of flight, with the shift by pile-up
     photons  of the echo: counts around the peak above those of the background
+    rising   whether the filter goes on rising beyond the searched bins: towards another echo's peak
     """
 
     value: Lanes
+    rising: Mask
     time_s: Lanes
     photons: Lanes
+
+
+_RELEASE = 3.0
+"""In how many sigmas the SPADs get free that an echo has fired."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Blind:
+    """SPADs that are blind at the first bin; each field (n,).
+
+    by_sun     share that background and dark counts have fired
+    by_echoes  share that nearer echoes and the air have fired
+    freed      bin in which the latter get free, on average
+    """
+
+    by_sun: Lanes
+    by_echoes: Lanes
+    freed: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,46 +121,64 @@ class Bins:
             better = values[k] > best
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
             best, at = ops.where(better, values[k], best), ops.where(better, float(least + k), at)
+        rising = (before > best) | (after > best)
         if histogram.estimator == "matched_filter":
             at = at + self._between(before, best, after)
         else:
             at = at + self._centroid(counts, background, at)
-        return Peak(
-            value=best, time_s=(first + at + 0.5) * bin_s, photons=self._photons(counts, background, at)
-        )
+        photons = self._photons(counts, background, at)
+        return Peak(value=best, time_s=(first + at + 0.5) * bin_s, photons=photons, rising=rising)
 
-    def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> Lanes:
-        """Share of the SPADs that are blind at the first bin: fired by the background, by nearer echoes and by the air.
+    def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
+        """Which SPADs are blind at the first bin: those that the background, nearer echoes and the air have fired.
 
         start, time_s  place and time of flight of that bin
         echo_s         time of flight of the echo, for which the pixel is
         """
         pixel, wave, ops = self.pixel, self.wave, self.ops
-        free = pixel.free
-        if pixel.spad.stamps == "first":
+        free, once = pixel.free, pixel.spad.stamps == "first"
+        if once:
             armed = pixel.armed_s + time_s - echo_s
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
         if len(wave.centres) == 1 and wave.volume is None:
-            return 1.0 - free  # the pulse's only echo is the one in these bins
-        sigma, once = pixel.sigma_s, pixel.spad.stamps == "first"
+            # The pulse's only echo is the one in these bins.
+            return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0)
+        sigma = pixel.sigma_s
         dead = 1e9 if once else pixel.spad.dead_time_s / sigma
         energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
-        before: Lanes = 0.0 * start
+        before, moment = 0.0 * start, 0.0 * start
         for centre, height in zip(wave.centres, wave.heights, strict=True):
-            before = before + ops.where((centre < start) & (centre > start - dead), height * energy, 0.0)
+            # What of a Gaussian lies in the dead time before the first bin, by the logistic function.
+            part = self._share_before(start - centre)
+            if not once:
+                part = part - self._share_before(start - dead - centre)
+            part = part * height * energy
+            before, moment = before + part, moment + part * ops.minimum(centre - start, 0.0)
         if wave.volume is not None:
-            since = ops.maximum(time_s, 0.0) if once else ops.minimum(pixel.spad.dead_time_s, ops.maximum(time_s, 0.0))
+            since = ops.maximum(time_s, 0.0)
+            if not once:
+                since = ops.minimum(since, pixel.spad.dead_time_s)
             step = since / (sigma * _STEPS)
-            of_air = sum(wave.air_w(start - (k + 0.5) * step) for k in range(_STEPS))
-            before = before + of_air * step * sigma * pixel.per_watt
-        return 1.0 - free * ops.exp(-before)
+            for k in range(_STEPS):
+                part = wave.air_w(start - (k + 0.5) * step) * step * sigma * pixel.per_watt
+                before, moment = before + part, moment - part * (k + 0.5) * step
+        mean = moment / ops.maximum(before, 1e-20)
+        return _Blind(
+            by_sun=1.0 - free, by_echoes=free * dead_time.firing_share(detections=before),
+            freed=(mean + dead) * (sigma / pixel.histogram.bin_s),
+        )  # fmt: skip
 
-    def _drawn(self, first: Lanes, start: Lanes, blind: Lanes, middle: Lanes) -> list[Lanes]:
+    def _share_before(self, ahead: Lanes) -> Lanes:
+        """Share of a Gaussian that lies before a place so many sigmas behind its centre, to 1 %."""
+        ops = self.ops
+        return 1.0 / (1.0 + ops.exp(-1.702 * ops.maximum(ahead, -40.0)))
+
+    def _drawn(self, first: Lanes, start: Lanes, blind: _Blind, middle: Lanes) -> list[Lanes]:
         """Counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
         first   number of the first bin, even
         start   its place
-        blind   share of the SPADs that are blind then
+        blind   SPADs that are blind then
         middle  place of the echo
         """
         pixel, ops = self.pixel, self.ops
@@ -171,15 +209,19 @@ class Bins:
         done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
         return [ops.get(done.counts, ops.full(first, i)) for i in range(count)]
 
-    def _free(self, now: _Drawn, blind: Lanes) -> Lanes:
+    def _free(self, now: _Drawn, blind: _Blind) -> Lanes:
         """How many trials meet a free SPAD in the next bin, (n,)."""
         pixel, ops = self.pixel, self.ops
         whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
-        # Who was blind at the first bin gets free evenly over one dead time; who fired since, after one.
-        left: Lanes = 1.0
+        share = blind.by_sun + blind.by_echoes
         if pixel.spad.stamps == "all":
-            left = ops.maximum(1.0 - now.number * (pixel.histogram.bin_s / pixel.spad.dead_time_s), 0.0)
-        return ops.maximum(whole * (1.0 - blind * left) - now.fired, 0.0)
+            # The sun's get free evenly over one dead time; those of echoes one dead time after these; and who fired
+            # in these bins, one dead time after that.
+            step = pixel.histogram.bin_s / pixel.spad.dead_time_s
+            width = _RELEASE * pixel.sigma_s / pixel.histogram.bin_s
+            left = ops.minimum(ops.maximum((blind.freed - now.number) / width + 0.5, 0.0), 1.0)
+            share = blind.by_sun * ops.maximum(1.0 - now.number * step, 0.0) + blind.by_echoes * left
+        return ops.maximum(whole * (1.0 - share) - now.fired, 0.0)
 
     def _still_blind(self, now: _Drawn, firings: Array, new: Lanes) -> Lanes:
         """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
@@ -225,7 +267,7 @@ class Bins:
         step = pixel.histogram.bin_s / (matched_filter.TEMPLATE * pixel.sigma_s)
         weights = [matched_filter.SCALE * ops.exp(-0.5 * (k * step) * (k * step)) for k in range(side + 1)]
         total = weights[0] + 2.0 * sum(weights[1:], 0.0)
-        found = []
+        found: list[Lanes] = []
         for centre in range(reach - search - 1, reach + search + 3):
             value = weights[0] * counts[centre]
             for k in range(1, side + 1):

@@ -1,8 +1,8 @@
 """Receiver: what a histogram over many shots reports of each pulse.
 
-The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts around
-it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of which only
-the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
+The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts
+around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of
+which only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
 
 A "pulse" is one point here: all of its shots together.
 """
@@ -143,6 +143,11 @@ class _Receiver(Shots):
         """The array functions for these arrays."""
         return xp(self.light.origin_m)
 
+    @property
+    def _several(self) -> bool:
+        """Whether the light may have more than one peak."""
+        return len(self.seen.centres) > 1 or self.seen.volume is not None
+
     def search(self) -> _Found:
         """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
         ops, like = self.ops, self.light.origin_m
@@ -155,7 +160,7 @@ class _Receiver(Shots):
             tripped=never, in_window=never, last_s=nothing - 1.0, highest=nothing, highest_w=nothing,
             stops=(empty,) * self.sensor.tdc.stops,
         )  # fmt: skip
-        if len(self.seen.centres) > 1 or self.seen.volume is not None:
+        if self._several:
             return visit_all(self.seen, self._visit, start)
         # The only echo is the only peak.
         power = self.seen.heights[0]
@@ -178,15 +183,19 @@ class _Receiver(Shots):
         detections = pixel.detections(lone_w)
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
-        peak = bins.highest(
-            place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early
-        )
+        peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = there & (peak.value >= threshold)
+        if self._several:
+            tripped = tripped & ~peak.rising
         time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
-        taken = tripped & comparator.listening(sensor, arrival_s) & (time_s - found.last_s >= converter.dead_time_s)
+        taken = (
+            tripped
+            & comparator.listening(sensor, arrival_s)
+            & (time_s - found.last_s >= converter.dead_time_s)
+        )
         source, true_range, status = self._source(place)
         signal = point.signal(lone_w)
         stop = _Stop(
@@ -292,10 +301,17 @@ class _Receiver(Shots):
             value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
             reported.append(
                 Returns(
-                    reported=used, status=stop.status, range_m=range_m, amplitude=amplitude, intensity=value,
-                    snr=stop.snr, detection_probability=stop.probability, source=stop.source,
-                    true_range_m=stop.true_range_m, photons=amplitude,
-                )  # fmt: skip
+                    reported=used,
+                    status=stop.status,
+                    range_m=range_m,
+                    amplitude=amplitude,
+                    intensity=value,
+                    snr=stop.snr,
+                    detection_probability=stop.probability,
+                    source=stop.source,
+                    true_range_m=stop.true_range_m,
+                    photons=amplitude,
+                )
             )
         # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
         outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))

@@ -66,10 +66,8 @@ def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
     return ops.where(spads * odds_of < 0.5 * least, above, ops.maximum(1.0 - below, 0.0))
 
 
-def firing_shares(
-    rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True
-) -> Numbers:
-    """(..., n) probability that a SPAD fires in each bin of a shot, exactly for a light that is even within a bin; NumPy.
+def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True) -> Numbers:
+    """(..., n) probability that a SPAD fires in each bin of a shot, for a light that is even within a bin; NumPy.
 
     The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
     a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90).
@@ -80,7 +78,7 @@ def firing_shares(
     """
     hazard = -np.expm1(-np.asarray(rate_hz, dtype=np.float64) * bin_s)
     count = hazard.shape[-1]
-    dead = count if math.isinf(dead_time_s) else max(int(round(dead_time_s / bin_s)), 0)
+    dead = count if math.isinf(dead_time_s) else round(dead_time_s / bin_s)
     fired = np.zeros((*hazard.shape[:-1], count + dead))
     if steady and not math.isinf(dead_time_s):
         # In balance f = a h with a = 1 - d f.
@@ -106,7 +104,9 @@ def coates(counts: Numbers, *, trials: float, dead_bins: int | None = None) -> N
     """
     values = np.asarray(counts, dtype=np.float64)
     total = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.zeros(len(values), int) if dead_bins is None else np.maximum(np.arange(len(values)) - dead_bins, 0)
+    first = (
+        np.zeros(len(values), int) if dead_bins is None else np.maximum(np.arange(len(values)) - dead_bins, 0)
+    )
     free = trials - (total[:-1] - total[first])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(-np.log1p(-np.minimum(values / free, _MOST)))

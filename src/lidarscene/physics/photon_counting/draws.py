@@ -44,7 +44,9 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     skew = (1.0 - 2.0 * p) * (z * z - 1.0) / 6.0
     spread = 1.0 - 6.0 * p * (1.0 - p)
     root = ops.sqrt(variance)
-    curved = (spread * z * (z * z - 3.0) / 24.0 - (1.0 - 2.0 * p) ** 2 * z * (2.0 * z * z - 5.0) / 36.0) / root
+    curved = (
+        spread * z * (z * z - 3.0) / 24.0 - (1.0 - 2.0 * p) ** 2 * z * (2.0 * z * z - 5.0) / 36.0
+    ) / root
     many = ops.floor(mean + root * z + skew + curved + 0.5)
     return ops.where(few, ops.minimum(count, trials), ops.minimum(ops.maximum(many, 0.0), trials))
 

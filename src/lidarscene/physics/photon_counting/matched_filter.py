@@ -16,8 +16,8 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail
 
 TEMPLATE = 1.2
-"""w. The exact match, 1, is best against the background alone; against the echo's own noise a wider template is
-better. With 1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the best."""
+"""w. The exact match, 1, is best against the background alone; against the echo's own noise a wider one is better. With
+1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the best."""
 
 _GAIN = TEMPLATE / math.sqrt(1.0 + TEMPLATE**2)
 """Of the filter at the echo, before it is scaled."""
@@ -28,6 +28,9 @@ SCALE = 1.0 / _GAIN
 _BACKGROUND_GAIN = (1.0 + TEMPLATE**2) / (4.0 * TEMPLATE**2)
 _OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
 """var F' / (2 |F''|) of (T98), for each unit of variance and times S."""
+
+_LEAST_STEEP = 1.5
+"""Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
 
 _THIRD = math.sqrt(2.0 / 3.0)
 """Integral of the template's cube over that of its square."""
@@ -93,7 +96,9 @@ def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, 
     return ops.where(near < 0.0, -root, root), theta, mean
 
 
-def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
+def false_peak_share(
+    *, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes
+) -> Lanes:
     """Probability that noise makes a peak above the threshold, for each bin (T97).
 
     A smooth noise passes the threshold upwards with Rice's rate, here with the density of (T96) at the threshold and
@@ -136,7 +141,7 @@ def detection_probability(
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
     spread = ops.maximum(background + own, 1e-30)
-    steep = ops.where(lit, ops.maximum(signal, 0.5 * ops.sqrt(spread)), 1.0)
+    steep = ops.where(lit, ops.maximum(signal, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
     gained = (_BACKGROUND_GAIN * background + _OWN_GAIN * own) / steep
     found = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
     return ops.where(lit, found, 0.0)
@@ -149,12 +154,14 @@ def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> L
     """
     ops = xp(signal, rate_hz)
     information: Lanes = 0.0
-    steps = int(math.ceil(6.0 * sigma_s / bin_s))
+    steps = math.ceil(6.0 * sigma_s / bin_s)
     for k in range(-steps, steps + 1):
         # Bins that lie symmetrically about the echo; another place changes the sum by less than 1e-3 for fine bins.
         low, high = (k - 0.5) * bin_s / sigma_s, (k + 0.5) * bin_s / sigma_s
         share = 0.5 * (math.erf(high * math.sqrt(0.5)) - math.erf(low * math.sqrt(0.5)))
-        slope = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
+        slope = (
+            (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
+        )
         expected = signal * share + rate_hz * bin_s
         information = information + (signal * slope) ** 2 / ops.maximum(expected, 1e-30)
     return 1.0 / ops.sqrt(information)

@@ -21,7 +21,9 @@ SHORTEST_DEAD_TIME = 1.0
 """Of a SPAD, in FWHM of the pulse: it counts an echo but once."""
 
 _TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
-_SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
+_SEARCH_REACH = (
+    1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
+)
 
 
 class SpadFile(Table[Spad]):
@@ -50,7 +52,8 @@ class HistogramFile(
         default=None, description="of the histogram, after each pulse; the pulse period if left out"
     )
     ambient_window_us: Annotated[float, Field(gt=0)] | None = Field(
-        default=None, description="time of each shot in which the background is counted; the window if left out"
+        default=None,
+        description="time of each shot in which the background is counted; the window if left out",
     )
     blanking_ns: Annotated[float, Field(ge=0)] = Field(
         default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
@@ -109,8 +112,8 @@ class HistogramFile(
             )
         if 1e9 * float(spad.dead_time_s) < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
             raise InputError(
-                f"detector.dead_time_ns: must be >= {SHORTEST_DEAD_TIME * pulse_fwhm_ns:g}, the width of the pulse, got "
-                f"{1e9 * float(spad.dead_time_s):g}"
+                f"detector.dead_time_ns: must be >= {SHORTEST_DEAD_TIME * pulse_fwhm_ns:g}, the width of the pulse, "
+                f"got {1e9 * float(spad.dead_time_s):g}"
             )
         return self.in_si(
             shots=float(self.summed(dwell_us)), period_s=si(period_us, "us"), reach=reach, search=search

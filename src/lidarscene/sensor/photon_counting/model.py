@@ -1,8 +1,8 @@
 """SPADs and their histogram as data, and the working point that a background puts them in.
 
-A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one histogram.
-A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are returns. So the
-signal is a number of photons: the value of the filter above that of the background (docs/theory.md 34).
+A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one
+histogram. A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are
+returns. So the signal is a number of photons: the value of the filter above that of the background (docs/theory.md 34).
 
 Symbols: N number of SPADs times shots, lambda rate of detected photons of one free SPAD, Lambda detections of an echo
 that one SPAD would make in a shot without dead time.
@@ -39,15 +39,11 @@ class Spad:
     """
 
     spads: Annotated[Lanes, Quantity(ge=1, whole=True, about="SPADs of one pixel")]
-    radius_m: Annotated[
-        Lanes, Quantity("mm", gt=0, about="of a disc of the pixel's area: the field of view")
-    ]
+    radius_m: Annotated[Lanes, Quantity("mm", gt=0, about="of a disc of the pixel's area: the field of view")]
     pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor")]
     dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each SPAD")]
-    jitter_s: Annotated[
-        Lanes, Quantity("ps", ge=0, about="standard deviation of a time stamp")
-    ] = 0.0
+    jitter_s: Annotated[Lanes, Quantity("ps", ge=0, about="standard deviation of a time stamp")] = 0.0
     stamps: Annotated[
         Literal["all", "first"],
         Key(about='time stamps of a SPAD in a shot: "all" that its dead time allows, or the "first"'),
@@ -75,9 +71,7 @@ class Histogram:
     shots: Lanes
     period_s: Lanes | None
     bin_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    threshold_floor: Annotated[
-        Lanes, Quantity(ge=0, about="photons, without background")
-    ]
+    threshold_floor: Annotated[Lanes, Quantity(ge=0, about="photons, without background")]
     threshold_slope: Annotated[
         Lanes, Quantity(ge=0, about="photons for the square root of the background counts of all shots")
     ]
@@ -133,8 +127,9 @@ class Macropixel:
         else:
             free = dead_time.free_share(rate_hz=rate, dead_time_s=spad.dead_time_s)
         return cls(
-            spad=spad, histogram=histogram, fwhm_s=pulse_fwhm_s, sigma_s=xp(variance).sqrt(variance), per_watt=per_watt, rate_hz=rate,
-            free=free, trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0), armed_s=armed_s,
+            spad=spad, histogram=histogram, fwhm_s=pulse_fwhm_s, sigma_s=xp(variance).sqrt(variance),
+            per_watt=per_watt, rate_hz=rate, free=free, armed_s=armed_s,
+            trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0),
         )  # fmt: skip
 
     @property
@@ -190,7 +185,8 @@ class Macropixel:
         if self.spad.coincidence == 1:
             return self.trials * self.free * dead_time.firing_share(detections=detections)
         # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
-        bin_s, before, total = self.histogram.bin_s, self.free, 0.0
+        bin_s, before = self.histogram.bin_s, self.free
+        total: Lanes = 0.0
         background = self.rate_hz * bin_s
         dark = self.count_share
         step = bin_s / self.sigma_s
@@ -220,7 +216,9 @@ class Macropixel:
             return ops.where(above, low, middle), ops.where(above, middle, high), left - 1.0
 
         low, high, _ = ops.loop(
-            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)), lambda state: state[2] > 0.5, halved
+            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)),
+            lambda state: state[2] > 0.5,
+            halved,
         )
         return ops.exp(0.5 * (low + high)) / unit
 

@@ -128,9 +128,10 @@ def _shots_s(sensor: Sensor) -> Numbers:
     """(shots,) times of the laser's shots of one point, after its first; one without a histogram."""
     if sensor.histogram is None:
         return np.zeros(1)
-    count = int(sensor.histogram.shots)
-    period = sensor.histogram.period_s
-    return np.arange(count) * (1.0 / (float(sensor.laser.repetition_rate_hz) * count) if period is None else float(period))
+    count, period = int(float(sensor.histogram.shots)), sensor.histogram.period_s
+    if period is None:
+        period = 1.0 / (float(sensor.laser.repetition_rate_hz) * count)
+    return np.arange(count) * float(period)
 
 
 def _with_shots(sensor: Sensor, times_s: Numbers) -> Numbers:

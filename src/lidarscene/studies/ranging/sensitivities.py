@@ -77,7 +77,8 @@ class Table:
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     """Every continuous number of laser, optics, detector, TDC and target, by dotted name, in SI units.
 
-    Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as continuous.
+    Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as
+    continuous.
     """
     found = {}
     for prefix, part in [(name, getattr(sensor, name)) for name in _PARTS] + [("target", target)]:

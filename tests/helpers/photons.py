@@ -1,0 +1,94 @@
+"""Receivers that count photons: sensors for tests, and photons that arrive one by one, simulated apart."""
+
+import numpy as np
+
+from lidarscene.catalog import path_of
+from lidarscene.detection.photon_counting import receiver
+from lidarscene.files.toml import read_toml
+from lidarscene.sensor.file import sensor_from_tables
+from lidarscene.studies.ranging import plane
+
+PIXEL = {
+    "type": "spad", "spads": 64, "radius_mm": 0.05, "pde": 0.2, "dead_time_ns": 12, "dark_count_rate_hz": 1000,
+}  # fmt: skip
+SUM = {"shots": 50, "window_us": 1.0, "bin_ns": 1.0, "threshold_floor": 4.0, "threshold_slope": 0.3}
+
+
+def tables(name="table1-sipm"):
+    """Of a sensor file: a catalogue sensor's, with SPADs and a histogram in place of its detector and converter."""
+    found = dict(read_toml(path_of("sensors", name)))
+    found["laser"] = found["laser"] | {"pulse_fwhm_ns": 4.0, "repetition_rate_khz": 10, "peak_power_w": 1.0}
+    found["detector"], found["histogram"] = dict(PIXEL), dict(SUM)
+    for key in ("tdc", "sources", "published", "sampler"):
+        found.pop(key, None)
+    return found
+
+
+def sensor(*overrides):
+    """Table 1's optics before SPADs of the tests."""
+    return sensor_from_tables(tables(), where="test", overrides=overrides)
+
+
+def spinning(*overrides):
+    """A head of two beams that turns ten times a second; the sensor works out its shots from that."""
+    found = tables()
+    found["scanner"] = {
+        "type": "spinning", "rotation_hz": 10, "columns_per_turn": 1024, "elevation_deg": [0.0, 1.0],
+    }  # fmt: skip
+    found["histogram"] = {key: value for key, value in SUM.items() if key not in ("shots", "window_us")}
+    found["histogram"] |= {"pulse_period_us": 1.8, "threshold_floor": 0.0}
+    return sensor_from_tables(found, where="test", overrides=overrides)
+
+
+def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
+    """Echoes of a board; with ``photons``, as strong as it takes for that many."""
+    light = plane.echoes_of_plane(counter, plane.Target(**target), np.full(count, range_m))
+    if photons is None:
+        return light
+    from dataclasses import replace
+
+    point = counter.working_point(light.background_power_w, range_m=light.range_m)
+    return replace(light, peak_power_w=np.asarray(point.power_w(photons + 0.0 * light.range_m)))
+
+
+def detected(counter, light, *, seed=1):
+    """The detection of these echoes; their pulses are numbered."""
+    pulse = np.arange(len(light.range_m), dtype=np.uint32)
+    return receiver.detect_alone(light, counter, seed=seed, pulse=pulse)
+
+
+def echo_of(stop):
+    """Where a stop holds the echo."""
+    return np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
+
+
+def fired(arrivals, dead_time):
+    """Times at which SPADs fire, from the sorted arrivals of each shot, (shots, photons) with inf for none.
+
+    Photon by photon: one is seen if the last that was seen lies a dead time back.
+    """
+    last = np.full(len(arrivals), -np.inf)
+    seen = np.full(arrivals.shape, np.inf)
+    for k in range(arrivals.shape[1]):
+        now = arrivals[:, k]
+        sees = (now - last >= dead_time) & np.isfinite(now)
+        seen[sees, k] = now[sees]
+        last = np.where(sees, now, last)
+    return seen
+
+
+def arrivals(rng, shots, *, rate_per_ns, start, end, echo=(0.0, 0.0, 1.0)):
+    """(shots, photons) sorted times [ns] of Poisson arrivals: even background, and an echo (mean, place, sigma)."""
+    mean, place, sigma = echo
+    background, own = rng.poisson(rate_per_ns * (end - start), shots), rng.poisson(mean, shots)
+    room = int((background + own).max())
+    index = np.arange(room)
+    times = np.where(index < background[:, None], rng.uniform(start, end, (shots, room)), np.inf)
+    of_echo = (index >= background[:, None]) & (index < (background + own)[:, None])
+    times = np.where(of_echo, rng.normal(place, sigma, (shots, room)), times)
+    return np.sort(times, axis=1)
+
+
+def histogram(times, *, bins, bin_ns):
+    """(bins,) counts of all shots, from time 0 on."""
+    return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]

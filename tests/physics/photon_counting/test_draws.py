@@ -1,0 +1,29 @@
+"""Counts from uniform numbers against the binomial distribution itself."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from lidarscene.physics.photon_counting import draws
+
+UNIFORM = (np.arange(400_000) + 0.5) / 400_000
+
+
+@pytest.mark.parametrize(
+    ("trials", "share"),
+    [(54, 0.01), (864, 0.004), (864, 0.006), (864, 0.1), (54, 0.3), (16, 0.5), (1e5, 0.001)],
+)
+def test_counts_have_the_binomial_distribution(trials, share):
+    """Tolerance: Cornish and Fisher from a mean of 4 on, 2e-3 of probability; term by term below, 2e-5."""
+    counts = draws.binomial_count(trials=trials, probability=share, uniform=UNIFORM)
+    values = np.arange(int(trials) + 1)
+    found = np.cumsum(np.bincount(counts.astype(int), minlength=len(values))) / len(UNIFORM)
+    apart = np.abs(found - stats.binom.cdf(values, int(trials), share)).max()
+    assert apart < (2e-5 if trials * share < 4 else 2e-3)
+    assert counts.mean() == pytest.approx(trials * share, rel=1e-3)
+    assert counts.var() == pytest.approx(trials * share * (1 - share), rel=5e-3)
+
+
+def test_no_trials_no_counts():
+    assert not draws.binomial_count(trials=0.0, probability=0.3, uniform=UNIFORM).any()
+    assert not draws.binomial_count(trials=50.0, probability=0.0, uniform=UNIFORM).any()
