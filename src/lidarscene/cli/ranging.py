@@ -87,11 +87,13 @@ def _add_range(commands: Any) -> None:
 
 def range_text(arguments: argparse.Namespace) -> str:
     """Run `range`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    from ..sensor.model import warn_of_doubts
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)
     held = _target(arguments)
     found = subjects(arguments.sensors, arguments.overrides)
+    warn_of_doubts(one.sensor() for one in found)
     _check_outputs(arguments, found)
     if arguments.sensitivities or arguments.eye_safety:
         return "\n\n".join(_reports(arguments, found, held))

@@ -29,7 +29,7 @@ from . import derivatives, gain, plane
 from .plane import RangeStatus, Target
 
 _RANGE = "range_m"
-_PARTS = ("laser", "optics", "detector", "tdc")
+_PARTS = ("laser", "optics", "detector", "tdc", "receiver")
 _UNITS = {
     "m": "m", "w": "W", "s": "s", "hz": "Hz", "m2": "m2", "rad": "rad", "a": "A", "ohm": "ohm", "k": "K",
     "klux": "klux",
