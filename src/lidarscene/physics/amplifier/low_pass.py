@@ -110,7 +110,7 @@ class SinglePole(LowPass):
         return xp(u).exp(-0.5 * u * u)
 
     def echo_noise_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
-        """h^2 decays twice as fast; its peak comes somewhat before that of the pulse."""
+        """h^2 decays twice as fast; its peak comes before that of the pulse: up to 3.5 % too much there."""
         return self.peak_share(fwhm_s=fwhm_s, cutoff_hz=2.0 * cutoff_hz)
 
     def correlation(self, *, lag_s: Lanes, cutoff_hz: Lanes) -> Lanes:
