@@ -72,7 +72,7 @@ def weak_behind_strong(*overrides, snr=2000.0):
 
 
 def test_a_weak_echo_behind_a_strong_one_is_lost():
-    """2000 of noise leave an undershoot of 2000 x 0.008 = 16 at 500 kHz, of which 13 are left after 20 m.
+    """2000 of noise leave an undershoot of 2000 x 0.02 = 40 at 500 kHz, of which 26 are left after 20 m.
 
     An amplifier that clips at 100 of noise couples no more than those. 400 pulses: P_d is 1 or 0 to 1e-9.
     """

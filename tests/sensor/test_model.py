@@ -5,13 +5,15 @@ import math
 
 import numpy as np
 import pytest
+from helpers.documentation import says
 from scipy.optimize import minimize_scalar
 
 from lidarscene import load_sensor
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.physics.amplifier import high_pass
+from lidarscene.physics.amplifier.low_pass import LOW_PASSES
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
-from lidarscene.sensor.model import warn_of_doubts
+from lidarscene.sensor.model import PULSE_BANDWIDTH, warn_of_doubts
 from lidarscene.studies.ranging import plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
@@ -204,3 +206,28 @@ def test_coupling_alone_lowers_the_peak():
     assert found.peak_share == high_pass.peak_share(rate=found.coupling_rate)
     assert found.peak_share == pytest.approx(1.0 - math.sqrt(0.5 * math.pi) * rate, abs=2.0 * rate**2)
     assert dataclasses.replace(found, receiver=load_sensor("table1-apd").receiver).peak_share == 1.0
+
+
+def test_numbers_of_the_page():
+    gaussian, pole = (LOW_PASSES[kind].noise_ratio for kind in KINDS)
+    says("theory.md", "f = B / {} or B / {}", gaussian, pole)
+    best = [
+        math.exp(
+            minimize_scalar(
+                lambda log, low_pass=low_pass: (
+                    -float(low_pass.peak_share(fwhm_s=np.array(1.0), cutoff_hz=math.exp(log)))
+                    / math.exp(0.5 * log)
+                ),
+                bounds=(-4.0, 1.0),
+                method="bounded",
+            ).x
+        )
+        for low_pass in (LOW_PASSES[kind] for kind in KINDS)
+    ]
+    says("theory.md", "f t_FWHM = {} for a Gaussian filter, and {} for a single pole", *best)
+    rate = sensor("none", "receiver.ac_coupling_khz=500").coupling_rate
+    depth = 100.0 * math.sqrt(2.0 * math.pi) * rate
+    says("theory.md", "sqrt(2 pi) w of its peak, {} % for {} kHz and a {} ns pulse", depth, 500, 6)
+    says("theory.md", "A bandwidth below {} / t_FWHM", PULSE_BANDWIDTH)
+    says("theory.md", "is limited to w = {}", high_pass.WIDEST_RATE)
+    says("theory.md", "peak is lower by {} w", (1.0 - float(high_pass.peak_share(rate=1e-4))) / 1e-4)
