@@ -7,6 +7,7 @@ from pathlib import Path
 import effects
 import leaves
 import numpy as np
+import response
 import retro
 from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, frame, store
 from PIL import Image
@@ -135,6 +136,7 @@ PICTURES = {
     "compare": compare,
     "drive": drive,
     "edges": effects.edges,
+    "response": response.response,
     "parallax": effects.parallax,
     "weather": effects.weather,
     "interference": effects.interference,

@@ -72,4 +72,4 @@ class OptionError(_Named, InputError):
 
 
 class OptionWarning(_Named, UserWarning):
-    """Warned of when an option changes nothing."""
+    """Warned of when an option changes nothing, or a sensor is not what it seems."""

@@ -29,6 +29,13 @@ SENSORS = {
     "sipm": ("table1-sipm", "tdc.threshold_to_noise=3.5"),
     "counted cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.counting='binomial'"),
     "in time": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.statistics='time_domain'"),
+    "filtered": (
+        "table1-apd",
+        "tdc.threshold_to_noise=3.5",
+        "receiver.response='gaussian'",
+        "tdc.edges='both'",
+    ),
+    "filtered cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "receiver.response='single_pole'"),
     "raw": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='raw'", "tdc.stops=3", "tdc.jitter_ps=40"),
     "no walk": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='none'", "tdc.lsb_ps=100"),
 }

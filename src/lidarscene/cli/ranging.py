@@ -94,11 +94,13 @@ def range_text(arguments: argparse.Namespace) -> str | Answer:
 
     The code is 1 where eye safety is asked of a sensor that cannot be judged.
     """
+    from ..sensor.model import warn_of_doubts
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)
     held = _target(arguments)
     found = subjects(arguments.sensors, arguments.overrides)
+    warn_of_doubts(one.sensor() for one in found)
     _check_outputs(arguments, found)
     if arguments.eye_safety:
         return _eye_safety(arguments, found, held)

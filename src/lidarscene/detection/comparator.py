@@ -108,7 +108,7 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     ops = xp(trip.signal)
     # (T26a): noise of bandwidth B_w keeps the share r of the edge's deviate until the peak; the rest is fresh. At the
     # threshold crossing and peak coincide, r = 1, and both share one deviate.
-    kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
+    kept = shots.sensor.noise_correlation(lag_s)
     peak_noise = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * trip.of_peak
     return shots.point.measured(
         ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base)
@@ -128,7 +128,7 @@ def trailing_level(
     """
     ops, point = xp(trip.signal), shots.point
     words = shots.words(Stage.TRAILING_EDGE, draw)
-    kept = tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
+    kept = shots.sensor.noise_correlation(lag_s)
     deviate = (
         kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * random.normal_pair(words)[0]
     )
@@ -143,7 +143,7 @@ def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) ->
 
     early_s  (n,) crossing time of the rising edge relative to the peak: negative
     """
-    ops, point, fwhm = xp(trip.signal), shots.point, shots.sensor.laser.pulse_fwhm_s
+    ops, point, fwhm = xp(trip.signal), shots.point, shots.sensor.received_fwhm_s
     # The pulse is symmetric: without noise the falling edge crosses as long after the peak as the rising edge before.
     level = trailing_level(shots, trip, lag_s=2.0 * early_s)
     below = trip.tripped & (level < trip.signal)
@@ -174,7 +174,7 @@ def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -
     if interfering is None:
         return own
     share = shots.point.power_w(threshold) / shots.point.power_w(amplitude)
-    pulse = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.laser.pulse_fwhm_s)
+    pulse = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.received_fwhm_s)
     return xp(threshold, amplitude).where(interfering, pulse, own)
 
 
@@ -209,7 +209,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     sensor, point, threshold = shots.sensor, shots.point, shots.threshold
     if sensor.tdc.walk == "raw":
         return 0.0
-    fwhm = sensor.laser.pulse_fwhm_s
+    fwhm = sensor.received_fwhm_s
     power = true_power_w
     if sensor.tdc.walk == "corrected":
         point = point.calibrated or point

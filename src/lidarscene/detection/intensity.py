@@ -35,7 +35,7 @@ def reported(
     if scale is None:
         return amplitude
     power = shots.point.inferred_power_w(
-        amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
+        amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.received_fwhm_s
     )
     if scale.kind == "range_corrected":
         return formulas.range_corrected_power_w(power_w=power, range_m=range_m, reference_m=scale.reference_m)

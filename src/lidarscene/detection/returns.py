@@ -171,7 +171,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
 def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     """The edge of a single Gaussian echo, in closed form; theory (T24) to (T26)."""
     ops, sensor = xp(echoes.range_m), shots.sensor
-    fwhm = sensor.laser.pulse_fwhm_s
+    fwhm = sensor.received_fwhm_s
     own = comparator.trip(shots, echoes.peak_power_w)
     found = echoes.found & own.tripped
     power = ops.where(found, echoes.peak_power_w, 1.0)

@@ -89,7 +89,7 @@ def _by_levels(
     """
     # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
     # first (T26a). So the levels cannot contradict each other.
-    ops, point, fwhm = shots.ops, shots.point, shots.sensor.laser.pulse_fwhm_s
+    ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
     own_level, foot = shots.threshold + trip.base, _foot(shots, rise, trip, wanted)
     first, *higher = (
         _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted).between(own_level, foot)
@@ -382,7 +382,7 @@ class _Window:
         spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
         # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
         # tick after the window's start.
-        tick = (shots.time_s(place) - shots.sensor.laser.pulse_fwhm_s) * adc.rate_hz
+        tick = (shots.time_s(place) - shots.sensor.received_fwhm_s) * adc.rate_hz
         late = shots.ops.floor(tick) + 1.0 - tick
         return cls(
             shots=shots, adc=adc, rise=rise, crossing=place, spacing=spacing,
@@ -396,7 +396,7 @@ class _Window:
     def read(self, wanted: Mask) -> Array:
         """Local memory with all samples of each lane, in order of time; they have noise and are quantised."""
         shots, adc, ops = self.shots, self.adc, self.shots.ops
-        kept = tdc.noise_correlation(lag_s=1.0 / adc.rate_hz, bandwidth_hz=shots.sensor.tdc.bandwidth_hz)
+        kept = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
         fresh = ops.sqrt(1.0 - kept * kept)
         # Each rise of a pulse has a block of draws of its own, one for each sample.
         before = self.rise.number * ops.uint32(adc.samples)

@@ -3,7 +3,7 @@
 Every step from the comparator to the reported point needs the same five values, so it takes them as one `Shots`.
 Steps that work on a waveform take a `Received`, which adds the waveform.
 
-Symbols: sigma_p standard deviation of the laser pulse. A place on a waveform is in units of sigma_p.
+Symbols: sigma_p standard deviation of the received pulse. A place on a waveform is in units of sigma_p.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ class Received(Shots):
 
     @property
     def sigma_s(self) -> Lanes:
-        """sigma_p: standard deviation of the laser pulse."""
-        return self.sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+        """sigma_p: standard deviation of the received pulse."""
+        return self.sensor.received_fwhm_s / SIGMAS_PER_FWHM
 
     def time_s(self, place: Lanes) -> Lanes:
         """Time of flight at a place on the waveform, (n,)."""

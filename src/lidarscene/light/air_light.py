@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, Table, xp
+from ..physics.amplifier import high_pass
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
@@ -130,7 +131,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
         return np.full_like(range_m, medium.backscatter_per_m_sr)
 
-    fwhm_s = float(sensor.laser.pulse_fwhm_s)
+    fwhm_s = float(sensor.received_fwhm_s)
     # The course over range is the same for every pulse, so the convolution with the pulse is tabulated once. Pulses
     # differ in scale and in where their light ends. The drawn particles are taken out of beta, so that none counts
     # twice.
@@ -142,13 +143,20 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
             extinction_per_m=extinction_per_m, fwhm_s=fwhm_s, nearest_m=min(nearest_m, 0.1),
         )
     )  # fmt: skip
+    hump_m = hump_of(shape, far_m, float(grid[0]))
+    coupling_hz, rate = sensor.receiver.ac_coupling_hz, sensor.coupling_rate
+    if coupling_hz is not None and rate is not None:
+        # The baseline behind the air's light recovers without a peak, so the hump stays.
+        step_s = float(radiometry.time_of_flight_s(range_m=grid[1] - grid[0]))
+        passed = high_pass.coupled(values=shape.values, step_s=step_s, coupling_hz=float(coupling_hz))
+        shape = Table(passed / high_pass.peak_share(rate=rate))
     # A point of even light gets the class of one medium: that which is strongest where the even light is brightest.
     at_peak = grid[[int(np.argmax(shape.values))]]
     return AirLight(
         shape=shape,
         near_m=float(grid[0]),
         far_m=far_m,
-        hump_m=hump_of(shape, far_m, float(grid[0])),
+        hump_m=hump_m,
         extinction_per_m=extinction_per_m,
         particles=tuple((tables, name) for name, tables in drawn.items()),
         names=tuple(medium.name for medium in media),

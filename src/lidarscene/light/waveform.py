@@ -3,7 +3,10 @@
 The comparator and the samplers need power and slope at any place. A sum of Gaussian pulses and a tabulated course of
 the air's light give both in closed form, so no grid of time bins limits the resolution (docs/theory.md 23).
 
-Symbols: u place in units of sigma_p, the standard deviation of the pulse; P power; c speed of light.
+Behind an amplifier's low pass the pulses are wider; AC coupling takes an undershoot off them (docs/theory.md 28). Power
+is then that of an unfiltered echo with the same peak signal.
+
+Symbols: u place in units of sigma_p, the standard deviation of the received pulse; P power; c speed of light.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..maths.arrays import Array, Lanes, Numbers, xp
+from ..physics.amplifier import high_pass
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, Shape, even_sum, evenly, sum_of_pulses
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
@@ -27,8 +31,35 @@ _FAR = 1e30
 _BEFORE = 8.0
 """Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
 
+_WEAK_W = 1e-12
+"""Power at which every detector is linear."""
+
 _HALF_STEP = 0.5
 """Step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little over that."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Undershoot:
+    """What AC coupling takes off the pulses (`physics.amplifier.high_pass`).
+
+    rate    w: recovery of the baseline, per sigma_p; the peaks of the pulses come early by as much
+    depths  (n,) each, power of every sub-echo, as far as the amplifier passes it
+    """
+
+    rate: Lanes
+    depths: Sequence[Lanes]
+
+    def at(self, place: Lanes, centres: Sequence[Lanes]) -> Shape:
+        """All of it at a place, in (n,) W, and its first and second derivative by place."""
+        value: Lanes = 0.0
+        slope: Lanes = 0.0
+        bend: Lanes = 0.0
+        for centre, depth in zip(centres, self.depths, strict=True):
+            own = high_pass.undershoot(at=place - centre - self.rate, rate=self.rate)
+            value, slope, bend = (
+                total + depth * part for total, part in zip((value, slope, bend), own, strict=True)
+            )
+        return value, slope, bend
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,10 +70,11 @@ class Waveform:
 
     origin_m  (n,) range of the pulse's first sub-echo
     unit_m    c sigma_p / 2
-    fwhm_s    width of the laser's pulse
+    fwhm_s    width of the received pulse
     centres   (n,) each, place of every sub-echo
     heights   (n,) each, power of every sub-echo; 0 without one
     volume    even light of the air, or None
+    under     undershoot of an AC-coupled amplifier, or None
     """
 
     # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
@@ -54,10 +86,16 @@ class Waveform:
     centres: Sequence[Lanes]
     heights: Sequence[Lanes]
     volume: Volume | None
+    under: Undershoot | None = None
 
     def at(self, place: Lanes) -> Shape:
         """Power and its first and second derivative by place, (n,) each."""
-        value, slope, bend = sum_of_pulses(at=place, centres=self.centres, heights=self.heights)
+        value, slope, bend = sum_of_pulses(
+            at=self._uncoupled(place), centres=self.centres, heights=self.heights
+        )
+        if self.under is not None:
+            taken = self.under.at(place, self.centres)
+            value, slope, bend = value - taken[0], slope - taken[1], bend - taken[2]
         if self.volume is None:
             return value, slope, bend
         # The air's course is a table and has no derivative in closed form: differences over half steps take its place.
@@ -79,13 +117,18 @@ class Waveform:
         middle   (n,) middle of all places
         """
         parts, growths = evenly(
-            start=start, spacing=spacing, middle=middle, centres=self.centres, heights=self.heights
-        )
+            start=self._uncoupled(start), spacing=spacing, middle=self._uncoupled(middle),
+            centres=self.centres, heights=self.heights,
+        )  # fmt: skip
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
     def air_w(self, place: Lanes) -> Lanes:
         """Power of the air's even light at a place, (n,) W; 0 without any."""
         return 0.0 if self.volume is None else _volume_w(self.volume, self.range_m(place), self.fwhm_s)
+
+    def _uncoupled(self, place: Lanes) -> Lanes:
+        """Where on the pulses a place lies: AC coupling lets them peak early, and is calibrated for that."""
+        return place if self.under is None else place - self.under.rate
 
     def range_m(self, place: Lanes) -> Lanes:
         """Range [m] of the light at a place, (n,)."""
@@ -109,9 +152,11 @@ class Waveform:
         # A peak needs a negative second derivative of the sum, and so of at least one of its terms. A Gaussian has that
         # within one sigma of its centre, a volume's course on its hump only. An interval that a pulse does not have
         # starts at the far end and ends before everything, so no search enters it.
+        # The undershoot only bends a recovering baseline, which rises: it moves peaks by 2 w at most.
         ops = xp(*self.centres, self.origin_m)
+        later = 1.0 if self.under is None else 1.0 + 2.0 * self.under.rate
         found = [
-            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + 1.0, -_FAR))
+            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + later, -_FAR))
             for centre, height in zip(self.centres, self.heights, strict=True)
         ]
         if self.volume is not None:
@@ -141,7 +186,10 @@ class Comb:
 
     def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
         """Power at a place, (n,) W, from the parts there."""
-        wave, value = self.wave, even_sum(at=place, middle=self.middle, parts=parts)
+        wave, middle = self.wave, self.wave._uncoupled(self.middle)
+        value = even_sum(at=wave._uncoupled(place), middle=middle, parts=parts)
+        if wave.under is not None:
+            value = value - wave.under.at(place, wave.centres)[0]
         return (
             value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
         )
@@ -163,9 +211,7 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         ]
         for name in ("range_m", "peak_power_w")
     )
-    unit = radiometry.range_from_time_of_flight_m(
-        time_of_flight_s=sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
-    )
+    unit = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.received_fwhm_s / SIGMAS_PER_FWHM)
     nearest = ops.full(heights[0], _FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
@@ -175,20 +221,42 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
         for distance, height in zip(ranges, heights, strict=True)
     ]
+    passed, under = coupled(heights, pulse_train.background_power_w, sensor)
     return Waveform(
-        origin_m=origin, unit_m=unit, fwhm_s=sensor.laser.pulse_fwhm_s,
-        centres=centres, heights=heights, volume=pulse_train.volume,
+        origin_m=origin, unit_m=unit, fwhm_s=sensor.received_fwhm_s,
+        centres=centres, heights=passed, volume=pulse_train.volume, under=under,
     )  # fmt: skip
+
+
+def coupled(
+    heights: Sequence[Lanes], background_power_w: Lanes, sensor: Sensor
+) -> tuple[Sequence[Lanes], Undershoot | None]:
+    """Pulses of these peak powers behind AC coupling, without their undershoot, and the undershoot.
+
+    heights  (n,) each, power of every sub-echo
+    """
+    rate = sensor.coupling_rate
+    if rate is None:
+        return heights, None
+    point, kept = sensor.working_point(background_power_w), high_pass.peak_share(rate=rate)
+    # The undershoot is of the signal. A later echo that is weak enough to be lost in it lies where the detector is
+    # linear: the signal is brought back to power as for weak light.
+    power_per_signal = _WEAK_W / point.signal(_WEAK_W + 0.0 * background_power_w)
+    depths = [point.measured(point.signal(height)) * power_per_signal / kept for height in heights]
+    return [height / kept for height in heights], Undershoot(rate=rate, depths=depths)
 
 
 def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Optical power [W] and mean detector signal over time, without noise: each (n, times), NumPy.
 
     times_s  (times,) time since the middle of the pulse left
+
+    The signal is what comes through the amplifier; the power is that on the detector, the air's even light in it as the
+    amplifier passes it.
     """
-    power = sampled_power_w(pulse_train, sensor, times_s)
+    power, received = _sampled(pulse_train, sensor, times_s)
     point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
-    return power, np.asarray(point.signal(power))
+    return power, np.asarray(point.signal(received))
 
 
 def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:
@@ -196,8 +264,15 @@ def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) ->
 
     times_s  (times,) time since the middle of the pulse left
     """
+    return _sampled(pulse_train, sensor, times_s)[0]
+
+
+def _sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+    """Power over time on the detector, and as the amplifier passes it, without the background: (n, times) W each."""
     times = np.asarray(times_s, dtype=np.float64)
     power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
+    received, background = power.copy(), np.asarray(pulse_train.background_power_w)[:, None]
+    sigma_s = float(sensor.received_fwhm_s) / SIGMAS_PER_FWHM
     for part in pulse_train.parts:
         arrival = np.asarray(radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64)))
         peak = np.asarray(part.peak_power_w)
@@ -207,15 +282,24 @@ def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) ->
                 time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
             )
             power += peak[lanes, None] * pulses
+            if not sensor.receiver.filters:
+                continue
+            own, place = peak[lanes, None], (times - arrival[lanes, None]) / sigma_s
+            (height,), under = coupled([own], background, sensor)
+            if under is not None:
+                received -= under.at(place, [0.0])[0]
+                place = place - under.rate
+            received += height * np.exp(-0.5 * place * place)
     if pulse_train.volume is not None:
         scale, end_m = (
             np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m)
         )
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
-        power += _volume_w(
-            replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.laser.pulse_fwhm_s
+        even = _volume_w(
+            replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.received_fwhm_s
         )
-    return power
+        power, received = power + even * sensor.peak_share, received + even
+    return power, received if sensor.receiver.filters else power
 
 
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:

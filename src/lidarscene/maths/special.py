@@ -31,14 +31,19 @@ def normal_tail(x: Lanes) -> Lanes:
     keeps falling to zero.
     """
     ops = xp(x)
-    z = ops.minimum(ops.abs(x) * math.sqrt(0.5), _Z_MAX)
+    t, g = _erfcx(ops.minimum(ops.abs(x) * math.sqrt(0.5), _Z_MAX))
+    half = 0.5 * t * ops.exp(g - 0.5 * x * x)
+    return ops.where(x > 0.0, half, 1.0 - half)
+
+
+def _erfcx(z: Lanes) -> tuple[Lanes, Lanes]:
+    """The t and g with erfc(z) exp(z^2) = t exp(g)."""
     t = 2.0 / (2.0 + z)
     u = (t - _T_MIDDLE) / _T_HALF
     g = _G[-1] + 0.0 * u
     for coefficient in _G[-2::-1]:
         g = g * u + coefficient
-    half = 0.5 * t * ops.exp(g - 0.5 * x * x)
-    return ops.where(x > 0.0, half, 1.0 - half)
+    return t, g
 
 
 def log1p(x: Lanes) -> Lanes:
@@ -121,8 +126,8 @@ def scaled_normal_tail(x: Lanes) -> Lanes:
     far = 1.0 / ops.maximum(ops.abs(x), 1.0)
     square = far * far
     series = far * (1.0 - square * (1.0 - square * (3.0 - square * (15.0 - square * 105.0))))
-    tail = normal_tail(near) * ops.exp(0.5 * near * near)
-    return ops.where(near < ops.abs(x), series / math.sqrt(2.0 * math.pi), tail)
+    t, g = _erfcx(near * math.sqrt(0.5))
+    return ops.where(near < ops.abs(x), series / math.sqrt(2.0 * math.pi), 0.5 * t * ops.exp(g))
 
 
 def normal_tail_inverse(probability: Lanes) -> Lanes:

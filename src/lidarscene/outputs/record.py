@@ -21,7 +21,7 @@ from ..rendering.summary import Summary
 from ..scene.file import files_of_scene, load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor
+from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig
 from .frame_files import FrameFiles
 from .options import FRAMES, Outputs
@@ -119,6 +119,7 @@ def record(
     described = load_scene(scene, overrides=scene_overrides)
     sensors = _sensors(described, sensor, overrides, frame)
     _warn_of_thin_beams(trace, sensors)
+    warn_of_doubts(one.sensor for one in sensors)
     keep_inputs(wanted, [*_inputs(scene, scene_overrides, sensor)])
     # Wrong pulse numbers are told now, not after an hour of tracing.
     if outputs.waveforms is not None:

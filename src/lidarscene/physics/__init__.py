@@ -7,6 +7,7 @@ Python floats, numpy arrays or Dr.Jit arrays (`lidarscene.maths.arrays`).
 constants    physical constants
 optics       pulse, beam, surfaces, air, receiver, sun
 electronics  detectors, comparators and clocks
+amplifier    frequency response
 weather      fog, rain and snow
 eye_safety   emission limits of IEC 60825-1:2014
 """

@@ -159,7 +159,8 @@ class Lit:
 
 def is_plain(sensor: Sensor) -> bool:
     """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
-    return sensor.sampler is None and sensor.histogram is None and sensor.tdc.keep == "first"
+    whole = sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
+    return not whole and sensor.tdc.keep == "first"
 
 
 def of_light(light: Echoes) -> list[Any]:

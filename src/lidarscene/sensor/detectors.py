@@ -32,6 +32,22 @@ class CellMemory:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Filtered:
+    """What an amplifier's frequency response leaves of a detector's signal and noise (docs/theory.md 28).
+
+    peak        of a pulse's peak
+    noise       of the variance without echo
+    echo_noise  of the variance that the echo adds at its peak, before its peak is lowered
+    cell        of the height of a single cell
+    """
+
+    peak: Lanes
+    noise: Lanes = 1.0
+    echo_noise: Lanes = 1.0
+    cell: Lanes = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WorkingPoint:
     """A detector under one background, per pulse.
 
@@ -107,6 +123,25 @@ class WorkingPoint:
     def exact(self) -> bool:
         """Whether probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
+
+    def filtered(self, by: Filtered) -> WorkingPoint:
+        """The same detector behind an amplifier that filters signal and noise; clipping comes after the filter."""
+        # Nothing but peaks passes here, so that a cell's response to light, which is not linear, comes first: what is
+        # filtered is its signal. Numbers of cells are no longer whole, and count as Gaussian.
+        cells = self.saturation is None
+        return replace(
+            self,
+            noise=self.noise * xp(by.noise).sqrt(by.noise),
+            kappa_1=self.kappa_1 * by.echo_noise / by.peak,
+            kappa_2=self.kappa_2 * by.echo_noise / (by.peak * by.peak),
+            least_threshold=self.least_threshold * by.cell,
+            signal=lambda power_w: by.peak * self.signal(power_w),
+            power_w=lambda signal: self.power_w(signal / by.peak),
+            cells=None,
+            busy=None,
+            knee=self.knee * by.peak if cells and self.knee is not None else self.knee,
+            largest=None if self.largest is None else self.largest * by.peak,
+        )
 
     def measured(self, signal: Lanes) -> Lanes:
         """A peak as the amplifier passes it on."""

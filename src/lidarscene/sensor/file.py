@@ -14,10 +14,11 @@ from ..files.table import Table
 from ..files.toml import FileModel, read_toml, validated, with_overrides
 from ..maths.pose import Pose
 from ..maths.units import si
+from ..physics.amplifier import high_pass
 from ..physics.optics import beam
 from ..scan import Scanner
 from .detectors import Apd, Sipm
-from .model import MOST_STOPS, Detector, Laser, Optics, Sensor, Tdc
+from .model import MOST_STOPS, Detector, Laser, Optics, Receiver, Sensor, Tdc
 from .optics import OpticsFile
 from .photon_counting.file import HistogramFile, SpadFile
 from .photon_counting.model import Histogram, Spad
@@ -110,6 +111,22 @@ class TdcFile(Table[Tdc]):
         return self.in_si(stops=stops, keep=keep, both_edges=both)
 
 
+class ReceiverFile(Table[Receiver]):
+    """[receiver]: frequency response of the amplifier."""
+
+    bandwidth_mhz: Annotated[float, Field(ge=1e-3)] | None = Field(
+        default=None,
+        description="-3 dB of the low pass, in place of tdc.bandwidth_mhz, which it follows from if left out",
+    )
+
+    def build(self, tdc: Tdc) -> tuple[Receiver, Tdc]:
+        """In SI units, and the converter with the bandwidth that the noise has behind the low pass."""
+        receiver = self.in_si()
+        if self.bandwidth_mhz is None:
+            return receiver, tdc
+        return receiver, replace(tdc, bandwidth_hz=si(self.bandwidth_mhz, "mhz") * receiver.noise_ratio)
+
+
 class PoseFile(FileModel):
     """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
 
@@ -135,6 +152,9 @@ class SensorFile(FileModel):
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
     detector: Annotated[ApdFile | SipmFile | SpadFile, Field(discriminator="type")]
     tdc: TdcFile | None = Field(default=None, description="of an APD or a SiPM")
+    receiver: ReceiverFile = Field(
+        default_factory=ReceiverFile, description="frequency response of the amplifier, of an APD or a SiPM"
+    )
     histogram: HistogramFile | None = Field(default=None, description="of SPADs, in place of tdc")
     sampler: AnySamplerFile | None = Field(
         default=None,
@@ -170,6 +190,8 @@ class SensorFile(FileModel):
             if (getattr(self, key) is not None) != wanted:
                 verb = "must be given" if wanted else "must be left out"
                 raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
+        if counts and "receiver" in self.model_fields_set:
+            raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -192,20 +214,25 @@ class SensorFile(FileModel):
                 optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")
             )
             optics = replace(optics, overlap=overlap)
-        return Sensor(
+        receiver, tdc = self.receiver.build(self._converter(detector))
+        sensor = Sensor(
             name=self.name,
             description=self.description,
             laser=laser,
             optics=optics,
             scanner=self._scanner(optics, folder),
             detector=detector,
-            tdc=self._converter(detector),
+            tdc=tdc,
+            receiver=receiver,
             histogram=self._histogram(detector),
-            sampler=None if self.sampler is None else self.sampler.build(self.laser.pulse_fwhm_ns),
             mounting=self.mounting.pose(),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
         )
+        _check_response(sensor)
+        if self.sampler is None:
+            return sensor
+        return replace(sensor, sampler=self.sampler.build(1e9 * float(sensor.received_fwhm_s)))
 
     @property
     def _rate_hz(self) -> float:
@@ -240,6 +267,23 @@ class SensorFile(FileModel):
             folder=folder,
         )
         return self.scanner.build(around)
+
+
+def _check_response(sensor: Sensor) -> None:
+    """Raises InputError for a frequency response that this detector or pulse cannot have."""
+    rate = sensor.coupling_rate
+    if rate is not None and rate > high_pass.WIDEST_RATE:
+        coupling_khz, most = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
+        raise InputError(
+            f"receiver.ac_coupling_khz: must be <= {most * coupling_khz:.4g}, behind which the received pulse keeps "
+            f"its shape, got {coupling_khz:g}"
+        )
+    if (
+        sensor.receiver.filters
+        and isinstance(sensor.detector, Sipm)
+        and sensor.detector.counting == "binomial"
+    ):
+        raise InputError('detector.counting: must be "gaussian" behind a filter, got "binomial"')
 
 
 def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:

@@ -5,23 +5,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+from ..errors import OptionWarning
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import Key, Quantity
+from ..physics.amplifier import high_pass
+from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
 from ..scan import Scanner
-from .detectors import Apd, Sipm, WorkingPoint
+from .detectors import Apd, Filtered, Sipm, WorkingPoint
 from .overlap import Overlap, Spot
 from .photon_counting.model import Histogram, Macropixel, Spad, working_point
 
 MOST_STOPS = 16
 
 Detector = Apd | Sipm | Spad
+
+PULSE_BANDWIDTH = 0.35
+"""Bandwidth times FWHM that a pulse needs: rise time is 0.35 over the bandwidth, and a slower amplifier lowers it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,6 +202,37 @@ class Tdc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Receiver:
+    """Frequency response of the amplifier, `physics.amplifier`. Its bandwidth is that of the noise, `Tdc.bandwidth_hz`.
+
+    response  of its low pass: "none" filters the noise and not the pulse, as the paper does
+    """
+
+    response: Annotated[
+        Literal["none", "gaussian", "single_pole"], Key(about="the low pass of the amplifier")
+    ] = "none"
+    ac_coupling_hz: Annotated[
+        Lanes | None,
+        Quantity("khz", gt=0, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
+    ] = None
+
+    @property
+    def low_pass(self) -> LowPass | None:
+        """The filter, or None."""
+        return LOW_PASSES.get(self.response)
+
+    @property
+    def filters(self) -> bool:
+        """Whether the pulse comes through it changed."""
+        return self.low_pass is not None or self.ac_coupling_hz is not None
+
+    @property
+    def noise_ratio(self) -> float:
+        """Bandwidth of the noise over the cutoff (-3 dB) of the low pass; 1 without one."""
+        return 1.0 if self.low_pass is None else self.low_pass.noise_ratio
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Intensity:
     """The scale on which the maker reports intensity, `physics.electronics.intensity`.
 
@@ -263,6 +301,7 @@ class Sensor:
     detector: Detector
     tdc: Tdc
     sampler: MultiLevel | Adc | None = None
+    receiver: Receiver = field(default_factory=Receiver)
     histogram: Histogram | None = None
     mounting: Pose = field(default_factory=Pose)
     intensity: Intensity | None = None
@@ -310,6 +349,61 @@ class Sensor:
         """Whether it knows for how long a pulse was above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
+    @property
+    def cutoff_hz(self) -> Lanes:
+        """-3 dB frequency of the amplifier's low pass; without one, the bandwidth of the noise."""
+        return self.tdc.bandwidth_hz / self.receiver.noise_ratio
+
+    @property
+    def low_pass_share(self) -> Lanes:
+        """What the low pass leaves of a pulse's peak; 1 without one."""
+        filtering = self.receiver.low_pass
+        if filtering is None:
+            return 1.0
+        return filtering.peak_share(fwhm_s=self.laser.pulse_fwhm_s, cutoff_hz=self.cutoff_hz)
+
+    @property
+    def received_fwhm_s(self) -> Lanes:
+        """Width of the pulse behind the low pass: its area stays (docs/theory.md 28)."""
+        if self.receiver.low_pass is None:
+            return self.laser.pulse_fwhm_s
+        return self.laser.pulse_fwhm_s / self.low_pass_share
+
+    @property
+    def coupling_rate(self) -> Lanes | None:
+        """w of `physics.amplifier.high_pass`; None of a DC-coupled amplifier."""
+        coupling_hz = self.receiver.ac_coupling_hz
+        if coupling_hz is None:
+            return None
+        return high_pass.rate(coupling_hz=coupling_hz, fwhm_s=self.received_fwhm_s)
+
+    @property
+    def peak_share(self) -> Lanes:
+        """What the whole response leaves of a pulse's peak; 1 of "none"."""
+        rate = self.coupling_rate
+        return self.low_pass_share if rate is None else self.low_pass_share * high_pass.peak_share(rate=rate)
+
+    @property
+    def doubt(self) -> str | None:
+        """In one line, that the amplifier is slower than the pulse; None if it is not."""
+        cutoff_mhz, fwhm_ns = 1e-6 * float(self.cutoff_hz), 1e9 * float(self.laser.pulse_fwhm_s)
+        needed_mhz = 1e3 * PULSE_BANDWIDTH / fwhm_ns
+        if cutoff_mhz >= needed_mhz * (1.0 - 1e-9):
+            return None
+        told = (
+            f"'{self.name}': a bandwidth of {cutoff_mhz:.4g} MHz is slow for a pulse of {fwhm_ns:.4g} ns, which "
+            f"needs {needed_mhz:.3g}; "
+        )
+        if self.receiver.low_pass is not None:
+            return told + f"it leaves {100.0 * float(self.low_pass_share):.0f} % of the peak"
+        return told + 'receiver.response = "none" lets the pulse pass whole, so ranges come out too long'
+
+    def noise_correlation(self, lag_s: Lanes) -> Lanes:
+        """Of the noise with itself after a time; without a low pass that of a single pole of the noise's bandwidth."""
+        if self.receiver.low_pass is None:
+            return tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=self.tdc.bandwidth_hz)
+        return self.receiver.low_pass.correlation(lag_s=lag_s, cutoff_hz=self.cutoff_hz)
+
     def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
         """The detector under this background; behind a matched filter, if pulses are found there.
 
@@ -324,10 +418,27 @@ class Sensor:
             bandwidth_hz=self.tdc.bandwidth_hz,
             pulse_fwhm_s=self.laser.pulse_fwhm_s,
         )
+        if self.receiver.filters:
+            point = point.filtered(self.response)
         if not self.matches:
             return point
-        x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.laser.pulse_fwhm_s)
+        x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
         return point.matched(sampling.matched_noise_share(x=x))
+
+    @property
+    def response(self) -> Filtered:
+        """What the amplifier's response leaves of the detector's peaks and noise."""
+        peak, filtering = self.peak_share, self.receiver.low_pass
+        if filtering is None:
+            return Filtered(peak=peak)
+        if isinstance(self.detector, Sipm):
+            # Cells are as long as their dead time, and so is the noise of their number.
+            cell = {"duration_s": self.detector.dead_time_s, "cutoff_hz": self.cutoff_hz}
+            noise = filtering.box_noise_share(**cell)
+            return Filtered(peak=peak, noise=noise, echo_noise=noise, cell=filtering.box_peak_share(**cell))
+        # The noise of a diode is white: that of the background has the low pass' bandwidth already.
+        pulse = {"fwhm_s": self.laser.pulse_fwhm_s, "cutoff_hz": self.cutoff_hz}
+        return Filtered(peak=peak, echo_noise=filtering.echo_noise_share(**pulse))
 
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
         """How often a second noise trips the comparator: (T28), or the rate of its crossings."""
@@ -368,3 +479,10 @@ class Sensor:
             assert point.level is not None
             level = point.level
         return xp(level, point.least_threshold).maximum(level, point.least_threshold)
+
+
+def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
+    """An amplifier that is slow for the pulse, in one line for each such sensor."""
+    for doubt in dict.fromkeys(sensor.doubt for sensor in sensors):
+        if doubt is not None:
+            warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)

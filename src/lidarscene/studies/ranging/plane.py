@@ -29,7 +29,7 @@ _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
 _BLINDING_W = 1e20  # more light than any detector resolves
 _NOTHING = 1e-100  # below this the products of the closed forms underflow
-_PARTS = ("laser", "optics", "detector", "tdc", "histogram")
+_PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
 
 
 class RangeStatus(enum.IntEnum):
@@ -261,6 +261,9 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
             pde=detector.pde,
             dead_time_s=detector.dead_time_s,
         )
+    # SNR goes with 1 / R^2, and with what the amplifier leaves of the peak over the root of that of the noise.
+    left = sensor.response
+    bound = bound * np.sqrt(left.peak / np.sqrt(left.noise))
     rate = 0.75 * target.extinction_per_m * every
     thick = rate > 0.0
     faded = _lambert_w(np.where(thick, rate * bound, 1.0)) / np.where(thick, rate, 1.0)

@@ -30,7 +30,7 @@ from .plane import RangeStatus, Target
 
 _RANGE = "range_m"
 _CODE = ("stops", "reach", "search", "coincidence")
-_PARTS = ("laser", "optics", "detector", "tdc", "histogram")
+_PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
 _UNITS = {
     "m": "m", "w": "W", "s": "s", "hz": "Hz", "m2": "m2", "rad": "rad", "a": "A", "ohm": "ohm", "k": "K",
     "klux": "klux",

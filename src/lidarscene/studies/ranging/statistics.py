@@ -194,7 +194,7 @@ def simulated_shots(
 
 def end_of_window(sensor: Sensor, range_m: float) -> Sensor:
     """The sensor with its window closed just after an echo of this range, as in (10)."""
-    end_s = 2.0 * range_m / SPEED_OF_LIGHT_M_S + 0.5 * float(sensor.laser.pulse_fwhm_s)
+    end_s = 2.0 * range_m / SPEED_OF_LIGHT_M_S + 0.5 * float(sensor.received_fwhm_s)
     return dataclasses.replace(sensor, tdc=dataclasses.replace(sensor.tdc, window_s=end_s))
 
 

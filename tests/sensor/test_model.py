@@ -1,0 +1,233 @@
+"""The receiver's frequency response on a sensor: noise and peaks, the matched bandwidth, keys of the file."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers.documentation import says
+from scipy.optimize import minimize_scalar
+
+from lidarscene import load_sensor
+from lidarscene.errors import InputError, OptionWarning
+from lidarscene.physics.amplifier import high_pass
+from lidarscene.physics.amplifier.low_pass import LOW_PASSES
+from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
+from lidarscene.sensor.model import PULSE_BANDWIDTH, warn_of_doubts
+from lidarscene.studies.ranging import plane, sensitivities
+from lidarscene.studies.ranging.plane import Target
+
+BACKGROUND_W = 2.5e-8
+KINDS = ["gaussian", "single_pole"]
+
+
+def sensor(kind, *overrides, name="table1-apd", bandwidth_mhz=None):
+    width = [] if bandwidth_mhz is None else [f"receiver.bandwidth_mhz={bandwidth_mhz!r}"]
+    return load_sensor(name, overrides=[f"receiver.response='{kind}'", *width, *overrides])
+
+
+def range_m(kind, bandwidth_mhz, *overrides):
+    return plane.maximum_range_m(sensor(kind, *overrides, bandwidth_mhz=bandwidth_mhz), Target())[0]
+
+
+# --- bandwidth --------------------------------------------------------------------------------------
+
+
+def test_without_a_response_narrower_is_farther_without_end():
+    """Table 1: the paper's receiver filters the noise alone."""
+    found = [range_m("none", mhz) for mhz in (400.0, 167.0, 50.0, 10.0, 5.0)]
+    assert [round(one) for one in found] == [282, 351, 474, 709, 843]
+    assert found[1] == plane.maximum_range_m(load_sensor("table1-apd"), Target())[0]
+
+
+@pytest.mark.parametrize(("kind", "best"), [("gaussian", 0.3120), ("single_pole", 0.1812)])
+def test_matched_bandwidth_is_best(kind, best):
+    """In white noise SNR goes with share / sqrt(f): of a Gaussian filter it is best where filter and pulse are alike.
+
+    A search on R_max; the second road is the best of a sampled pulse behind the filter. 1 %: R_max is flat there.
+    """
+    found = minimize_scalar(lambda log: -range_m(kind, math.exp(log)), bounds=(1.0, 6.0), method="bounded")
+    assert math.exp(found.x) * 1e-3 * 6.0 == pytest.approx(best, rel=0.01)
+    time = np.linspace(-4.0, 36.0, 40001)
+    light = np.exp(-4.0 * math.log(2.0) * time**2)  # FWHM 1
+    step = time[1] - time[0]
+
+    def snr(cutoff):
+        if kind == "single_pole":
+            response = np.exp(-2.0 * math.pi * cutoff * (time - time[0]))
+        else:
+            sigma = math.sqrt(math.log(2.0)) / (2.0 * math.pi * cutoff)
+            response = np.exp(-0.5 * ((time - 8.0) / sigma) ** 2)
+        transform = np.fft.rfft(light, 2 * len(time)) * np.fft.rfft(response, 2 * len(time))
+        return np.fft.irfft(transform).max() * step / math.sqrt((response**2).sum() * step)
+
+    sampled = minimize_scalar(lambda log: -snr(math.exp(log)), bounds=(-3.0, 1.0), method="bounded")
+    assert math.exp(sampled.x) == pytest.approx(best, rel=0.01)
+    assert range_m(kind, best / 6e-3 / 3.0) < range_m(kind, best / 6e-3) > range_m(kind, best / 6e-3 * 3.0)
+
+
+def test_one_number_is_enough():
+    """The low pass of a sensor without `receiver.bandwidth_mhz` has the bandwidth of its noise."""
+    paper, filtered = load_sensor("table1-apd"), sensor("gaussian")
+    light = np.array([BACKGROUND_W])
+    assert filtered.working_point(light).noise[0] == paper.working_point(light).noise[0]
+    assert filtered.cutoff_hz == pytest.approx(167e6 / 1.0645, rel=1e-4)
+    assert sensor("gaussian", bandwidth_mhz=100.0).tdc.bandwidth_hz == pytest.approx(1.0645 * 100e6, rel=1e-4)
+    assert sensor("single_pole", bandwidth_mhz=100.0).tdc.bandwidth_hz == pytest.approx(1.5708e8, rel=1e-4)
+    assert sensor("none", bandwidth_mhz=100.0).tdc.bandwidth_hz == pytest.approx(1e8)
+
+
+def test_closed_forms_follow():
+    """An upper bound by as much as without a response, for both detectors."""
+    for name in ("table1-apd", "table1-sipm"):
+        for kind in ("none", *KINDS):
+            found = sensor(kind, name=name, bandwidth_mhz=80.0)
+            share = plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target())
+            assert 0.94 < share < 1.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sensitivity_to_the_bandwidth(kind):
+    """`tdc.bandwidth_hz` is pulse and noise in one number; central differences over the key of the file."""
+    table = sensitivities.sensitivities(sensor(kind, bandwidth_mhz=90.0), Target(), method="differences")
+    found = {row.parameter: row.range_elasticity for row in table.rows}["tdc.bandwidth_hz"]
+    wanted = math.log(range_m(kind, 90.0 * 1.001) / range_m(kind, 90.0 / 1.001)) / (2.0 * math.log(1.001))
+    assert found == pytest.approx(wanted, rel=1e-3)
+
+
+# --- noise and peaks --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_of_a_diode_by_sampled_noise(kind):
+    """Background electrons as white noise of 2 e M^2 F i, through the sampled filter: 2 %, four standard errors."""
+    found = sensor(kind, "detector.load_resistance_ohm=1e12", bandwidth_mhz=100.0)
+    diode, step_s = found.detector, 0.1e-9
+    light = np.array([BACKGROUND_W])
+    watts = float(found.working_point(light).signal(1.0)) / (diode.gain * found.peak_share)
+    primary = watts * BACKGROUND_W + diode.bulk_dark_current_a
+    density = 2.0 * ELEMENTARY_CHARGE_C * diode.gain**2 * diode.excess_noise * primary
+    count = 1 << 18
+    white = np.random.default_rng(1).normal(0.0, math.sqrt(0.5 * density / step_s), count)
+    ratio = np.fft.rfftfreq(count, step_s) / 100e6
+    passes = 2.0 ** (-0.5 * ratio**2) if kind == "gaussian" else 1.0 / (1.0 + 1j * ratio)
+    noise = np.fft.irfft(np.fft.rfft(white) * passes, count).std()
+    assert noise == pytest.approx(float(found.working_point(light).noise[0]), rel=0.02)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_of_cells_by_random_cells(kind):
+    """Cells that fire at random are rectangles of the dead time; filtered, they vary as the sensor says: 3 %.
+
+    Few of them, as in weak light: where most are busy, one cell's rectangles are not independent.
+    """
+    found = sensor(kind, name="table1-sipm", bandwidth_mhz=50.0)
+    plain = load_sensor("table1-sipm")
+    light = np.array([1e-10])
+    share = (found.working_point(light).noise / plain.working_point(light).noise)[0]
+    step_s, count = 0.25e-9, 1 << 18
+    fired = np.random.default_rng(2).poisson(0.02, count)
+    busy = np.convolve(fired, np.ones(24))[:count]  # 6 ns
+    ratio = np.fft.rfftfreq(count, step_s) / 50e6
+    passes = 2.0 ** (-0.5 * ratio**2) if kind == "gaussian" else 1.0 / (1.0 + 1j * ratio)
+    filtered = np.fft.irfft(np.fft.rfft(busy) * passes, count)
+    assert share == pytest.approx(filtered.std() / busy.std(), rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_signal_and_power_are_inverse(kind, name):
+    point = sensor(kind, "receiver.ac_coupling_khz=200", name=name).working_point(np.array([BACKGROUND_W]))
+    power = np.geomspace(1e-9, 1e-7, 20)
+    np.testing.assert_allclose(point.power_w(point.signal(power)), power, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
+    """In any light: what is filtered is the number of cells, which saturates before."""
+    found, plain = sensor(kind, name="table1-sipm"), load_sensor("table1-sipm")
+    background = np.array([BACKGROUND_W])
+    for power in (1e-9, 1e-7, 1e-3):
+        share = found.working_point(background).signal(power) / plain.working_point(background).signal(power)
+        assert share[0] == pytest.approx(float(found.low_pass_share), rel=1e-12)
+
+
+# --- the file ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("response='bessel'", "response: must be 'none', 'gaussian' or 'single_pole', got \"bessel\""),
+        ("bandwidth_mhz=0", "bandwidth_mhz: must be >= 0.001, got 0"),
+        ("ac_coupling_khz=0", "ac_coupling_khz: must be > 0, got 0"),
+        ("ac_coupling_khz=2e4", "ac_coupling_khz: must be <= 6246, behind which the received pulse "),
+    ],
+)  # fmt: skip
+def test_mistakes(override, said):
+    with pytest.raises(InputError) as caught:
+        load_sensor("table1-apd", overrides=[f"receiver.{override}"])
+    assert f"receiver.{said}" in str(caught.value)
+
+
+def test_whole_cells_are_not_filtered():
+    with pytest.raises(
+        InputError, match=r'detector.counting: must be "gaussian" behind a filter, got "binomial"'
+    ):
+        sensor("gaussian", "detector.counting='binomial'", name="table1-sipm")
+
+
+def test_samples_cover_the_received_pulse():
+    """Four widths, of the wider pulse."""
+    adc = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=10", "sampler.full_scale=1e-3")
+    plain, wide = (sensor(kind, *adc, bandwidth_mhz=30.0) for kind in ("none", "gaussian"))
+    assert plain.sampler.samples == 25
+    assert wide.sampler.samples == math.ceil(24.0 / float(wide.low_pass_share) - 1e-9) + 1
+
+
+def test_a_slow_amplifier_is_told():
+    """In one line, for each response; 0.35 / 6 ns is 58.3 MHz."""
+    assert sensor("none", bandwidth_mhz=58.4).doubt is None
+    slow = sensor("none", bandwidth_mhz=50.0)
+    with pytest.warns(OptionWarning) as noted:
+        warn_of_doubts([slow, slow, sensor("gaussian", bandwidth_mhz=50.0), load_sensor("table1-apd")])
+    assert [str(one.message).partition("; ")[2] for one in noted] == [
+        'receiver.response = "none" lets the pulse pass whole, so ranges come out too long',
+        "it leaves 69 % of the peak",
+    ]
+    assert str(noted[0].message).startswith(
+        "'table1-apd': a bandwidth of 50 MHz is slow for a pulse of 6 ns, which needs 58.3; "
+    )
+
+
+def test_coupling_alone_lowers_the_peak():
+    found = sensor("none", "receiver.ac_coupling_khz=1000")
+    rate = 2.0 * math.pi * 1e6 * 6e-9 / math.sqrt(8.0 * math.log(2.0))
+    assert found.peak_share == high_pass.peak_share(rate=found.coupling_rate)
+    assert found.peak_share == pytest.approx(1.0 - math.sqrt(0.5 * math.pi) * rate, abs=2.0 * rate**2)
+    assert dataclasses.replace(found, receiver=load_sensor("table1-apd").receiver).peak_share == 1.0
+
+
+def test_numbers_of_the_page():
+    gaussian, pole = (LOW_PASSES[kind].noise_ratio for kind in KINDS)
+    says("theory.md", "f = B / {} or B / {}", gaussian, pole)
+    best = [
+        math.exp(
+            minimize_scalar(
+                lambda log, low_pass=low_pass: (
+                    -float(low_pass.peak_share(fwhm_s=np.array(1.0), cutoff_hz=math.exp(log)))
+                    / math.exp(0.5 * log)
+                ),
+                bounds=(-4.0, 1.0),
+                method="bounded",
+            ).x
+        )
+        for low_pass in (LOW_PASSES[kind] for kind in KINDS)
+    ]
+    says("theory.md", "f t_FWHM = {} for a Gaussian filter, and {} for a single pole", *best)
+    rate = sensor("none", "receiver.ac_coupling_khz=500").coupling_rate
+    depth = 100.0 * math.sqrt(2.0 * math.pi) * rate
+    says("theory.md", "sqrt(2 pi) w of its peak, {} % for {} kHz and a {} ns pulse", depth, 500, 6)
+    says("theory.md", "A bandwidth below {} / t_FWHM", PULSE_BANDWIDTH)
+    says("theory.md", "is limited to w = {}", high_pass.WIDEST_RATE)
+    says("theory.md", "peak is lower by {} w", (1.0 - float(high_pass.peak_share(rate=1e-4))) / 1e-4)
