@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidarscene.catalog import path_of
-from lidarscene.detection.photon_counting import receiver
+from lidarscene.detection import receivers
 from lidarscene.files.toml import read_toml
 from lidarscene.sensor.file import sensor_from_tables
 from lidarscene.studies.ranging import plane
@@ -54,7 +54,7 @@ def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
 def detected(counter, light, *, seed=1):
     """The detection of these echoes; their pulses are numbered."""
     pulse = np.arange(len(light.range_m), dtype=np.uint32)
-    return receiver.detect_alone(light, counter, seed=seed, pulse=pulse)
+    return receivers.detect_alone(light, counter, seed=seed, pulse=pulse)
 
 
 def echo_of(stop):

@@ -19,8 +19,8 @@ from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.model import MultiLevel, Sensor
 from . import ambient, comparator, intensity
-from . import memory as of_memory
 from .outcomes import Outcome, Status
+from .pulses import memory as of_memory
 from .pulses import stops as keeping
 from .pulses import timing
 from .pulses.stops import EMPTY, Stop, Stops

@@ -23,7 +23,6 @@ from ..light.echoes import Echoes
 from ..light.hits import Hits
 from ..maths.arrays import Array, Mask, Numbers, inverse, is_drjit, xp
 from ..maths.pose import Pose
-from ..sensor.model import Sensor
 from .frame import LARGEST_FLOAT32_M
 
 PulseNumbers = Callable[[], Numbers]
@@ -155,12 +154,6 @@ class Lit:
     paths: Sequence[Hits]
     light: Sequence[Echoes]
     goes_on: Any
-
-
-def is_plain(sensor: Sensor) -> bool:
-    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
-    whole = sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
-    return not whole and sensor.tdc.keep == "first"
 
 
 def of_light(light: Echoes) -> list[Any]:

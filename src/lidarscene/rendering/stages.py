@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from ..detection import multi_echo, returns
-from ..detection.photon_counting import receiver
+from ..detection import receivers, returns
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import columns
@@ -30,7 +29,7 @@ from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.model import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Lit, PulseNumbers, is_plain, needed_of, numbers_of, of_light, without_continuing
+from .chunk import Chunk, Lit, PulseNumbers, needed_of, numbers_of, of_light, without_continuing
 from .frame import Frame, placements
 from .options import TraceOptions
 
@@ -85,13 +84,14 @@ class Stages:
         """
         sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey)
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
-        if self.rays == len(lit.paths) == 1 and self.air is None and is_plain(sensor):
+        if self.rays == len(lit.paths) == 1 and self.air is None and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return without_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
         goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
-        detect = multi_echo.detect if sensor.histogram is None else receiver.detect
-        return without_continuing(pulse, lit.paths, detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        return without_continuing(
+            pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on
+        )
 
     def pulse_train(self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""

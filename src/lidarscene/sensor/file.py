@@ -191,7 +191,9 @@ class SensorFile(FileModel):
                 verb = "must be given" if wanted else "must be left out"
                 raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
         if counts and "receiver" in self.model_fields_set:
-            raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
+            raise ValueError(
+                'receiver: must be left out with detector.type = "spad", whose firings are counted'
+            )
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self

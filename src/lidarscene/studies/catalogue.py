@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..detection.photon_counting.receiver import detect_alone
+from ..detection.receivers import detect_alone
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
@@ -86,7 +86,6 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
     echo = seen.reported & (seen.status == int(Status.ECHO))
     errors = (np.asarray(seen.range_m) - ranges)[np.asarray(echo)]
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
-
 
 
 def check(name: str) -> Check:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ...light.echoes import Echoes, EchoTrain, Interference, SubEchoes
+from ...light.echoes import EchoTrain, Interference
 from ...light.waveform import Waveform, waveform
 from ...maths.arrays import Array, Lanes, Mask, Ops, chosen, xp
 from ...physics.electronics import tdc
@@ -21,7 +21,7 @@ from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.model import Sensor
 from ...sensor.photon_counting.model import Macropixel
-from .. import ambient, comparator, intensity, returns
+from .. import ambient, comparator, intensity
 from ..outcomes import Outcome, Status
 from ..returns import Detection, Returns, alarm_status
 from ..rises import Rise, visit_all
@@ -98,21 +98,6 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     number, range_m = receiver.strongest()
     stops = receiver.with_alarms(found.stops, number, range_m)
     return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
-
-
-def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What any sensor's receiver makes of pulses with one echo each, in clear air.
-
-    seed, pulse  as of `detect`
-    """
-    if sensor.histogram is None:
-        return returns.detect(echoes, sensor, seed=seed, pulse=pulse)
-    part = SubEchoes(range_m=echoes.range_m, peak_power_w=echoes.peak_power_w, count=1)
-    train = EchoTrain(
-        parts=(part,), surfaces=1, found=echoes.found, background_power_w=echoes.background_power_w,
-        interference=echoes.interference, white_w_m2=echoes.white_w_m2,
-    )  # fmt: skip
-    return detect(train, sensor, seed=seed, pulse=pulse)
 
 
 def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:

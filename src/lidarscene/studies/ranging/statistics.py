@@ -1,7 +1,7 @@
 """Detection statistics of a sensor on a target: detection curves, detection against false alarms, simulated shots.
 
 The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too.
-Shots are simulated by `photon_counting.receiver.detect_alone`, on numpy with made-up echoes. No tracing, no LLVM.
+Shots are simulated by `detection.receivers.detect_alone`, on numpy with made-up echoes. No tracing, no LLVM.
 
 Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
 """
@@ -16,7 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...detection.outcomes import Outcome, Status
-from ...detection.photon_counting.receiver import detect_alone
+from ...detection.receivers import detect_alone
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
@@ -177,7 +177,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
 ) -> Shots:
-    """That many pulses at a target, or for None into the sky, through `receiver.detect_alone` on numpy."""
+    """That many pulses at a target, or for None into the sky, through `receivers.detect_alone` on numpy."""
     every = np.ones(shots)
     echoes = plane.echoes_of_plane(sensor, target, every if range_m is None else range_m * every)
     if range_m is None:

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..maths.arrays import Lanes, xp
-from ..physics.electronics import saturation, sipm_response
-from ..sensor.detectors import CellMemory, WorkingPoint
-from .rises import Rise
-from .shots import Received
+from ...maths.arrays import Lanes, xp
+from ...physics.electronics import saturation, sipm_response
+from ...sensor.detectors import CellMemory, WorkingPoint
+from ..rises import Rise
+from ..shots import Received
 
 _FOOT = 3.0
 """Where an echo begins, in sigma_p before its peak: a thousandth of its light has come."""

@@ -1,0 +1,49 @@
+"""Receivers: which of the three ways of detection a sensor needs.
+
+A comparator that keeps the first edge of a lone echo has a closed form (`returns`). Overlapping echoes, samplers and
+orders of returns need the waveform (`multi_echo`). SPADs that sum shots need a histogram (`photon_counting`).
+"""
+
+from __future__ import annotations
+
+from ..light.echoes import Echoes, EchoTrain, SubEchoes
+from ..maths.arrays import Array, Lanes
+from ..sensor.model import Sensor
+from . import multi_echo, returns
+from .photon_counting import receiver
+from .returns import Detection
+
+
+def is_plain(sensor: Sensor) -> bool:
+    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    whole = (
+        sensor.sampler is not None
+        or sensor.histogram is not None
+        or sensor.receiver.ac_coupling_hz is not None
+    )
+    return not whole and sensor.tdc.keep == "first"
+
+
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """What the receiver reports of pulses with any light.
+
+    seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+    pulse  (n,) uint32 pulse numbers
+    """
+    way = multi_echo.detect if sensor.histogram is None else receiver.detect
+    return way(pulse_train, sensor, seed=seed, pulse=pulse)
+
+
+def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """What the receiver reports of pulses with one echo each, in clear air, as `render` has it.
+
+    seed, pulse  as of `detect`
+    """
+    if is_plain(sensor):
+        return returns.detect(echoes, sensor, seed=seed, pulse=pulse)
+    part = SubEchoes(range_m=echoes.range_m, peak_power_w=echoes.peak_power_w, count=1)
+    train = EchoTrain(
+        parts=(part,), surfaces=1, found=echoes.found, background_power_w=echoes.background_power_w,
+        interference=echoes.interference, white_w_m2=echoes.white_w_m2,
+    )  # fmt: skip
+    return detect(train, sensor, seed=seed, pulse=pulse)
