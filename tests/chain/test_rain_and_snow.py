@@ -16,7 +16,7 @@ from lidarscene import load_scene, load_sensor, render
 from lidarscene.detection.outcomes import Status
 from lidarscene.light import air_light
 from lidarscene.physics.optics import receiver
-from lidarscene.physics.weather import precipitation
+from lidarscene.physics.weather import glory, precipitation
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.weather import Weather
 
@@ -29,6 +29,16 @@ PULSE_M = 0.5 * c * 5e-9 * math.sqrt(math.pi / (4.0 * math.log(2.0)))
 SKY_W = 29.4 * 0.1 * 0.8 / math.pi * LENS_M2 * math.pi * (0.1 / 24.0) ** 2 * 0.8
 """10 klux of sun, 0.8 of it once more from the sky: its radiance, over lens and field of view."""
 SIGMAS = norm.isf(1e-4 / 2.0)  # of a test
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_glory():
+    """Drops as bright as their two faces, sigma growing as D^2, so that counts have a form of their own here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            glory, "gain", lambda *, diameter_m, within_rad, **_: np.ones_like(diameter_m * within_rad)
+        )
+        yield
 
 
 @pytest.fixture(scope="module", params=("rain", "snow"))

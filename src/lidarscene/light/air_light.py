@@ -21,7 +21,14 @@ from ..physics.amplifier import high_pass
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
-from ..physics.weather.particles import MEAN_HITS, Sight, Strengths, hits, strengths
+from ..physics.weather.particles import (
+    MEAN_HITS,
+    Sight,
+    Strengths,
+    hits,
+    medium_backscatter_per_m_sr,
+    strengths,
+)
 from ..physics.weather.precipitation import Sizes
 from ..scene.weather import Medium, Weather
 from ..sensor.model import Sensor
@@ -115,6 +122,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     sight = Sight(
         beam_area_m2=area, overlap=lambda range_m: np.asarray(overlap.share(range_m)),
         extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
+        aperture_radius_m=float(sensor.optics.aperture_radius_m), lens_offset_m=_lens_offset_m(sensor),
     )  # fmt: skip
     # A medium is drawn only if it has discrete particles and the beam has a width: in a beam of no area none would be.
     drawn = {}
@@ -122,13 +130,25 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
             continue
         drawn[medium.name] = _enough(
-            _least_strength(sensor), sight, sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr
-        )
+            _least_strength(sensor), sight, sizes=medium.sizes,
+            backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
+        )  # fmt: skip
 
     def left(medium: Medium, range_m: Numbers) -> Numbers:
         """beta of the particles of a medium that are not drawn, per m sr."""
         if medium.name in drawn:
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
+        if (
+            medium.particle_gain is not None
+            and medium.sizes is not None
+            and medium.particle_m2_sr is not None
+        ):
+            near_m = np.geomspace(nearest_m, far_m, 200)  # the gain is smooth
+            beta = medium_backscatter_per_m_sr(
+                near_m, sight=sight, sizes=medium.sizes,
+                backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
+            )  # fmt: skip
+            return np.interp(range_m, near_m, beta)
         return np.full_like(range_m, medium.backscatter_per_m_sr)
 
     fwhm_s = float(sensor.received_fwhm_s)
@@ -165,7 +185,12 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
 
 
 def _enough(
-    least: float, sight: Sight, *, sizes: Sizes, backscatter_m2_sr: Callable[..., Lanes]
+    least: float,
+    sight: Sight,
+    *,
+    sizes: Sizes,
+    backscatter_m2_sr: Callable[..., Lanes],
+    gain: Callable[..., Numbers] | None,
 ) -> Strengths:
     """Tables with the fewest particles for each pulse whose weakest is below `_LEFT_OUT` times ``least``.
 
@@ -173,7 +198,7 @@ def _enough(
     """
     # If even the largest number does not reach that far down, it is used all the same.
     for count in MEAN_HITS:
-        found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, count=count)
+        found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, gain=gain, count=count)
         # The table runs from strong to weak: its last entry is the weakest particle that is drawn.
         if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
             break
@@ -208,6 +233,12 @@ def overlap_of(sensor: Sensor) -> Overlap:
         aperture_radius_m=float(sensor.optics.aperture_radius_m),
         field_rad=float(sensor.detector.radius_m / sensor.optics.focal_length_m),
     )
+
+
+def _lens_offset_m(sensor: Sensor) -> float:
+    """From the laser's exit to the middle of the lens; 0 of optics that nothing is said of."""
+    overlap = sensor.optics.overlap
+    return 0.0 if overlap is None else float(overlap.offset_m)
 
 
 def _nearest_m(overlap: Overlap, far_m: float) -> float:

@@ -14,9 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from ..maths.arrays import Lanes
+from ..maths.arrays import Lanes, Numbers
 from ..maths.units import Key, Quantity
-from ..physics.weather import fog, precipitation
+from ..physics.weather import fog, glory, precipitation
 from ..physics.weather.precipitation import Sizes
 
 FogKind = Literal[
@@ -35,6 +35,7 @@ class Medium:
     backscatter_per_m_sr    beta
     sizes                   of its drops or flakes; None for fog, whose droplets are too many to be drawn one by one
     particle_m2_sr          backscatter of one particle of diameter_m=..., W/sr per W/m2 on it
+    particle_gain           of that into a lens that sees angles within_rad=..., from_rad=...; None: one
     """
 
     name: str
@@ -42,6 +43,7 @@ class Medium:
     backscatter_per_m_sr: float
     sizes: Sizes | None = None
     particle_m2_sr: Callable[..., Lanes] | None = None
+    particle_gain: Callable[..., Numbers] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +92,7 @@ class Weather:
             backscatter_per_m_sr=precipitation.rain_backscatter_per_m_sr(**rate, **at),
             sizes=precipitation.marshall_palmer(**rate),
             particle_m2_sr=functools.partial(precipitation.drop_backscatter_m2_sr, **at),
+            particle_gain=functools.partial(glory.gain, wavelength_m=wavelength_m),
         )
 
     def _snow(self, wavelength_m: float) -> Medium | None:

@@ -36,10 +36,12 @@ class Overlap:
 
     table    the share, even in s / (s + R): from far (0) to near (1)
     scale_m  s, the range around which the share changes
+    offset_m  from the receiver's axis to the transmitter's, at the sensor
     """
 
     table: Table
     scale_m: Lanes
+    offset_m: Lanes = 0.0
 
     @classmethod
     def of(
@@ -76,7 +78,7 @@ class Overlap:
                 aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges
             ),
         )
-        return cls(table=Table(np.asarray(share)), scale_m=scale)
+        return cls(table=Table(np.asarray(share)), scale_m=scale, offset_m=offset_m)
 
     def share(self, range_m: Lanes) -> Lanes:
         """(n,) share of the light at these ranges."""

@@ -179,4 +179,4 @@ def _own_power_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
 
 def _fwhm_s(shots: Shots) -> Lanes:
     """Width of the pulse that is timed."""
-    return shots.sensor.laser.pulse_fwhm_s
+    return shots.sensor.received_fwhm_s

@@ -6,6 +6,7 @@ a target of its own. Both come from size distributions and scattering theory, wi
 fog            fog: sizes of droplets, extinction, backscatter
 precipitation  rain and snow: sizes, extinction, backscatter
 particles      the strongest drops and flakes in a beam
+glory          what small drops send back as spheres, into a lens
 mie            Mie scattering of a sphere
 soft_target    the echo of a target without a surface
 """

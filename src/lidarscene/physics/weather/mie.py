@@ -10,6 +10,7 @@ functions.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -63,14 +64,35 @@ def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, N
     return extinction, backscatter
 
 
+def coefficients(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, Numbers]:
+    """(terms, n) a_n and b_n of spheres of rising size, from n = 1 on; 0 beyond a sphere's last term."""
+    x = np.asarray(size_parameter, dtype=float)
+    electric, magnetic = (np.zeros((int(_last_term(x).max()), len(x)), dtype=complex) for _ in range(2))
+    for n, first, a, b in _terms(x, index):
+        electric[n - 1, first:], magnetic[n - 1, first:] = a, b
+    return electric, magnetic
+
+
 def _of_alike(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """`efficiencies` of spheres sorted by size, each summed to its own last term."""
-    last = x + 4.05 * np.cbrt(x) + 2.0
+    forward, back = np.zeros_like(x), np.zeros_like(x, dtype=complex)
+    for n, first, a, b in _terms(x, index):
+        forward[first:] += (2 * n + 1) * (a + b).real
+        back[first:] += (2 * n + 1) * (-1) ** n * (a - b)
+    return 2.0 * forward / (x * x), np.abs(back) ** 2 / (x * x)
+
+
+def _last_term(x: Numbers) -> Numbers:
+    return np.asarray(x + 4.05 * np.cbrt(x) + 2.0)
+
+
+def _terms(x: Numbers, index: complex) -> Iterator[tuple[int, int, Numbers, Numbers]]:
+    """n, number of the first sphere that has not had its last term, and a_n and b_n from it on; sizes rise."""
+    last = _last_term(x)
     terms = int(last.max())
     derivative = _logarithmic_derivatives(index * x, terms)
     # psi and xi = psi - i chi of orders n - 1 and n, from -1 and 0: the imaginary part of xi is -chi.
     before, latest = np.exp(1j * x), -1j * np.exp(1j * x)
-    forward, back = np.zeros_like(x), np.zeros_like(x, dtype=complex)
     first = 0
     for n in range(1, terms + 1):
         # Beyond its last term a sphere's psi is rounding noise and its chi overflows: drop the sphere. Sizes rise, so
@@ -83,9 +105,7 @@ def _of_alike(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
         ratio_a, ratio_b = d / index + n / size, d * index + n / size
         a = (ratio_a * latest.real - before.real) / (ratio_a * latest - before)
         b = (ratio_b * latest.real - before.real) / (ratio_b * latest - before)
-        forward[first:] += (2 * n + 1) * (a + b).real
-        back[first:] += (2 * n + 1) * (-1) ** n * (a - b)
-    return 2.0 * forward / (x * x), np.abs(back) ** 2 / (x * x)
+        yield n, first, a, b
 
 
 def _logarithmic_derivatives(y: Numbers, terms: int) -> Numbers:

@@ -59,6 +59,8 @@ class Sight:
     beam_area_m2  S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi w^2:
                   mean and variance of the echoes are then those of the Gaussian
     overlap       xi(R), 0 where the receiver sees nothing of the beam
+    aperture_radius_m  a, of the lens
+    lens_offset_m      from the laser's exit to the middle of the lens
     """
 
     beam_area_m2: Callable[[Numbers], Numbers]
@@ -66,18 +68,31 @@ class Sight:
     extinction_per_m: float
     nearest_m: float
     farthest_m: float
+    aperture_radius_m: float = 0.0
+    lens_offset_m: float = 0.0
+
+    def angles_rad(self, range_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Largest and smallest angle between the beam and the way back to the lens."""
+        nearest = max(self.lens_offset_m - self.aperture_radius_m, 0.0)
+        return (self.lens_offset_m + self.aperture_radius_m) / range_m, nearest / range_m
 
 
 def strengths(
-    sight: Sight, *, sizes: Sizes, backscatter_m2_sr: Callable[..., Lanes], count: int = 4
+    sight: Sight,
+    *,
+    sizes: Sizes,
+    backscatter_m2_sr: Callable[..., Lanes],
+    gain: Callable[..., Numbers] | None = None,
+    count: int = 4,
 ) -> Strengths:
     """Tables for `hits`.
 
     A particle of diameter D at range R has the strength (power over P_t eta A, in 1/m2)
 
-        s = sigma(D) xi(R) exp(-2 alpha R) / (S(R) R^2)
+        s = sigma(D) g(D, R) xi(R) exp(-2 alpha R) / (S(R) R^2)
 
-    backscatter_m2_sr  sigma(diameter_m=D), rising: W/sr per W/m2 on the particle
+    backscatter_m2_sr  sigma(diameter_m=D): W/sr per W/m2 on the particle
+    gain               g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
     beam_area_m2       S(R), taken as evenly lit. For a Gaussian beam use the disc of the 1/e^2 radius, pi w^2: mean and
                        variance of the echoes are then those of the Gaussian
     overlap            xi(R), 0 where the receiver sees nothing of the beam
@@ -89,25 +104,17 @@ def strengths(
     r = np.geomspace(sight.nearest_m, sight.farthest_m, _RANGES)
     area = sight.beam_area_m2(r)
     seen = sight.overlap(r) * np.exp(-2.0 * sight.extinction_per_m * r) / (area * r * r)
-    diameter = np.linspace(0.0, 40.0 / sizes.slope_per_m, 4001)
-    sigma = np.asarray(backscatter_m2_sr(diameter_m=diameter))
-
-    def smallest_m(strength: Lanes) -> Numbers:
-        """(m, n) diameter that a particle at each range needs for this strength."""
-        needed = np.atleast_1d(strength)[:, None] / np.maximum(seen, 1e-300)
-        return np.interp(needed, sigma, diameter, right=np.inf)
+    ranked = _Ranked.of(r, sight, sizes, backscatter_m2_sr, gain)
 
     def nearer(strength: Lanes) -> Numbers:
         """(m, n) mean number of particles of at least this strength, up to each range."""
-        larger = (
-            sizes.intercept_per_m4 / sizes.slope_per_m * np.exp(-sizes.slope_per_m * smallest_m(strength))
-        )
-        per_m = area * larger
+        needed = np.atleast_1d(strength)[:, None] / np.maximum(seen, 1e-300)
+        per_m = area * ranked.brighter_per_m3(needed)
         steps = 0.5 * (per_m[:, 1:] + per_m[:, :-1]) * np.diff(r)
         return np.concatenate([np.zeros((len(per_m), 1)), np.cumsum(steps, axis=1)], axis=1)
 
     # Step 1: Lambda(s) on trial strengths, then its inverse ln s(ln Lambda) on an even grid, with half steps.
-    strongest = float(sigma[-1] * seen.max())
+    strongest = float((ranked.brightest * seen).max())
     trial = strongest * np.geomspace(1.0, 1e-12, 1500)
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 30)])
     usable = expected > 1e-12
@@ -122,21 +129,89 @@ def strengths(
     share = np.linspace(0.0, 1.0, _SHARES).clip(1e-4, 1.0 - 1e-4)  # the tails are cut
     log_range = np.stack([np.interp(share, row / row[-1], np.log(r)) for row in between])
     # Step 3: backscatter of the rest, the particles below the weakest drawn strength.
-    moment = _below(diameter, sizes, sigma)
+    cut = math.exp(log_strength[-2]) / np.maximum(seen, 1e-300)
     return Strengths(
         count=count,
         log_strength=Table(log_strength[1::2]),
         log_range=Table(log_range),
         range_m=r,
-        backscatter_per_m_sr=np.interp(smallest_m(np.exp(log_strength[-2]))[0], diameter, moment),
+        backscatter_per_m_sr=ranked.fainter_per_m_sr(cut),
     )
 
 
-def _below(diameter: Numbers, sizes: Sizes, sigma: Numbers) -> Numbers:
-    """beta of all particles smaller than each diameter."""
-    density = sizes.intercept_per_m4 * np.exp(-sizes.slope_per_m * diameter) * sigma
-    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(diameter)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Ranked:
+    """Particles by their backscatter, at some ranges or at one that stands for all; rows (ranges, diameters).
+
+    sigma     backscatter, rising
+    brighter  particles of at least that, per m3
+    fainter   backscatter of those below it, per m sr
+    """
+
+    sigma: Numbers
+    brighter: Numbers
+    fainter: Numbers
+
+    @classmethod
+    def of(
+        cls,
+        range_m: Numbers,
+        sight: Sight,
+        sizes: Sizes,
+        backscatter_m2_sr: Callable[..., Lanes],
+        gain: Callable[..., Numbers] | None,
+    ) -> _Ranked:
+        """With a gain the smaller of two particles may be the brighter, so that all are sorted, range by range."""
+        longest, steps = (40.0, 4001) if gain is None else (25.0, 751)
+        diameter = np.linspace(0.0, longest / sizes.slope_per_m, steps)
+        sigma = np.asarray(backscatter_m2_sr(diameter_m=diameter))[None, :]
+        if gain is not None:
+            within, beyond = sight.angles_rad(range_m[:, None])
+            sigma = sigma * gain(diameter_m=diameter, within_rad=within, from_rad=beyond)
+        # Particles between the middles of the steps; the last is as long as the exponential goes on.
+        edge = np.concatenate([[0.0], 0.5 * (diameter[1:] + diameter[:-1]), [np.inf]])
+        number = -sizes.intercept_per_m4 / sizes.slope_per_m * np.diff(np.exp(-sizes.slope_per_m * edge))
+        order = np.argsort(sigma, axis=1, kind="stable")
+        sigma, number = np.take_along_axis(sigma, order, axis=1), number[order]
+        # A particle counts half as brighter than itself: what lies between two steps is then the mean of both.
+        brighter = np.cumsum(number[:, ::-1], axis=1)[:, ::-1] - 0.5 * number
+        return cls(
+            sigma=sigma, brighter=brighter, fainter=np.cumsum(number * sigma, axis=1) - 0.5 * number * sigma
+        )
+
+    @property
+    def brightest(self) -> Numbers:
+        """(1 or n,) sigma of the largest particle."""
+        return np.asarray(self.sigma[:, -1])
+
+    def brighter_per_m3(self, needed: Numbers) -> Numbers:
+        """(m, n) particles of at least this backscatter at each range."""
+        return self._read(self.brighter, needed, 0.0)
+
+    def fainter_per_m_sr(self, needed: Numbers) -> Numbers:
+        """(n,) beta of those below."""
+        return np.asarray(self._read(self.fainter, needed[None, :], None)[0])
+
+    def _read(self, values: Numbers, needed: Numbers, right: float | None) -> Numbers:
+        if len(self.sigma) == 1:
+            return np.asarray(np.interp(needed, self.sigma[0], values[0], right=right))
+        columns = [
+            np.interp(needed[:, i], self.sigma[i], values[i], right=right) for i in range(needed.shape[1])
+        ]
+        return np.stack(columns, axis=1)
+
+
+def medium_backscatter_per_m_sr(
+    range_m: Numbers,
+    *,
+    sight: Sight,
+    sizes: Sizes,
+    backscatter_m2_sr: Callable[..., Lanes],
+    gain: Callable[..., Numbers],
+) -> Numbers:
+    """(n,) beta of all particles at these ranges, with their gain into the lens; arguments as of `strengths`."""
+    ranked = _Ranked.of(range_m, sight, sizes, backscatter_m2_sr, gain)
+    return np.asarray(ranked.fainter[:, -1])
 
 
 def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:

@@ -100,8 +100,8 @@ def drop_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     square is the focusing by the front face, and a = 4 pi k / lambda the water's absorption. Q_back is their sum.
     Geometrical optics (H. C. van de Hulst, Light Scattering by Small Particles (1957), chapter 12).
 
-    A perfect sphere adds a glory, tens of times as bright, within about lambda / D of straight back. It is left out,
-    because drops of a millimetre are not spheres.
+    A perfect sphere adds a glory, tens of times as bright, within about lambda / D of straight back: of drops below a
+    millimetre `physics.weather.glory` adds it.
     """
     front, back, absorption_per_m = _drop_rays(wavelength_m)
     fading = xp(diameter_m).exp(-2.0 * absorption_per_m * diameter_m)
