@@ -259,13 +259,13 @@ class Sipm:
     counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
     crosstalk: Annotated[
         Lanes | None,
-        Quantity(ge=0, lt=0.8, about="share of avalanches that fire another cell at once; none if left out"),
+        Quantity(ge=0, le=0.5, about="share of avalanches that fire another cell at once; none if left out"),
     ] = None
     afterpulse: Annotated[
         Lanes | None,
         Quantity(
             ge=0,
-            lt=0.8,
+            le=0.5,
             about="with afterpulse_ns: share of avalanches that fire their own cell again; none if left out",
         ),
     ] = None
