@@ -24,13 +24,17 @@ def scene():
     )
 
 
-@pytest.mark.parametrize("counting", ["gaussian", "binomial"])
-def test_numpy_and_device_agree(counting):
+CORRELATED = ["detector.crosstalk=0.1", "detector.afterpulse=0.1", "detector.afterpulse_ns=20"]
+
+
+@pytest.mark.parametrize(("counting", "more"), [("gaussian", []), ("binomial", []), ("gaussian", CORRELATED)])
+def test_numpy_and_device_agree(counting, more):
     """A table in float32, as everything else on the device: SNR to 2e-4, the same points kept."""
     sensor = chain.sensor(
         "table1-sipm",
         *RASTER,
         f"detector.counting='{counting}'",
+        *more,
         "tdc.threshold_to_noise=3.5",
         "tdc.walk='raw'",
     )

@@ -70,6 +70,20 @@ def test_overrides_may_complete_a_file(tmp_path: Path) -> None:
     assert detector.gain == 70
 
 
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["detector.afterpulse=0.1"], "afterpulse, afterpulse_ns: must be given together"),
+        (["detector.crosstalk=0.1", "detector.statistics='published'"], "must be left out with statistics"),
+        (["detector.crosstalk=0.1", "detector.statistics='time_domain'", "detector.counting='binomial'"],
+         "must be left out with counting"),
+    ],
+)  # fmt: skip
+def test_cells_that_fire_others_are_checked(keys: list[str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load_sensor("table1-sipm", overrides=keys)
+
+
 def looks(pose: Pose) -> np.ndarray:
     return pose.rotation @ [1.0, 0.0, 0.0]
 

@@ -73,6 +73,19 @@ class SipmFile(Table[Sipm]):
 
     type: Literal["sipm"]
 
+    @model_validator(mode="after")
+    def _cells_that_know_each_other(self) -> SipmFile:
+        if (self.afterpulse is None) != (self.afterpulse_ns is None):
+            raise ValueError("afterpulse, afterpulse_ns: must be given together, got one of them")
+        for key in ("crosstalk", "afterpulse"):
+            if getattr(self, key) is not None and self.statistics == "published":
+                raise ValueError(f'{key}: must be left out with statistics = "published", which has none')
+        if self.crosstalk is not None and self.counting == "binomial":
+            raise ValueError(
+                'crosstalk: must be left out with counting = "binomial", whose cells are independent'
+            )
+        return self
+
 
 STOPS_OF = {"all": MOST_STOPS, "strongest_and_last": 2}
 """Returns of the orders that have a number of their own."""

@@ -175,6 +175,76 @@ def busy_variance_steady_state(*, busy_share: Lanes, cells: Lanes) -> Lanes:
     return cells * busy_share * (1.0 - busy_share)
 
 
+def busy_share_correlated(
+    *, firings: Lanes, crosstalk: Lanes, afterpulse: Lanes, afterpulse_to_dead_time: Lanes
+) -> Lanes:
+    """Share of time that a cell is dead where avalanches cause others, theory (T82).
+
+    firings                  by light and dark counts of a cell that never dies, in a dead time, x
+    crosstalk                probability p that an avalanche fires another cell at once, any alike
+    afterpulse               probability a that it fires its own cell again, after an exponential delay
+    afterpulse_to_dead_time  mean delay over the dead time
+
+    A ready cell is fired x + p b times in a dead time, since each of the b avalanches of a cell tries another; and an
+    afterpulse succeeds if its cell is ready by then, with the probability K: not in the dead time, as left by the
+    background until 2 tau, as any cell after that. The fixed point is found in `_TURNS` turns.
+    """
+    ops = xp(firings, crosstalk, afterpulse)
+    delay = 1.0 / afterpulse_to_dead_time
+    lost = ops.exp(-delay)
+    early = (1.0 - ops.exp(-firings - delay)) / (1.0 + firings * afterpulse_to_dead_time)
+    busy = firings / (1.0 + firings)
+    for _ in range(_TURNS):
+        ready = 1.0 - busy
+        again = afterpulse * lost * (early + lost * ready)
+        total = firings + crosstalk * busy + again * busy / ready
+        busy = total / (1.0 + total)
+    return busy
+
+
+_TURNS = 12
+"""Each turn leaves p (1 - b)^2 or so of the error: 1e-6 of the share at p = 0.3."""
+
+
+def crosstalk_variance(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
+    """Variance of the number of busy cells over the binomial, (1 + q) / (1 - q (1 - b)), q = p (1 - b), theory (T83).
+
+    Avalanches come in clusters of mean 1 / (1 - q), of which the mean square is (1 + q) times the mean over 1 - q; and
+    more busy cells fire fewer. 1 where all cells are busy.
+    """
+    succeeds = crosstalk * (1.0 - busy_share)
+    return (1.0 + succeeds) / (1.0 - succeeds * (1.0 - busy_share))
+
+
+def with_crosstalk(
+    *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
+) -> Lanes:
+    """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T84).
+
+    ready_share  of all cells before the flash
+
+    Each of Y photons in a cell fires it if ready, and the avalanche fires a ready cell with p f, f the share of ready
+    ones: d ln f = -dY / (1 - p f). The root of ln f - p f = ln f_0 - p f_0 - Y by Newton's method from below.
+    """
+    ops = xp(photons, ready_share)
+    start = ops.log(ready_share)
+    constant = start - crosstalk * ready_share - photons * pde / cells
+    logarithm = constant
+    for _ in range(4):
+        left = crosstalk * ops.exp(logarithm)
+        logarithm = logarithm - (logarithm - left - constant) / (1.0 - left)
+    return (start - logarithm) * cells / pde
+
+
+def without_crosstalk(
+    *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
+) -> Lanes:
+    """`with_crosstalk` solved for the photons: Y = Y' - p f_0 (1 - exp(-Y'))."""
+    return (
+        photons - crosstalk * ready_share * fired_share(photons=photons, pde=pde, cells=cells) * cells / pde
+    )
+
+
 def snr_approximate(*, signal_photons: Lanes, background_photons: Lanes, pde: Lanes) -> Lanes:
     """(28): the SNR if signal and background are far from saturating the cells, without dark counts.
 

@@ -11,8 +11,9 @@ import numpy as np
 from ...maths.arrays import Numbers
 from .cells import CellArray, Rates, recovered
 
-_SLOTS = 32
-"""Most pending afterpulses of a shot; a further one replaces the one that is due last."""
+_SPARE_SLOTS = 32
+"""Room for pending afterpulses of a shot above the mean of an array that is always busy. Beyond that a further one
+replaces the one that is due last."""
 
 
 class _State:
@@ -27,8 +28,10 @@ class _State:
         self.last = np.where(busy, rates.time_s[0] - ago, -np.inf)
         shot, cell = np.nonzero(busy)
         self.found = [(shot, self.last[shot, cell], np.ones(len(shot)))]
-        self.due = np.full((shots, _SLOTS), np.inf)
-        self.due_cell = np.zeros((shots, _SLOTS), dtype=np.int64)
+        pending = array.afterpulse * array.cells * array.afterpulse_s / array.dead_time_s
+        slots = _SPARE_SLOTS + int(pending)
+        self.due = np.full((shots, slots), np.inf)
+        self.due_cell = np.zeros((shots, slots), dtype=np.int64)
 
     def strike(self, shot: Numbers, cell: Numbers, time_s: Numbers) -> None:
         """A photon, dark count or afterpulse in one cell of each of these shots, and its consequences.
