@@ -117,6 +117,28 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(clouds):
     )
 
 
+def test_a_receiver_that_waits_for_the_last_pulse_sees_through_fog():
+    """It looks for peaks: near bodies that rise out of the fog's light have points again."""
+    cloud = render(SCENE, overrides=["tdc.stops=1", "tdc.keep='last'"])
+    near = points_of(cloud, "cars.0")
+    says("gallery.md", "that at 15 m with {} points", pytest.approx(near, abs=0.02 * near))
+    fogged = np.asarray(cloud.status) == Status.WEATHER
+    says("gallery.md", "{} % of the beams end in fog", 100.0 * fogged.mean())
+
+
+def test_no_two_beams_cross_fog_at_one_place():
+    """Noise moves every crossing. Single precision has some 80,000 places in the 0.3 m in which 70,000 beams cross, so
+    a few of them share one; a search that stops where it began puts all of them there.
+    """
+    bright = ["laser.peak_power_w=1000", "laser.pulse_fwhm_ns=2", "tdc.walk='raw'"]
+    cloud = render(SCENE, overrides=bright)
+    crossed = cloud.range_m[np.asarray(cloud.status) == Status.WEATHER]
+    places, beams = np.unique(crossed, return_counts=True)
+    assert len(crossed) > 50_000
+    assert beams.max() < 15
+    assert len(places) > 0.8 * len(crossed)
+
+
 def points_of(cloud, name):
     echoes = np.asarray(cloud.status) == Status.ECHO
     return int(np.sum(echoes & (cloud.body == cloud.body_names.index(name))))

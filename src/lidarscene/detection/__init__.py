@@ -10,6 +10,7 @@ returns            pulses with one echo each: detection, time, false alarms
 comparator         noise on an edge, the time at which the edge trips, false alarms
 multi_echo         pulses with several sub-echoes, and several stops
 rises              the peaks of a waveform, in order of time
+pulses             which pulses a converter keeps, and at which time it reports them
 samplers           time, amplitude and width of a pulse that tripped the comparator
 interference       false alarms by pulses of other lidars
 intensity          an amplitude on the maker's scale

@@ -21,8 +21,8 @@ from ..sensor.model import MultiLevel, Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
 from .pulses import memory as of_memory
+from .pulses import sources, timing
 from .pulses import stops as keeping
-from .pulses import timing
 from .pulses.stops import EMPTY, Stop, Stops
 from .returns import Detection, Returns, alarm_status, interferes
 from .rises import Rise, visit_all
@@ -108,20 +108,6 @@ class _NextAlarm:
     time_s: Lanes
     amplitude: Lanes
     status: Lanes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Brightest:
-    """Some sub-echoes at a place of the waveform; each field (n,).
-
-    number  of the sub-echo with the most light there
-    slope   derivative of the sum of their light
-    mean    mean of their centres, weighted by their light there
-    """
-
-    number: Lanes
-    slope: Lanes
-    mean: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,7 +286,9 @@ class _Converter(Received):
         ops = self.ops
         reading = read(self, rise, trip, place, wanted=taken)
         key = keeping.key(self.sensor.tdc, crossing_s, reading.amplitude)
-        source, true_range = self._source(rise, place, in_valley, reading.place)
+        source, true_range = sources.of_crossing(
+            self, rise, surfaces=self.surfaces, place=place, in_valley=in_valley, measured=reading.place
+        )
         return Stop(
             key=ops.where(taken, key, EMPTY), crossing_s=crossing_s, reported_s=reading.reported_s,
             amplitude=reading.amplitude, width_s=reading.width_s, snr=self.snr(trip.signal),
@@ -310,52 +298,6 @@ class _Converter(Received):
     def snr(self, signal: Lanes) -> Lanes:
         """Signal over the noise without an echo, (n,); (19) or (27)."""
         return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
-
-    def _source(self, rise: Rise, place: Lanes, in_valley: Mask, measured: Lanes) -> tuple[Lanes, Lanes]:
-        """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
-
-        measured  (n,) place that the sampler takes for the pulse's: even light has no other
-
-        The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
-        would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
-        surface may trip it on top of fog that is brighter (docs/theory.md 23).
-        """
-        ops, wave = self.ops, self.wave
-        # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the
-        # sum of light times distance: the weighted mean of all sub-echoes is then the place of the peak itself.
-        surface = self._brightest(rise.peak, 0, self.surfaces)
-        if wave.volume is None:
-            return surface.number, wave.range_m(surface.mean)
-        # At the peak and in the valley no light rises. A crossing there is judged by the slopes at a place on the way
-        # up: sigma_p before the peak, or half the way from the valley if that is later.
-        between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
-        edge = ops.where(in_valley, between, ops.minimum(place, between))
-        particle = self._brightest(edge, self.surfaces, len(wave.centres))
-        slope, of_surfaces = wave.at(edge)[1], self._brightest(edge, 0, self.surfaces).slope
-        # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
-        # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
-        of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
-        range_m = wave.range_m(ops.where(of_air, ops.where(even, measured, particle.mean), surface.mean))
-        number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
-        # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
-        return number, ops.maximum(range_m, 0.0)
-
-    def _brightest(self, place: Lanes, first: int, end: int) -> _Brightest:
-        """The sub-echoes ``first`` to ``end`` - 1 at a place."""
-        ops, wave = self.ops, self.wave
-        strongest, number = ops.full(place, -1.0), ops.full(place, 0)
-        total: Lanes = ops.full(place, 0.0)
-        slope: Lanes = 0.0
-        for k in range(first, end):
-            ahead = wave.centres[k] - place
-            part = wave.heights[k] * ops.exp(-0.5 * ahead * ahead)
-            number = ops.where(part > strongest, k, number)
-            strongest = ops.maximum(part, strongest)
-            total, slope = total + part, slope + part * ahead
-        # slope = sum_k p_k (u_k - u), so u + slope / total = sum_k p_k u_k / sum_k p_k: the mean weighted by light.
-        lit = total > 0.0
-        mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
-        return _Brightest(number=number, slope=slope, mean=mean)
 
     def strongest(self) -> tuple[Array, Lanes]:
         """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""

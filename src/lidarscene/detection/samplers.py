@@ -1,8 +1,8 @@
 """Samplers: time, amplitude and width of a pulse that tripped the comparator, as the sensor measures them.
 
 Sensors measure a pulse in three ways (X. Guo's section 2.2.3): with the TDC alone, with comparators at several levels,
-or with an ADC. In all of them the comparator decides which pulses there are; the sampler only measures them
-(docs/theory.md 24).
+or with an ADC. Which pulses there are is decided before, by edges or by peaks; the sampler only measures them
+(docs/theory.md 24 and 29).
 
 Symbols: U threshold, w time over a threshold, sigma_p width of the laser pulse and unit of all places, P power,
 s_i sample i, g Gaussian pulse.
@@ -16,19 +16,15 @@ from dataclasses import dataclass, replace
 from ..maths import random
 from ..maths.arrays import Array, Lanes, Mask, S, chosen, xp
 from ..maths.random import Stage
-from ..physics.electronics import sampling, saturation, tdc
+from ..physics.electronics import sampling, tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
 from ..sensor.model import Adc, MultiLevel
 from . import comparator
 from .comparator import Trip
-from .pulses import timing
-from .rises import STEP, Rise
+from .pulses import edges, timing
+from .rises import Rise
 from .shots import Received
-
-_LONGEST = 200
-"""Most steps of one sigma_p behind a peak: a pulse that is still above its level then counts as over."""
-
 
 _SLOW = 2.0 * SIGMAS_PER_FWHM
 """Farther than this before its peak, in sigma_p, only slow light is over the threshold: a pulse would have to be 65,000
@@ -65,8 +61,8 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
     amplitude = timing.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     width = None
     if shots.sensor.tdc.both_edges:
-        leaving = _trailing(shots, rise, trip, place, shots.threshold)
-        end, _ = _end(shots, rise, trip, leaving, rise.peak, wanted)
+        leaving = edges.trailing_level(shots, rise, trip, place, shots.threshold)
+        end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, wanted)
         width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
     reported_s, timed = timing.of_rise(
         shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted
@@ -90,7 +86,7 @@ def _by_levels(
     # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
     # first (T26a). So the levels cannot contradict each other.
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
-    own_level, foot = shots.threshold + trip.base, _foot(shots, rise, trip, wanted)
+    own_level, foot = shots.threshold + trip.base, edges.foot(shots, rise, trip, wanted)
     first, *higher = (
         _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted).between(own_level, foot)
         for factor in sampler.levels
@@ -116,10 +112,10 @@ def _by_levels(
         far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
     )  # fmt: skip
     # The waveform falls below a higher level before it falls below a lower one, so the lower search starts from there.
-    end, near = _end(shots, rise, trip, highest.down, rise.peak, above)
+    end, near = edges.fall(shots, rise, trip, highest.down, rise.peak, above)
     since = ops.where(above, near, rise.peak)
     width = ops.where(
-        lowest.reached, _end(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0
+        lowest.reached, edges.fall(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0
     )
     power = point.power_of_width_w(
         ops.where(above, end - start, width) * shots.sigma_s, threshold=highest.level, pulse_fwhm_s=fwhm
@@ -188,7 +184,7 @@ class _Level:
             threshold=level, deviate=trip.deviate,
             noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
         )  # fmt: skip
-        down = _trailing(shots, rise, trip, place, level)
+        down = edges.trailing_level(shots, rise, trip, place, level)
         reached = wanted & (up < trip.signal) & (down < trip.signal)
         if point.saturation is not None:
             reached = reached & (level < point.saturation)
@@ -208,121 +204,6 @@ class _Level:
             down=ops.where(other.reached, other.down, self.down),
             reached=self.reached | other.reached,
         )
-
-
-def _trailing(shots: Received, rise: Rise, trip: Trip, place: Lanes, threshold: Lanes) -> Lanes:
-    """Noiseless signal at which a pulse that crossed at ``place`` falls below a threshold, (n,).
-
-    The lag between the edges is twice the way from the crossing to the peak, as of a symmetric pulse.
-    """
-    return comparator.trailing_level(
-        shots, trip, threshold=threshold, lag_s=2.0 * (rise.peak - place) * shots.sigma_s, draw=rise.number
-    )
-
-
-def _end(
-    shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wanted: Mask
-) -> tuple[Lanes, Lanes]:
-    """Place at which the amplifier's output falls to a signal level, (n,); the peak if the peak is below it.
-
-    level  (n,) noiseless signal
-    since  (n,) place where the waveform is still above the level: the peak, or a place behind it
-
-    Returns a second place, that of `_falling` for the light itself.
-    """
-    ops, point = shots.ops, shots.point
-    below = wanted & (level < trip.signal)
-    end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
-    if point.saturation is not None and point.recovery_s is not None:
-        # A clipped amplifier drains from where the light falls back to the clipping level, and may hold the output
-        # above the level for longer than the light does (T45).
-        clipped = below & (trip.signal > point.saturation)
-        clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
-        released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
-        end = saturation.held_until(
-            fall_s=end, released_s=released, level=level, signal=trip.signal, saturation=point.saturation,
-            recovery_s=point.recovery_s / shots.sigma_s,
-        )  # fmt: skip
-    return ops.where(below, end, rise.peak), near
-
-
-def _foot(shots: Received, rise: Rise, trip: Trip, wanted: Mask) -> Lanes:
-    """Lowest signal behind a peak before the light rises again by a threshold, (n,); 0 if it falls below it first."""
-    ops, threshold = shots.ops, shots.threshold
-    least = threshold + trip.base
-
-    def step(foot: _Foot) -> _Foot:
-        place = foot.place + STEP
-        signal = shots.point.signal(shots.wave.at(place)[0])
-        lowest = ops.minimum(foot.lowest, signal)
-        return _Foot(
-            place=place, lowest=lowest, steps=foot.steps + 1,
-            on=(signal >= least) & (signal < lowest + threshold),
-        )  # fmt: skip
-
-    start = _Foot(
-        place=rise.peak + ops.full(rise.peak, 0.0), lowest=trip.signal + ops.full(rise.peak, 0.0),
-        steps=ops.full(rise.number, 0), on=wanted & (trip.signal >= least),
-    )  # fmt: skip
-    lowest = ops.loop(start, lambda foot: foot.on & (foot.steps < _LONGEST), step).lowest
-    return ops.where(lowest >= least, lowest, 0.0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Foot:
-    """State of the walk behind a peak in search of the next rise; each field (n,).
-
-    place   where the walk is
-    lowest  lowest signal so far
-    steps   number of steps so far
-    on      whether the walk goes on
-    """
-
-    place: Lanes
-    lowest: Lanes
-    steps: Lanes
-    on: Mask
-
-
-def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
-    """Place behind a peak at which the waveform falls to a level, (n,).
-
-    level_w  (n,) optical power
-    since    (n,) place where the waveform is still above the level: the peak, or a place behind it
-
-    Returns a second place, at most a step before the first, where the waveform is still above the level.
-    """
-    ops = shots.ops
-
-    def step(fall: _Fall) -> _Fall:
-        place = fall.place + STEP
-        return _Fall(place=place, above=shots.wave.at(place)[0] > level_w, steps=fall.steps + 1)
-
-    # Walk in steps until the waveform is below the level, then find the root in the last step. Further peaks on the way
-    # belong to the same pulse if the valleys before them stay above the level.
-    start = _Fall(
-        place=since + ops.full(since, 0.0), above=wanted & (since == since), steps=ops.full(rise.number, 0)
-    )
-    far = ops.loop(start, lambda fall: fall.above & (fall.steps < _LONGEST), step).place
-    near = far - STEP
-    end = crossing(
-        shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, wanted=wanted
-    )  # fmt: skip
-    return end, near
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Fall:
-    """State of the walk down behind a peak; each field (n,).
-
-    place  where the walk is
-    above  whether the waveform is still above the level there
-    steps  number of steps so far
-    """
-
-    place: Lanes
-    above: Mask
-    steps: Lanes
 
 
 def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, wanted: Mask) -> Reading:

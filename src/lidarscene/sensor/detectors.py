@@ -93,7 +93,7 @@ class WorkingPoint:
     calibrated: WorkingPoint | None = None
 
     def matched(self, noise_share: Lanes) -> WorkingPoint:
-        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T82).
+        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T113).
 
         noise_share  variance of white noise behind the filter over that before it
         """

@@ -1,1 +1,7 @@
-"""Pulses that a converter finds: which of them it keeps, and at which time it reports them."""
+"""Pulses that a converter finds in a waveform.
+
+stops    which of them it keeps, and in which order it reports them
+timing   at which time it reports them
+edges    where they leave a level
+sources  which light they are of
+"""

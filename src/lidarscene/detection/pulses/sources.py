@@ -1,0 +1,79 @@
+"""Sources: which light causes a crossing, of a surface, of a drop or flake, or the even light of the air.
+
+Symbols: P power over time, p_k and u_k light and centre of sub-echo k, sigma_p unit of all places.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...maths.arrays import Lanes, Mask
+from ..rises import Rise
+from ..shots import Received
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Brightest:
+    """Some sub-echoes at a place of the waveform; each field (n,).
+
+    number  of the sub-echo with the most light there
+    slope   derivative of the sum of their light
+    mean    mean of their centres, weighted by their light there
+    """
+
+    number: Lanes
+    slope: Lanes
+    mean: Lanes
+
+
+def of_crossing(
+    shots: Received, rise: Rise, *, surfaces: int, place: Lanes, in_valley: Mask, measured: Lanes
+) -> tuple[Lanes, Lanes]:
+    """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
+
+    surfaces   number of sub-echoes that are of surfaces; they come before those of the air
+    place      (n,) place of the crossing
+    in_valley  (n,) bool, whether that is the valley before the rise
+    measured   (n,) place that the sampler takes for the pulse's: even light has no other
+
+    The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
+    would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
+    surface may trip it on top of fog that is brighter (docs/theory.md 23).
+    """
+    ops, wave = shots.ops, shots.wave
+    # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the
+    # sum of light times distance: the weighted mean of all sub-echoes is then the place of the peak itself.
+    surface = _brightest(shots, rise.peak, 0, surfaces)
+    if wave.volume is None:
+        return surface.number, wave.range_m(surface.mean)
+    # At the peak and in the valley no light rises. A crossing there is judged by the slopes at a place on the way
+    # up: sigma_p before the peak, or half the way from the valley if that is later.
+    between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
+    edge = ops.where(in_valley, between, ops.minimum(place, between))
+    particle = _brightest(shots, edge, surfaces, len(wave.centres))
+    slope, of_surfaces = wave.at(edge)[1], _brightest(shots, edge, 0, surfaces).slope
+    # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
+    # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
+    of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
+    range_m = wave.range_m(ops.where(of_air, ops.where(even, measured, particle.mean), surface.mean))
+    number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
+    # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
+    return number, ops.maximum(range_m, 0.0)
+
+
+def _brightest(shots: Received, place: Lanes, first: int, end: int) -> _Brightest:
+    """The sub-echoes ``first`` to ``end`` - 1 at a place."""
+    ops, wave = shots.ops, shots.wave
+    strongest, number = ops.full(place, -1.0), ops.full(place, 0)
+    total: Lanes = ops.full(place, 0.0)
+    slope: Lanes = 0.0
+    for k in range(first, end):
+        ahead = wave.centres[k] - place
+        part = wave.heights[k] * ops.exp(-0.5 * ahead * ahead)
+        number = ops.where(part > strongest, k, number)
+        strongest = ops.maximum(part, strongest)
+        total, slope = total + part, slope + part * ahead
+    # slope = sum_k p_k (u_k - u), so u + slope / total = sum_k p_k u_k / sum_k p_k: the mean weighted by light.
+    lit = total > 0.0
+    mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
+    return _Brightest(number=number, slope=slope, mean=mean)
