@@ -70,7 +70,8 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     slope = "histogram.threshold_slope=0.35"
     limits = [
         plane.maximum_range_m(
-            photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_floor=0", slope), target
+            photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_floor=0", slope),
+            target,
         )[0]
         for share in shares
     ]
