@@ -71,8 +71,9 @@ def test_frames_compile_nothing_and_find_what_the_probabilities_say():
         cloud = simulator.render(seed=2)
     launches.assert_none_is_new(later, before)
     # Small frames may be recorded twice (tests/kernel/device/test_replay.py), and never once more.
-    recordings = simulator._chain.recordings
     simulator.render(seed=3)
+    recordings = simulator._chain.recordings
+    simulator.render(seed=4)
     assert simulator._chain.recordings == recordings
     echo = cloud.status == Status.ECHO
     assert 300 < echo.sum() < counter.scanner.pulses
