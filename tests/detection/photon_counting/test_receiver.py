@@ -186,7 +186,7 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
         stops = receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
         assert all(photons.echo_of(stop).all() for stop in stops)
         assert stops[1].photons.mean() / stops[0].photons.mean() == pytest.approx(left, rel=0.05)
-        assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.01)
+        assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
 
 
 def test_what_lies_beyond_the_unambiguous_range_folds_back_and_says_so():

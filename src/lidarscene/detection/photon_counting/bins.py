@@ -16,7 +16,7 @@ from ...light.waveform import Waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Stage
-from ...physics.photon_counting import dead_time, draws, matched_filter
+from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
 from ...sensor.photon_counting.model import Macropixel
 
 _BOX = 2.4
@@ -307,4 +307,8 @@ class Bins:
             # The bins at both ends count by the part that lies inside, or the number would jump with the place.
             inside = ops.minimum(ops.maximum(half + 0.5 - ops.abs(i - middle), 0.0), 1.0)
             total = total + inside * (count - background)
+        pixel = self.pixel
+        if not (pixel.corrected or pixel.spad.coincidence > 1):
+            shade = pile_up.shade_of_box(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s, half_width=_BOX)
+            total = total * (pixel.shade / shade)
         return ops.maximum(total, 0.0) / _BOX_SHARE

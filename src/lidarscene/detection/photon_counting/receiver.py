@@ -2,7 +2,7 @@
 
 The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts
 around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of
-which only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/theory.md 34).
+which only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/photon_counting.md).
 
 A "pulse" is one point here: all of its shots together.
 """
@@ -78,7 +78,7 @@ class _Found:
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What the receiver reports of every pulse, in order of time (docs/theory.md 34).
+    """What the receiver reports of every pulse, in order of time (docs/photon_counting.md).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers

@@ -5,6 +5,7 @@ Symbols: Lambda detections of an echo that one free SPAD would make without dead
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +17,9 @@ _MOST = 1e4
 """Largest Lambda of the table: all SPADs fire 4 sigmas before the peak."""
 
 _SAMPLES = 128
+
+_LEAST_SHADE = 0.1
+"""Where background fills the histogram the forms to first order fail; so much of an echo stays at least."""
 
 
 def shift(*, detections: Lanes) -> Lanes:
@@ -37,6 +41,21 @@ def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
     rate_hz  lambda of the background
     """
     return rate_hz * sigma_s * sigma_s * (1.0 + TEMPLATE**2)
+
+
+def shade(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
+    """Value of the filter at an echo over its photons, 1 - lambda sigma sqrt(pi / 2 (1 + w^2)) (T92c).
+
+    Half of the template lies in the echo's shadow, where the share of the background is missing that the echo fired.
+    """
+    lost = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
+    return xp(lost).maximum(1.0 - lost, _LEAST_SHADE)
+
+
+def shade_of_box(*, rate_hz: Lanes, sigma_s: Lanes, half_width: float) -> Lanes:
+    """Counts above the background within so many sigmas of an echo over its photons, as `shade`."""
+    lost = rate_hz * sigma_s * half_width
+    return xp(lost).maximum(1.0 - lost, _LEAST_SHADE)
 
 
 @lru_cache(maxsize=1)

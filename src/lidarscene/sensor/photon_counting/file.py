@@ -85,7 +85,8 @@ class HistogramFile(
             return self.shots
         if self.pulse_period_us is None:
             raise InputError("histogram: one of shots and pulse_period_us was expected, got none")
-        found = math.floor(dwell_us / self.pulse_period_us * self.multiplier * (1.0 + 1e-9))
+        exact = dwell_us / self.pulse_period_us * (1.0 + 1e-9)
+        found = min(round(exact * self.multiplier), math.floor(exact * max(self.multiplier, 1.0)))
         if found < 1:
             raise InputError(
                 f"histogram.pulse_period_us: must be <= {dwell_us * self.multiplier:g}, the time of a point, "

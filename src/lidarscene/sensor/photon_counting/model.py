@@ -2,7 +2,7 @@
 
 A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one
 histogram. A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are
-returns. So the signal is a number of photons: the value of the filter above that of the background (docs/theory.md 34).
+returns. So the signal is a number of photons: the value of the filter above that of the background (docs/photon_counting.md).
 
 Symbols: N number of SPADs times shots, lambda rate of detected photons of one free SPAD, Lambda detections of an echo
 that one SPAD would make in a shot without dead time.
@@ -19,7 +19,7 @@ from ...maths.special import normal_tail
 from ...maths.units import Key, Quantity
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import pulse
-from ...physics.photon_counting import dead_time, matched_filter
+from ...physics.photon_counting import dead_time, matched_filter, pile_up
 from ..detectors import WorkingPoint
 
 _INVERSIONS = 40
@@ -166,6 +166,13 @@ class Macropixel:
         share = ops.maximum(1.0 - excluded, self.free * self.free)
         return share / self.free if self.corrected else share
 
+    @property
+    def shade(self) -> Lanes:
+        """Value of the filter at an echo over the echo's photons: its shadow lacks some of the background (T92b)."""
+        if self.corrected or self.spad.coincidence > 1:
+            return 1.0
+        return pile_up.shade(rate_hz=self.rate_hz, sigma_s=self.sigma_s)
+
     def background_counts(self, time_s: Lanes) -> tuple[Lanes, Lanes]:
         """Background counts a second, averaged over so long a time in each shot, and the narrowing of their noise."""
         if self.spad.stamps == "first":
@@ -183,7 +190,7 @@ class Macropixel:
         if self.corrected:
             return self.trials * detections
         if self.spad.coincidence == 1:
-            return self.trials * self.free * dead_time.firing_share(detections=detections)
+            return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
         # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
         bin_s, before = self.histogram.bin_s, self.free
         total: Lanes = 0.0
@@ -205,7 +212,8 @@ class Macropixel:
         if self.corrected:
             return counts / (self.trials * unit)
         if self.spad.coincidence == 1:
-            return dead_time.detections_of_share(share=counts / (self.trials * self.free)) / unit
+            share = counts / (self.trials * self.free * self.shade)
+            return dead_time.detections_of_share(share=share) / unit
         ops = xp(counts, unit, self.free)
         nothing = 0.0 * (counts + self.free)
 
@@ -238,7 +246,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
     own = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
-    most = pixel.trials * (pixel.free if pixel.spad.coincidence == 1 else 1.0)
+    most = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
     kappa_2 = 0.0 if pixel.corrected else -own / most
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)

@@ -1,0 +1,124 @@
+"""[histogram] of a sensor file: what follows from the sensor's mode, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import photons
+
+from lidarscene.errors import InputError
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
+
+C = 299792458.0
+
+
+@pytest.mark.parametrize(
+    ("columns", "rotation", "multiplier", "shots", "unambiguous_m"),
+    [(1024, 10, 1, 54, 270), (512, 10, 1, 108, 270), (2048, 10, 1, 27, 270), (1024, 20, 1, 27, 270),
+     (1024, 10, 2, 108, 135), (1024, 10, 3, 162, 90), (1024, 10, 0.25, 14, 270)],
+)  # fmt: skip
+def test_the_mode_says_how_many_shots_a_point_has_and_how_far_they_are_unambiguous(
+    columns, rotation, multiplier, shots, unambiguous_m
+):
+    """Pulses every 1.80 us: a column of 1024 at 10 Hz takes 97.7 us."""
+    counter = photons.spinning(
+        f"scanner.columns_per_turn={columns}", f"scanner.rotation_hz={rotation}",
+        f"histogram.multiplier={multiplier}",
+    )  # fmt: skip
+    assert counter.histogram.shots == shots
+    assert 0.5 * C * counter.histogram.period_s == pytest.approx(unambiguous_m, rel=2e-3)
+    assert counter.tdc.window_s == pytest.approx(counter.histogram.period_s)
+    assert counter.laser.repetition_rate_hz == pytest.approx(2 * columns * rotation)
+
+
+OUSTER = {
+    (512, 10): (0.84, 1.0, 1.19, 1.41, 1.57),
+    (1024, 10): (0.71, 0.84, 1.0, 1.19, 1.32),
+    (2048, 10): (0.59, 0.71, 0.84, 1.0, 1.11),
+    (512, 20): (0.71, 0.84, 1.0, 1.19, 1.32),
+    (1024, 20): (0.59, 0.71, 0.84, 1.0, 1.11),
+}
+"""Range of a mode over that of 1024 columns at 10 Hz, at signal multipliers 0.25, 0.5, 1, 2, 3 (the maker's table)."""
+
+
+def test_the_range_of_a_mode_is_that_which_the_maker_publishes():
+    """Pulses to the power of a quarter, in sunlight. Tolerance 2.5 %: the maker rounds to two digits, whole pulses to
+    1 of 14, and strong background leaves the echo's own noise out.
+    """
+    target = Target(illuminance_klux=20.0)
+    for (columns, rotation), published in OUSTER.items():
+        for multiplier, factor in zip((0.25, 0.5, 1, 2, 3), published, strict=True):
+            counter = photons.spinning(
+                f"scanner.columns_per_turn={columns}", f"scanner.rotation_hz={rotation}",
+                f"histogram.multiplier={multiplier}", "histogram.window_us=0.6",
+                "histogram.ambient_window_us=0.6",
+            )  # fmt: skip
+            base = photons.spinning("histogram.window_us=0.6", "histogram.ambient_window_us=0.6")
+            own = plane.maximum_range_m(base, target)[0]
+            found = plane.maximum_range_m(counter, target)[0] / own
+            assert found == pytest.approx(factor, rel=0.025), (columns, rotation, multiplier)
+
+
+def test_ranges_over_shots_are_those_of_poisson_histograms():
+    """Other code: Poisson counts of background and echo, matched filter, the range at which half of 4000 peaks pass
+    4.5 sigma. Its figures for 1/8 to 6 times the shots; 1.5 %, twice the error of 4000 peaks.
+    """
+    shares = (1 / 8, 1 / 4, 1 / 2, 1, 2, 3, 4, 6)
+    expected = (0.588, 0.693, 0.836, 1.0, 1.184, 1.294, 1.413, 1.567)
+    target = Target(illuminance_klux=10.0)
+    slope = "histogram.threshold_slope=0.35"
+    limits = [
+        plane.maximum_range_m(
+            photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_floor=0", slope),
+            target,
+        )[0]
+        for share in shares
+    ]
+    np.testing.assert_allclose(np.array(limits) / limits[3], expected, rtol=0.025)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("histogram.bin_ns=5", "histogram.bin_ns: must be <="),
+        ("histogram.bin_ns=0.05", "histogram.bin_ns: must be >="),
+        ("detector.dead_time_ns=2", "detector.dead_time_ns: must be >= 4, the width of the pulse, got 2"),
+        ("histogram.window_us=200", "histogram.window_us: must be <= 100, the pulse period, got 200"),
+        ("histogram.pulse_period_us=3", "histogram.shots: must be <= 33"),
+        ("detector.coincidence=40", "detector.coincidence"),
+        ("histogram.multiplier=-1", "histogram.multiplier"),
+    ],
+)
+def test_what_cannot_be_is_one_line(override, words):
+    with pytest.raises(InputError, match="^test") as caught:
+        photons.sensor(override)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_spads_have_a_histogram_and_others_a_converter():
+    from lidarscene import load_sensor
+
+    with pytest.raises(InputError, match='histogram: must be left out with detector.type = "apd"'):
+        load_sensor(
+            "table1-apd",
+            overrides=["histogram.bin_ns=1", "histogram.threshold_floor=4", "histogram.threshold_slope=0.3"],
+        )
+
+
+def test_sensitivities_of_a_histogram_are_those_of_its_formulas():
+    """Elasticities by automatic differentiation against central differences of the maximum range itself."""
+    from lidarscene.studies.ranging.sensitivities import sensitivities
+
+    target = Target(illuminance_klux=5.0)
+    table = sensitivities(photons.sensor(), target, method="differences")
+    rows = {row.parameter: row for row in table.rows}
+    for key, text in (("histogram.shots", "histogram.shots"), ("detector.pde", "detector.pde")):
+        value = rows[key].value
+        low, high = (
+            plane.maximum_range_m(photons.sensor(f"{text}={value * f:g}"), target)[0] for f in (0.9, 1.1)
+        )
+        measured = math.log(high / low) / math.log(1.1 / 0.9)
+        assert rows[key].range_elasticity == pytest.approx(measured, rel=0.02)
+    assert rows["histogram.threshold_floor"].range_elasticity < 0.0
