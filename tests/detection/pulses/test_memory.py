@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from helpers import trains
 from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
+from lidarscene.detection import multi_echo
+from lidarscene.kernel.device import transfer
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm_response
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -161,3 +164,30 @@ def test_charge_adds_to_the_next_echo():
     seen = stop.reported & (stop.status == 0)
     assert seen.mean() > 0.9
     np.testing.assert_allclose(stop.snr[seen], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "equipment",
+    [
+        ("table1-sipm", IN_TIME, *KEYS),
+        ("table1-apd", "detector.saturation_ua=5", "detector.recovery_ns=5", "tdc.stops=4"),
+    ],
+)  # fmt: skip
+def test_on_the_device(mi, equipment):
+    """Three echoes up to 5 m apart: outcomes of pulses as numpy has them but for 1 in 200, ranges to 2 mm."""
+    equipped, random, count = sensor(*equipment), np.random.default_rng(4), 2000
+    point = equipped.working_point(np.array([DIM_W]))
+    power = point.power_w(point.noise * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
+    light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
+    here = detect(light, equipped)
+    there = multi_echo.detect(
+        trains.on_device(light), transfer.opaque(equipped), seed=transfer.opaque_uint32(0),
+        pulse=transfer.counter(0, count),
+    )  # fmt: skip
+    seen = [np.array(stop.reported.numpy()) for stop in there.stops]
+    assert 1.05 < sum(stop.mean() for stop in seen) < 2.8
+    for one, other, reported in list(zip(here.stops, there.stops, seen, strict=True))[:2]:
+        assert np.mean(one.reported != reported) < 5e-3
+        both = one.reported & reported
+        off_m = np.abs(one.range_m - np.array(other.range_m.numpy()))[both]
+        assert np.mean(off_m > 2e-3) < 5e-3
