@@ -87,7 +87,8 @@ def test_particles_make_up_their_medium(weather: Weather, wavelength_m: float) -
 def test_a_board_in_rain_loses_both_ways(mi) -> None:
     """Through the whole chain, point by point: without sun an APD's SNR is proportional to the echo's power.
 
-    The last crossing is the board's. 1e-3: the rain's own light, some 3e-4 of the board's within a pulse's length.
+    The last crossing is the board's. 4e-3: the rain's own light within a pulse's length, some 3e-4 of the board's for
+    the faces of its drops and up to ten times that with their glory.
     """
     sensor = chain.sensor("table1-apd", "tdc.keep='last'", "tdc.threshold_to_noise=300")
     alpha = precipitation.rain_extinction_per_m(rate_mm_h=30.0)
@@ -101,4 +102,4 @@ def test_a_board_in_rain_loses_both_ways(mi) -> None:
     _, here, there = np.intersect1d(clear.time_s, wet.time_s, return_indices=True)
     assert len(here) > 500
     expected = np.exp(-2 * alpha * clear.true_range_m[here])
-    np.testing.assert_allclose(wet.snr[there] / clear.snr[here], expected, rtol=1e-3)
+    np.testing.assert_allclose(wet.snr[there] / clear.snr[here], expected, rtol=4e-3)
