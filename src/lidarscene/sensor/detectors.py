@@ -139,6 +139,8 @@ class WorkingPoint:
             power_w=lambda signal: self.power_w(signal / by.peak),
             cells=None,
             busy=None,
+            # Of cells that are no longer whole the law of their counts is void: Rice's takes its place.
+            crossings_hz=self.crossings_hz if self.largest is None else None,
             knee=self.knee * by.peak if cells and self.knee is not None else self.knee,
             largest=None if self.largest is None else self.largest * by.peak,
         )
