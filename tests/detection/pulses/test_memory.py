@@ -106,7 +106,7 @@ def test_peak_of_the_second_echo(background_w, signals, apart_m):
 
 @pytest.mark.parametrize("background_w", [DIM_W, BRIGHT_W])
 def test_what_an_echo_leaves(background_w):
-    """(T80) against cells simulated one by one, from the pulse's end to two dead times: 5 cells of 110.
+    """(T45b) against cells simulated one by one, from the pulse's end to two dead times: 5 cells of 110.
 
     But for the revival itself: cells of a strong pulse fire before its peak, and revive a third of a ns earlier.
     """

@@ -168,7 +168,7 @@ def crosstalking(*keys):
     ids=["crosstalk", "afterpulses"],
 )  # fmt: skip
 def test_cells_that_fire_others_by_events(keys, options, shots):
-    """(T82) to (T84) against avalanches one by one.
+    """(T20a) to (T20c) against avalanches one by one.
 
     Tolerances: 1 % of the cells busy before; of noise and P_d four errors of so many shots, watched for 20 dead times
     each tenth. Without the keys they are off by 12 %, 17 % and 0.28 (crosstalk) or 8 % of the cells (afterpulses).
@@ -197,7 +197,7 @@ def test_what_crosstalk_costs():
 
 
 def test_light_with_crosstalk_and_back():
-    """The inverse of (T84), and its limits: 1 / (1 - p) of weak light, all cells of strong light."""
+    """The inverse of (T20c), and its limits: 1 / (1 - p) of weak light, all cells of strong light."""
     state = {"pde": 0.22, "cells": 400.0, "ready_share": 0.8, "crosstalk": 0.3}
     photons = np.geomspace(0.01, 2e4, 40)
     spread = sipm.with_crosstalk(photons=photons, **state)

@@ -142,7 +142,7 @@ def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory
 
 
 def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lanes:
-    """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T80)."""
+    """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T45b)."""
     return one.amount * sipm_response.left_busy(
         age_s=(place - one.place) * shots.sigma_s, rate_hz=cells.rate_hz, dead_time_s=cells.dead_time_s,
         sigma_s=shots.sigma_s,
@@ -150,7 +150,7 @@ def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lan
 
 
 def _charge(shots: Received, clipped: Earlier, place: Lanes) -> Lanes:
-    """Signal that a clipped amplifier still holds at a place, (n,); theory (T81)."""
+    """Signal that a clipped amplifier still holds at a place, (n,); theory (T45c)."""
     assert shots.point.recovery_s is not None
     return saturation.drained(
         held=clipped.amount,

@@ -178,7 +178,7 @@ def busy_variance_steady_state(*, busy_share: Lanes, cells: Lanes) -> Lanes:
 def busy_share_correlated(
     *, firings: Lanes, crosstalk: Lanes, afterpulse: Lanes, afterpulse_to_dead_time: Lanes
 ) -> Lanes:
-    """Share of time that a cell is dead where avalanches cause others, theory (T82).
+    """Share of time that a cell is dead where avalanches cause others, theory (T20a).
 
     firings                  by light and dark counts of a cell that never dies, in a dead time, x
     crosstalk                probability p that an avalanche fires another cell at once, any alike
@@ -207,7 +207,7 @@ _TURNS = 12
 
 
 def crosstalk_variance(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
-    """Variance of the number of busy cells over the binomial, (1 + q) / (1 - q (1 - b)), q = p (1 - b), theory (T83).
+    """Variance of the number of busy cells over the binomial, (1 + q) / (1 - q (1 - b)), q = p (1 - b), theory (T20b).
 
     Avalanches come in clusters of mean 1 / (1 - q), of which the mean square is (1 + q) times the mean over 1 - q; and
     more busy cells fire fewer. 1 where all cells are busy.
@@ -219,7 +219,7 @@ def crosstalk_variance(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
 def with_crosstalk(
     *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
 ) -> Lanes:
-    """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T84).
+    """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T20c).
 
     ready_share  of all cells before the flash
 

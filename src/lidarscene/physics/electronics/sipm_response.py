@@ -88,7 +88,7 @@ def _place(pulse_to_dead_time: Lanes, busy_share: Lanes) -> tuple[Lanes, Lanes]:
 
 
 def left_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
-    """Count above the background's that an earlier echo leaves, for each cell that it fired: 1 at first, theory (T80).
+    """Count above the background's that an earlier echo leaves, for each cell that it fired: 1 at first, theory (T45b).
 
     age_s    since the echo's light peaked
     rate_hz  at which the background fires a ready cell, x / tau
