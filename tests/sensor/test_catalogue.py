@@ -181,8 +181,8 @@ def test_livox_fields_of_view(name: str, width: float, height: float) -> None:
 
 @pytest.mark.parametrize("name", sorted(SENSORS))
 def test_a_frame_of_each(mi: Any, name: str) -> None:
-    """A few hundred pulses into a white ball are echoes, at its radius; of a Sony array it fires every SPAD in each shot,
-    on the leading edge (docs/photon_counting.md).
+    """A few hundred pulses into a white ball are echoes, at its radius; of a Sony array it fires every SPAD in each
+    shot, on the leading edge (docs/photon_counting.md).
     """
     del mi
     scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=10.0), klux=0.0)

@@ -7,8 +7,8 @@ import pytest
 from helpers import photons
 
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.detection.photon_counting import receiver
+from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.physics.photon_counting import matched_filter
 
 C = 299792458.0

@@ -91,7 +91,7 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     ],
 )
 def test_what_cannot_be_is_one_line(override, words):
-    with pytest.raises(InputError, match="^test") as caught:
+    with pytest.raises(InputError, match=r"^test") as caught:
         photons.sensor(override)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -100,7 +100,7 @@ def test_what_cannot_be_is_one_line(override, words):
 def test_spads_have_a_histogram_and_others_a_converter():
     from lidarscene import load_sensor
 
-    with pytest.raises(InputError, match='histogram: must be left out with detector.type = "apd"'):
+    with pytest.raises(InputError, match='histogram: must be left out with'):
         load_sensor(
             "table1-apd",
             overrides=["histogram.bin_ns=1", "histogram.threshold_floor=4", "histogram.threshold_slope=0.3"],

@@ -43,8 +43,8 @@ def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
 def shade(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
     """Value of the filter at an echo over its photons, exp(-lambda sigma sqrt(pi / 2 (1 + w^2))) (T92c).
 
-    Half of the template lies in the echo's shadow. A SPAD that the echo fired does not count the background there, which
-    it would have counted with one minus this probability.
+    Half of the template lies in the echo's shadow. A SPAD that the echo fired does not count the background there,
+    which it would have counted with one minus this probability.
     """
     lost = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
     return xp(lost).exp(-lost)

@@ -2,7 +2,8 @@
 
 A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one
 histogram. A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are
-returns. So the signal is a number of photons: the value of the filter above that of the background (docs/photon_counting.md).
+returns. So the signal is a number of photons: the value of the filter above that of the background
+(docs/photon_counting.md).
 
 Symbols: N number of SPADs times shots, lambda rate of detected photons of one free SPAD, Lambda detections of an echo
 that one SPAD would make in a shot without dead time.
