@@ -20,7 +20,7 @@ from lidarscene.formats.columns import NAMES as NAMES_OF
 
 def test_columns_name_every_array_once() -> None:
     assert " ".join(c.name for c in COLUMNS) == (
-        "x y z range intensity pulse_width snr detection_probability ambient time channel azimuth elevation "
+        "x y z range intensity pulse_width signal snr detection_probability ambient time channel azimuth elevation "
         "return_number status sensor_index true_range incidence_angle reflectivity sun_angle in_shadow interactions "
         "ghost radial_velocity body class material"
     )
@@ -225,6 +225,7 @@ def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
         "interactions": np.broadcast_to(np.uint8(0), n),
         "ghost": np.broadcast_to(np.uint8(0), n),
         "pulse_width_s": np.broadcast_to(np.float32(0.0), n),
+        "signal": np.broadcast_to(np.float32(0.0), n),
     }
     return small_columns(n) | repeated
 

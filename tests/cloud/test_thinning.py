@@ -29,7 +29,7 @@ def test_every_kth_point_of_the_frame(
     assert thinned.step == step
     assert_same(thinned.cloud(), cloud.select(np.arange(0, N, step)))
     assert thinned.points == N
-    np.testing.assert_array_equal(thinned.statuses, np.bincount(cloud.status, minlength=4))
+    np.testing.assert_array_equal(thinned.statuses, np.bincount(cloud.status, minlength=5))
 
 
 def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -66,6 +66,7 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
         "intensity": snr * 1e-9,
         "snr": snr,
         "pulse_width_s": 1e-8 * np.ones(len(true)),
+        "signal": np.zeros(len(true)),
         "detection_probability": 1 - np.exp(-snr / 10),
         "ambient": np.zeros(len(true)),
         "time_s": np.arange(len(true)) * 2e-5,

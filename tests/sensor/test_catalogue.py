@@ -246,7 +246,9 @@ def test_livox_fields_of_view(name: str, width: float, height: float) -> None:
 
 @pytest.mark.parametrize("name", sorted(SENSORS))
 def test_a_frame_of_each(mi: Any, name: str) -> None:
-    """A few hundred pulses into a white ball are echoes, at its radius."""
+    """A few hundred pulses into a white ball are echoes, at its radius; of a Sony array it fires every SPAD in each
+    shot, on the leading edge (docs/photon_counting.md).
+    """
     del mi
     scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=10.0), klux=0.0)
     sensor = load_sensor(name, overrides=SHORTER[name])
@@ -254,7 +256,9 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
     cloud = Simulator(scene, sensor).render(seed=1)
     assert len(cloud) > 0.95 * sensor.scanner.pulses
     echoes = cloud.status == 0
-    assert np.median(np.asarray(cloud.range_m)[echoes]) == pytest.approx(10.0, abs=0.1)
+    assert np.median(np.asarray(cloud.range_m)[echoes]) == pytest.approx(
+        10.0, abs=0.25 if name == "sony-spad-189x600" else 0.1
+    )
 
 
 # --- catalog check ----------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """[histogram] of a sensor file: what follows from the sensor's mode, and what is refused."""
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -101,7 +100,7 @@ def test_what_cannot_be_is_one_line(override, words):
 def test_spads_have_a_histogram_and_others_a_converter():
     from lidarscene import load_sensor
 
-    with pytest.raises(InputError, match=re.escape('histogram: must be left out with detector.type = "apd"')):
+    with pytest.raises(InputError, match="histogram: must be left out with"):
         load_sensor(
             "table1-apd",
             overrides=["histogram.bin_ns=1", "histogram.threshold_floor=4", "histogram.threshold_slope=0.3"],

@@ -18,9 +18,6 @@ _MOST = 1e4
 
 _SAMPLES = 128
 
-_LEAST_SHADE = 0.1
-"""Where background fills the histogram the forms to first order fail; so much of an echo stays at least."""
-
 
 def shift(*, detections: Lanes) -> Lanes:
     """Where the matched filter finds an echo, in sigmas from its true place: 0 for weak ones, negative (T92a).
@@ -44,18 +41,19 @@ def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
 
 
 def shade(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
-    """Value of the filter at an echo over its photons, 1 - lambda sigma sqrt(pi / 2 (1 + w^2)) (T92c).
+    """Value of the filter at an echo over its photons, exp(-lambda sigma sqrt(pi / 2 (1 + w^2))) (T92c).
 
-    Half of the template lies in the echo's shadow, where the share of the background is missing that the echo fired.
+    Half of the template lies in the echo's shadow. A SPAD that the echo fired does not count the background there,
+    which it would have counted with one minus this probability.
     """
     lost = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
-    return xp(lost).maximum(1.0 - lost, _LEAST_SHADE)
+    return xp(lost).exp(-lost)
 
 
 def shade_of_box(*, rate_hz: Lanes, sigma_s: Lanes, half_width: float) -> Lanes:
     """Counts above the background within so many sigmas of an echo over its photons, as `shade`."""
     lost = rate_hz * sigma_s * half_width
-    return xp(lost).maximum(1.0 - lost, _LEAST_SHADE)
+    return xp(lost).exp(-lost)
 
 
 @lru_cache(maxsize=1)
