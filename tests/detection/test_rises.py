@@ -6,7 +6,7 @@ from helpers import trains
 from scipy.constants import c
 
 from lidarscene import load_sensor
-from lidarscene.light.waveform import sampled, waveform
+from lidarscene.light.waveform import sampled
 from lidarscene.maths import random as noise
 from lidarscene.physics.electronics import pulse_sums, tdc
 
@@ -52,17 +52,22 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
 
 
 def test_the_search_does_not_stop_where_the_air_begins():
-    """A course that is exactly zero up to 3 m and then rises: the slope, a difference over a step, is any multiple of
-    the value there, and a search that trusts it ends on the spot.
+    """A course that is exactly zero up to 0 and then u^2, with differences over a step for its slope, as a table has.
+
+    The first guess is the middle of the bracket, at -0.3: the light there is nothing and its slope is not. Newton's
+    step from there is no step at all, and a search that trusts it ends on the spot.
     """
-    equipped = load_sensor("biaxial-905", overrides=list(LENSES["top hat"]))
-    wave = waveform(trains.in_fog(equipped, np.ones(1)), equipped)
-    fine = np.linspace(0.0, 8.0, 80_001) / wave.unit_m
-    watts = wave.at(fine)[0]
-    top = int(np.argmax(watts))
-    for share in (1e-6, 1e-3, 0.1, 0.9):
-        place = pulse_sums.crossing(
-            wave.at, np.array([share * watts[top]]), far=wave.start(fine[:1]), peak=fine[top : top + 1],
-            top=tuple(one[top : top + 1] for one in wave.at(fine)), wanted=np.array([True]),
-        )  # fmt: skip
-        assert place[0] == pytest.approx(fine[np.argmax(watts >= share * watts[top])], abs=fine[2])
+
+    def course(place):
+        return np.maximum(place, 0.0) ** 2
+
+    def shape(place):
+        before, here, after = course(place - 0.5), course(place), course(place + 0.5)
+        return here, after - before, 4.0 * (after - 2.0 * here + before)
+
+    peak = np.array([10.0])
+    top = (course(peak), np.zeros(1), np.array([-1e-3]))
+    place = pulse_sums.crossing(
+        shape, np.array([50.0]), far=np.array([-10.6]), peak=peak, top=top, wanted=np.array([True])
+    )
+    assert place[0] == pytest.approx(np.sqrt(50.0), abs=1e-4)

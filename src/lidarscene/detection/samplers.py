@@ -212,8 +212,10 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
     """
     ops = shots.ops
+    # Of light that lasts samples have less than the filter makes of it.
+    base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
     # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
-    window = _Window.around(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), trip.base)
+    window = _Window.around(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
     samples = window.read(wanted)
     sums = window.centroid(samples, wanted)
     any_over = sums.over > 0

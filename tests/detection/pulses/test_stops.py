@@ -64,6 +64,23 @@ def test_fog_and_the_wall_behind_it(overrides):
     assert (fog.status[fog.reported & ~is_wall(fog)] == Status.WEATHER).all()
 
 
+@pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])
+def test_samples_of_a_wall_stand_on_fog(estimator):
+    """An ADC takes the fog off its samples and adds it to the height: that is the peak of the finely sampled waveform.
+
+    Tolerance: half of the fog there, which counted twice would be off by all of it; it is five thresholds high.
+    """
+    sampler = (*ADC, f"sampler.estimator='{estimator}'")
+    sensor = load_sensor("biaxial-905", overrides=["tdc.stops=1", "tdc.keep='last'", *sampler])
+    light = trains.in_fog(sensor, np.ones(300), wall_m=15.0)
+    (stop,) = trains.detect(light, sensor).stops
+    range_m = np.arange(10.0, 16.0, 0.005)
+    signal = sampled(light, sensor, 2.0 / c * range_m)[1][0]
+    fog = signal[range_m < 14.0].min()
+    assert fog > 4.0 * float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
+    assert np.median(stop.amplitude) == pytest.approx(signal.max(), abs=0.5 * fog)
+
+
 def test_a_comparator_s_first_edge_is_the_fog():
     """As a real one: it stays high up to the wall, which makes no edge of its own."""
     (stop,) = behind_fog()
