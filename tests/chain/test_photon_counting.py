@@ -64,7 +64,7 @@ def test_frames_compile_nothing_and_find_what_the_probabilities_say():
     SIGNAL and NEAR_IR are photons.
     """
     counter = photons.sensor(*RASTER, "histogram.stops=2", "laser.peak_power_w=0.02")
-    simulator = Simulator(scene(), counter)
+    simulator = Simulator(scene(klux=10.0), counter)
     with launches.launched() as before:
         simulator.render(seed=1)
     with launches.launched() as later:
