@@ -93,7 +93,7 @@ class WorkingPoint:
     calibrated: WorkingPoint | None = None
 
     def matched(self, noise_share: Lanes) -> WorkingPoint:
-        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T113).
+        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T78).
 
         noise_share  variance of white noise behind the filter over that before it
         """
@@ -195,7 +195,7 @@ class WorkingPoint:
         return self.reachable(threshold, tail)
 
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
-        """How often a second noise of this bandwidth rises through the threshold: Rice's (T100) or `crossings_hz`."""
+        """How often a second noise of this bandwidth rises through the threshold: Rice's (T28a) or `crossings_hz`."""
         if self.crossings_hz is not None:
             rate = self.crossings_hz(threshold, bandwidth_hz)
         else:

@@ -119,7 +119,7 @@ def test_times_scatter_as_those_of_samples(rule, snr, overrides):
 
 
 def test_closed_forms_of_the_deviations():
-    """The chain against (T111), (T112) and the Cramer-Rao bound, which a matched filter reaches in white noise.
+    """The chain against (T76), (T77) and the Cramer-Rao bound, which a matched filter reaches in white noise.
 
     At an SNR of 100, where the forms are exact but for the curvature: 1 %, and chi-square at 1e-4 on either side.
     """

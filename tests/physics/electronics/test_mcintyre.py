@@ -214,7 +214,7 @@ def test_crossings_of_multiplied_shot_noise(
 ) -> None:
     """Electrons at random times through McIntyre's avalanche and an ideal low-pass, counted sample by sample.
 
-    (T101) takes slopes as independent of heights and heights as those of a box of 1 / (2 B): up to 25 % low with 24
+    (T28b) takes slopes as independent of heights and heights as those of a box of 1 / (2 B): up to 25 % low with 24
     electrons in that time, 10 % with more or behind a noisy amplifier; besides 4 standard errors.
     """
     gain, k, samples, oversampling = 80.0, 0.02225, 2**19, 16

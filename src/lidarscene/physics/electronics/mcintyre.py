@@ -130,7 +130,7 @@ def tail_probability(
 def crossings_per_frequency(
     *, excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
 ) -> Lanes:
-    """Upward crossings of a level in units of f_rms, sqrt(2 pi) sigma p(U), of `tail_probability`'s noise (T101).
+    """Upward crossings of a level in units of f_rms, sqrt(2 pi) sigma p(U), of `tail_probability`'s noise (T28b).
 
     S. O. Rice's rate is the density p of the height times the mean of the positive slopes, sqrt(2 pi) f_rms sigma for
     slopes that are Gaussian whatever the height: the electrons that make a peak arrive together, where the response

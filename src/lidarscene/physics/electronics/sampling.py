@@ -38,13 +38,13 @@ def matched_noise_share(*, x: Lanes) -> Lanes:
     """Variance behind the filter that fits the pulse over that before it, if both pass a pulse's height as it is.
 
     erf(x) sqrt(pi) / x: what a filter of the frequency response exp(-(2 pi f sigma_p)^2 / 2) leaves of noise that is
-    white up to B, (T113). Above 1 where the noise is narrower than the pulse: white noise is what this filter is for.
+    white up to B, (T78). Above 1 where the noise is narrower than the pulse: white noise is what this filter is for.
     """
     return math.sqrt(math.pi) * _erf(x) / x
 
 
 def matched_slope_noise(*, x: Lanes) -> Lanes:
-    """Deviation of the filtered noise's derivative over that of the filtered noise, per sigma_p, (T114).
+    """Deviation of the filtered noise's derivative over that of the filtered noise, per sigma_p, (T79).
 
     sqrt(1/2 - x exp(-x^2) / (sqrt(pi) erf(x))), from the second moment of its spectrum.
     """
@@ -54,12 +54,12 @@ def matched_slope_noise(*, x: Lanes) -> Lanes:
 
 
 def slope_noise(*, x: Lanes) -> Lanes:
-    """The same without a filter: x / sqrt(3), of an ideal low pass (S. O. Rice, 1945), (T112)."""
+    """The same without a filter: x / sqrt(3), of an ideal low pass (S. O. Rice, 1945), (T77)."""
     return x / math.sqrt(3.0)
 
 
 def matched_gain(*, curvature: Lanes) -> Lanes:
-    """What the filter makes of the height of a pulse of another width, sqrt(2 / (1 + curvature)), (T115).
+    """What the filter makes of the height of a pulse of another width, sqrt(2 / (1 + curvature)), (T80).
 
     A pulse of width sigma has the curvature (sigma_p / sigma)^2. Light that lasts gains sqrt(2).
     """
@@ -73,7 +73,7 @@ def matched_curvature(*, curvature: Lanes) -> Lanes:
 
 
 def peak_deviation(*, noise_share: Lanes, slope_noise: Lanes, curvature: Lanes) -> Lanes:
-    """Deviation of the place of a peak in noise, in sigma_p, (T112) and (T114).
+    """Deviation of the place of a peak in noise, in sigma_p, (T77) and (T79).
 
     noise_share  deviation of the noise over the peak's height
     slope_noise  deviation of its derivative over its own, per sigma_p
@@ -89,7 +89,7 @@ def peak_deviation(*, noise_share: Lanes, slope_noise: Lanes, curvature: Lanes) 
 def fraction_deviation(
     *, fraction: Lanes, noise_share_at_fraction: Lanes, noise_share_at_peak: Lanes, correlation: Lanes
 ) -> Lanes:
-    """Deviation of the time at which an edge reaches a fraction of the measured peak, in sigma_p; slope formula (T111).
+    """Deviation of the time at which an edge reaches a fraction of the measured peak, in sigma_p; slope formula (T76).
 
     noise_share_at_fraction, noise_share_at_peak  deviations of the noise at both, over the peak's height
     correlation                                   of the noise between both
