@@ -125,7 +125,7 @@ def test_fog_behind_the_filters():
         air = air_light(fog, equipped, extinction_per_m=0.05)
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=TIME_S)
         courses.append(
-            np.interp(range_m, np.linspace(0.0, air.far_m, len(air.shape.values)), air.shape.values)
+            np.interp(range_m, np.linspace(air.near_m, air.far_m, len(air.shape.values)), air.shape.values)
         )
         courses[-1][range_m > air.far_m] = 0.0
     wanted = behind(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)

@@ -209,7 +209,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
             "scanner.type=galvo",
             "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', ",
         ),
-        ("detector.type=ccd", "detector.type: must be one of 'apd', 'sipm', got \"ccd\""),
+        ("detector.type=ccd", "detector.type: must be one of 'apd', 'sipm', 'spad', got \"ccd\""),
         ("detector.cells=3", "unknown key 'detector.cells'; known here: type, gain, "),
         ("detector.gain=0.5", "detector.gain: must be >= 1, got 0.5"),
         (

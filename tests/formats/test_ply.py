@@ -104,7 +104,7 @@ def test_size_is_header_plus_points(tmp_path: Path) -> None:
         write_ply(tmp_path / "a.ply", small_cloud(n))
         head = tmp_path.joinpath("a.ply").read_bytes().index(b"end_header\n") + len(b"end_header\n")
         assert (tmp_path / "a.ply").stat().st_size == head + n * (
-            12 + 8 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4
+            12 + 9 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4
         )
 
 
