@@ -134,6 +134,17 @@ def test_diodes_clip_and_trip_as_real_ones_do(name: str) -> None:
         assert simulated > 5e-5
 
 
+@pytest.mark.parametrize("name", ["os0-128", "os1-128", "os2-128"])
+@pytest.mark.parametrize("photons", [45, 400])
+def test_scatter_of_photons_as_in_recordings(name: str, photons: int) -> None:
+    """120 to 200 mm over their root, by frames of an OS0 at rest; here in the dark. Draws have 0.5 %."""
+    sensor, target = load_sensor(name), Target(illuminance_klux=0.0)
+    snr = photons / float(sensor.working_point(np.zeros(1)).noise[0])
+    scatter = catalogue.scatter_m(sensor, target, range_m=20.0, snr=snr)
+    assert scatter is not None
+    assert 0.12 < scatter * math.sqrt(photons) < 0.2
+
+
 def test_scatter_at_an_snr() -> None:
     """At the SNR that a target has at its range, the same as of that target; none beyond what cells can show."""
     sensor = load_sensor("vlp-16")
