@@ -84,15 +84,16 @@ def test_share_of_false_alarms(tnr):
     ("name", "changes", "rate_hz"),
     [
         ("table1-apd", ("tdc.threshold_to_noise=4.0",), 167e6 / np.sqrt(3.0) * np.exp(-8.0)),
+        # Counted cells, which the paper does not have.
         # At 1 MHz of dark counts 0.02 of the 400 cells are busy at any time, 7.8 in the mean; U is 11.9 cells.
         (
             "table1-sipm",
             (
-                "detector.statistics='time_domain'",
                 "detector.dark_count_rate_hz=1e6",
                 "detector.dead_time_ns=20",
                 "tdc.threshold_to_noise=4.3",
-            ),  # fmt: skip
+                'detector.statistics="time_domain"',
+            ),
             20.0 * binom.pmf(20, 400, 0.02 / 1.02) / 20e-9,
         ),
     ],

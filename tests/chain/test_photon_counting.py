@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers import chain, launches, photons
 
+from lidarscene.detection import receivers
 from lidarscene.detection.outcomes import Status
-from lidarscene.detection.photon_counting import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.model import Air
@@ -42,7 +42,7 @@ def test_numpy_and_device_agree():
     }
     on_device = dataclasses.replace(light, found=arrays["range_m"] > 0.0, **arrays)
     there = transfer.fetched(
-        receiver.detect_alone(
+        receivers.detect_alone(
             on_device,
             transfer.opaque(counter),
             seed=transfer.opaque_uint32(4),

@@ -78,17 +78,16 @@ def test_one_number_is_enough():
 
 
 def test_closed_forms_follow():
-    """An upper bound by as much as without a response, for both detectors; 2 %: the echo's own share of the noise."""
-
-    def share(name, kind):
-        found = sensor(kind, name=name, bandwidth_mhz=80.0)
-        return plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target())
-
+    """An upper bound by as much as without a response, for both detectors; 0.002 is the weight of other noise."""
     for name in ("table1-apd", "table1-sipm"):
-        assert share(name, "none") < 1.0
-        for kind in KINDS:
-            assert share(name, kind) < 1.0
-            assert share(name, kind) == pytest.approx(share(name, "none"), rel=0.02)
+        shares = []
+        for kind in ("none", *KINDS):
+            found = sensor(kind, name=name, bandwidth_mhz=80.0)
+            shares.append(
+                plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target())
+            )
+        assert 0.9 < shares[0] < 1.0
+        assert shares[1:] == pytest.approx([shares[0]] * len(KINDS), abs=0.002)
 
 
 @pytest.mark.parametrize("kind", KINDS)

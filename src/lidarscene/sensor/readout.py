@@ -101,8 +101,8 @@ class RepeatabilityFile(FileModel):
     recording: bool = Field(
         default=False, description="measured by others in recordings, not said by the maker"
     )
-    assumed: tuple[Literal["reflectivity", "illuminance_klux"], ...] = Field(
-        default=(), description="keys of conditions above that are not published but assumed"
+    assumed: tuple[Literal["snr", "reflectivity", "illuminance_klux"], ...] = Field(
+        default=(), description="conditions above that are not published but assumed; snr: that it is (11)"
     )
     source: Annotated[str, Field(min_length=1)]
 

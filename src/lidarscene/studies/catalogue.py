@@ -124,7 +124,7 @@ def _repeatability(sensor: Sensor, published: PublishedFile, one: RepeatabilityF
     target = Target(reflectivity=one.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
     sunlit = "*" if "illuminance_klux" in (*published.assumed, *one.assumed) or klux is None else ""
     if one.snr is not None:
-        words = [f"SNR {one.snr:g}"]
+        words = [f"SNR {one.snr:g}{'*' if 'snr' in one.assumed else ''}"]
     else:
         words = [f"{one.at_m:g} m", f"{one.reflectivity:.0%}{'*' if 'reflectivity' in one.assumed else ''}"]
     words += [f"{target.illuminance_klux:g} klux{sunlit}"]
