@@ -32,7 +32,7 @@ def photon_counting() -> None:
     left.set(xlim=(20.0, 60.0), ylim=(0.0, None))
     left.set_xlabel("range [m]", color=INK)
     left.set_title(
-        f"counts of a bin over {float(sensor.histogram.shots):.0f} shots: 10 % wall at {RANGE_M:.0f} m, {KLUX:.0f} klux",
+        f"counts of a bin in {float(sensor.histogram.shots):.0f} shots: 10 % wall at {RANGE_M:.0f} m, {KLUX:.0f} klux",
         color=INK, loc="left", fontsize=11,
     )  # fmt: skip
     left.legend(frameon=False, labelcolor=INK)
