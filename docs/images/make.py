@@ -4,6 +4,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import counting
 import effects
 import leaves
 import numpy as np
@@ -137,6 +138,7 @@ PICTURES = {
     "drive": drive,
     "edges": effects.edges,
     "response": response.response,
+    "photon_counting": counting.photon_counting,
     "parallax": effects.parallax,
     "weather": effects.weather,
     "interference": effects.interference,

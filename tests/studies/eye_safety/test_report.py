@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import photons
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -124,6 +125,12 @@ def test_report_as_data_and_text() -> None:
         assert phrase in text
     assert max(len(line) for line in text.splitlines()) <= 120
     assert "within class 1: " in report_text(with_laser(peak_power_w=0.1))
+
+
+def test_all_shots_of_a_point_count_in_the_mean() -> None:
+    """10,000 points a second with 50 shots each: 500 kHz of 4.258 nJ."""
+    text = report_text(photons.sensor("laser.repetition_rate_khz=10", "histogram.shots=50"))
+    assert "500 kHz: 4.258 nJ a pulse, 2.129 mW in the mean" in text
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady:
     return fired[..., dead:]
 
 
-def coates(counts: Numbers, *, trials: float, dead_bins: int | None = None) -> Numbers:
+def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) -> Numbers:
     """(n,) detections of each bin, per SPAD and shot, from a histogram with pile-up: Coates' correction (T94); NumPy.
 
     Lambda_i = -ln(1 - n_i / (N - sum n_j)), with the sum over the bins in which those fired that are still blind
@@ -100,13 +100,13 @@ def coates(counts: Numbers, *, trials: float, dead_bins: int | None = None) -> N
 
     counts     (n,) of the histogram, from the moment when all SPADs were free
     trials     N, number of SPADs times shots
-    dead_bins  bins for which a SPAD is blind after that in which it fired; None: for the rest of the shot
+    dead_bins  dead time in bins, whole or not; None: the rest of the shot. Firings are spread over their bin, so half
+               of them are free again in the bin that lies a whole dead time behind it
     """
     values = np.asarray(counts, dtype=np.float64)
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    first = (
-        np.zeros(len(values), int) if dead_bins is None else np.maximum(np.arange(len(values)) - dead_bins, 0)
-    )
-    free = trials - (total[:-1] - total[first])
+    count = len(values)
+    behind = np.arange(1.0, count + 1.0)
+    blind = np.ones(count) if dead_bins is None else np.clip(dead_bins + 0.5 - behind, 0.0, 1.0)
+    free = trials - np.concatenate([[0.0], np.convolve(values, blind)[: count - 1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(-np.log1p(-np.minimum(values / free, _MOST)))

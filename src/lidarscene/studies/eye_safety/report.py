@@ -117,7 +117,7 @@ def eye_safety_report(
     motion = "scanned" if scanned else "stationary" if pulses_in_aperture is None else "counted"
     source = laser.source_rad if source_rad is None else source_rad
     try:
-        if float(laser.pulse_fwhm_s) * float(laser.repetition_rate_hz) >= 1.0:
+        if float(laser.pulse_fwhm_s) * stationary_train(sensor).mean_rate_hz >= 1.0:
             raise ValueError("the pulses overlap: a pulse must be shorter than the time between two")
         criteria = tuple(
             criterion
@@ -203,12 +203,12 @@ def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
 def report_text(sensor: Sensor) -> str:
     """Eye safety of a sensor for people: scanning, and with its beam standing still."""
     laser, reports = sensor.laser, both_reports(sensor)
+    rate_hz = stationary_train(sensor).mean_rate_hz  # with all shots of a point
     head = (
         f"{sensor.name}: eye safety, class 1 of IEC 60825-1:2014\n{_verdict_text(reports)}\n{NOTICE}\n\n"
         f"laser    {laser.wavelength_m * 1e9:g} nm, {si(float(laser.peak_power_w), 'W')} peak, "
-        f"{si(float(laser.pulse_fwhm_s), 's')}, {float(laser.repetition_rate_hz) * 1e-3:g} kHz: "
-        f"{si(reports[0].pulse_energy_j, 'J')} a pulse, "
-        f"{si(reports[0].pulse_energy_j * float(laser.repetition_rate_hz), 'W')} in the mean"
+        f"{si(float(laser.pulse_fwhm_s), 's')}, {rate_hz * 1e-3:g} kHz: "
+        f"{si(reports[0].pulse_energy_j, 'J')} a pulse, {si(reports[0].pulse_energy_j * rate_hz, 'W')} in the mean"
     )
     said = dict.fromkeys(line for report in reports for line in report.assumptions)
     assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(said))
