@@ -98,7 +98,7 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> N
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_clouds_from_files(folder: Path, run: Run, tmp_path: Path) -> None:
+def test_clouds_from_files(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
     files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
     ran = run("compare", *files, "-o", "out", "--json")
     assert (ran.code, ran.err) == (0, "")
@@ -123,7 +123,7 @@ def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
-def test_other_scanners_are_not_matched(folder: Path, run: Run, tmp_path: Path) -> None:
+def test_other_scanners_are_not_matched(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
     scene = str(folder.parents[1] / "wall.toml")
     sensors = ("--sensors", "table1-apd,vlp-16", "--set=table1-apd:scanner.azimuth_step_deg=1")
     ran = run("compare", scene, *sensors, "-o", "own")
@@ -148,7 +148,7 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, tmp_path: Path) 
     assert told["sensors"][0]["pulses"] == told["sensors"][1]["pulses"]
 
 
-def test_nothing_found_at_all(mi, run: Run, wall: str, tmp_path: Path) -> None:
+def test_nothing_found_at_all(mi, run: Run, rough_charts: None, wall: str, tmp_path: Path) -> None:
     """Sensors that see nothing are compared without a word of NaN."""
     ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-9")
     assert (ran.code, ran.err) == (0, "")

@@ -95,7 +95,7 @@ def bodies_of(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
+def test_points_on_bodies(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
     """The wall of 4 m at 10 m: 11.3 degrees to each side, so 11 by 11 beams of 2 degrees."""
     (tmp_path / "wall.toml").write_text(LABELLED)
     ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
@@ -107,7 +107,7 @@ def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
     assert 10.0 <= float(row["distance_m"]) < 10.4
 
 
-def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, tmp_path: Path) -> None:
+def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
     """5 m nearer: half the distance, 21.8 degrees to each side, so all 21 by 11 beams of the coarse raster."""
     (tmp_path / "wall.toml").write_text(LABELLED)
     near = "--set=table1-sipm:mounting.position_m=[5.0,0.0,0.0]"
@@ -133,7 +133,7 @@ yaw_deg = 180
 """
 
 
-def test_a_rig(mi, run: Run, tmp_path: Path) -> None:
+def test_a_rig(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
     """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
     (tmp_path / "walls.toml").write_text(
         LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 0]", "[-10, 0, 0]")

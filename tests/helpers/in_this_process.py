@@ -1,12 +1,13 @@
 """The command line in this process, in an empty folder."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
-from lidarscene.figures import pictures
+from lidarscene.figures import lines, maps, pictures
 
 
 @pytest.fixture
@@ -36,3 +37,25 @@ def wall(tmp_path: Path) -> str:
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a sixteenth of the pixels, where pictures are compared with one another: whole ones take most of the time."""
     monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
+
+
+def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts and maps of fewer pixels and without a layout, for which each is drawn twice; pictures as above."""
+    from matplotlib.figure import Figure
+
+    whole = Figure.__init__
+
+    def unarranged(self: Figure, *args: Any, layout: object = None, **options: Any) -> None:
+        whole(self, *args, **options)
+
+    monkeypatch.setattr(Figure, "__init__", unarranged)
+    for module in (lines, maps):
+        monkeypatch.setattr(module, "DPI", 60)
+    monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
+    monkeypatch.setitem(pictures.perspective_picture.__kwdefaults__, "size_px", (480, 270))
+
+
+@pytest.fixture
+def rough_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where something else than the drawing is tested, which takes most of the time."""
+    draw_roughly(monkeypatch)

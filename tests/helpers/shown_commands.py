@@ -1,8 +1,8 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
 They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
-fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts of fewer pixels, a job of four
-frames for twelve on one worker, the view written by `--save` instead of served. What is only parsed is in
+fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts and pictures of fewer pixels, a
+job of four frames for twelve on one worker, the view written by `--save` instead of served. What is only parsed is in
 `PARSED_ONLY`, with the test that runs its like.
 """
 
@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
+from helpers.in_this_process import draw_roughly
 from lidarscene import catalog
 from lidarscene.cli import main
-from lidarscene.figures import lines, maps
 from lidarscene.scene.file import load_scene
 
 # What needs more than this machine, and what another test runs as it stands.
@@ -57,8 +57,6 @@ COARSE_JOB = {
 
 OF_STUDIES = ("compare.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
-DPI = 60
-"""Of charts and maps, for 200."""
 
 
 def pages(*, of_studies: bool) -> list[Path]:
@@ -128,8 +126,7 @@ class Reader:
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """In the order of the page, and its Python between them where it has files of its own."""
         make_workplace(self.folder, page, monkeypatch)
-        for module in (lines, maps):
-            monkeypatch.setattr(module, "DPI", DPI)
+        draw_roughly(monkeypatch)
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():
                 Path(f"{name}.toml").write_text(

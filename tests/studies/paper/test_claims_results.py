@@ -9,15 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from helpers.paper_results import results
 from scipy.constants import c, e, h, k
 from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import norm
 
 from lidarscene import load_sensor
-from lidarscene.studies.paper import figures
-from lidarscene.studies.paper.claims_model import claims_of_the_model
-from lidarscene.studies.paper.claims_results import claims_of_the_results
-from lidarscene.studies.paper.errata import errata
 from lidarscene.studies.ranging import plane
 
 PHOTON = h * c / 905e-9
@@ -307,7 +304,7 @@ def agrees(text, expected):
 
 @pytest.fixture(scope="module")
 def claims():
-    return [*claims_of_the_model(), *claims_of_the_results()]
+    return results().claims
 
 
 def test_every_claim_is_here(claims):
@@ -353,11 +350,11 @@ def test_the_whole_pulse_in_time(lidar, expected):
 
 
 def test_sizes_of_errata():
-    for erratum, expected in zip(errata(), ERRATA, strict=True):
+    for erratum, expected in zip(results().errata, ERRATA, strict=True):
         agrees(erratum.size, expected)
 
 
 def test_numbers_of_captions():
-    captions = {figure.file: figure.caption for figure in figures.figures()}
+    captions = {figure.file: figure.caption for figure in results().figures}
     for file, expected in CAPTIONS.items():
         agrees(captions[file], expected)

@@ -5,20 +5,20 @@ import re
 
 import numpy as np
 import pytest
+from helpers.paper_results import results
 from scipy.constants import c, e, h, k
 
 from lidarscene.figures.page import Page
-from lidarscene.studies.paper import case, figures, study
-from lidarscene.studies.paper.claims_model import FAILS, HOLDS, claims_of_the_model
-from lidarscene.studies.paper.claims_results import claims_of_the_results
-from lidarscene.studies.paper.errata import closed_forms, errata
+from lidarscene.studies.paper import case, study
+from lidarscene.studies.paper.claims_model import FAILS, HOLDS
+from lidarscene.studies.paper.errata import closed_forms
 
 PHOTON = h * c / 905e-9
 
 
 @pytest.fixture(scope="module")
 def claims():
-    return [*claims_of_the_model(), *claims_of_the_results()]
+    return results().claims
 
 
 def column(figure, name):
@@ -35,7 +35,7 @@ def at(figure, name, x):
 
 def test_fig_4e_by_hand():
     """(19) typed out again."""
-    figure = figures.fig_4e()
+    figure = results().figure("fig-4e")
     gain = figure.columns[0]
     aperture = math.pi * 0.025**2
     echo = 0.98**2 * 0.7206 * 0.1 * 45 * aperture / (math.pi * 100**2)
@@ -53,7 +53,7 @@ def test_fig_4e_by_hand():
 
 
 def test_fig_5_by_hand():
-    five_a, five_b, five_c = figures.fig_5a(), figures.fig_5b(), figures.fig_5c()
+    five_a, five_b, five_c = (results().figure(f"fig-5{letter}") for letter in "abc")
     n = five_a.columns[0]
     assert column(five_a, "PDE 40%") == pytest.approx(
         100 * (1 - np.exp(n * (math.exp(-0.4 / 100) - 1))), abs=1e-9
@@ -74,14 +74,14 @@ def test_fig_5_by_hand():
 
 def test_fig_6a_meets_the_table():
     """docs/validation.md: 61.4618 and 22.7009 at 100 m. Tolerance: interpolation between 300 points."""
-    figure = figures.fig_6a()
+    figure = results().figure("fig-6a")
     assert at(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
     assert at(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
     assert [mark.x for mark in figure.chart.marks] == pytest.approx([350.605, 280.871], rel=1e-5)
 
 
 def test_fig_6b_says_which_law():
-    figure = figures.fig_6b()
+    figure = results().figure("fig-6b")
     for name in ("APD, A cos θ", "SiPM, A cos θ"):
         curve = column(figure, name)
         assert curve[0] == pytest.approx(curve[-1], rel=1e-9)
@@ -93,7 +93,7 @@ def test_fig_6b_says_which_law():
 
 
 def test_fig_6c_meets_the_table():
-    figure = figures.fig_6c()
+    figure = results().figure("fig-6c")
     for klux, apd_m, sipm_m in (
         (100, 350.605, 280.871),
         (50, 414.464, 347.782),
@@ -108,7 +108,7 @@ def test_fig_6c_meets_the_table():
 
 
 def test_figures_have_axes_with_units_and_columns_with_names():
-    for figure in figures.figures():
+    for figure in results().figures:
         assert len(figure.header) == len(figure.columns) == len(figure.chart.lines) + 1
         assert len({len(values) for values in figure.columns}) == 1
         assert all(np.isfinite(values).all() for values in figure.columns)
@@ -171,7 +171,7 @@ def test_dead_time_is_not_minimal(claims):
 
 def test_errata_carry_the_sizes_of_the_reference():
     """docs/theory.md 11."""
-    told = {erratum.place: erratum.size for erratum in errata() if erratum.place != "(29), (30)"}
+    told = {erratum.place: erratum.size for erratum in results().errata if erratum.place != "(29), (30)"}
     assert (
         "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5"
         in told["(23), and with it (24) and (25)"]
@@ -182,7 +182,7 @@ def test_errata_carry_the_sizes_of_the_reference():
     assert "16 % too short" in told["(29)"]
     assert "4105" in told["(27) in the dark"]
     assert told["(S6)"] == told["after (10)"] == "none"
-    assert any("41 % too long at 60°" in one.size for one in errata())
+    assert any("41 % too long at 60°" in one.size for one in results().errata)
 
 
 def test_closed_forms_of_table_1():
