@@ -34,7 +34,8 @@ settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "docs/test_study_commands.py", "docs/test_commands.py", "batch/test_run.py", "batch/test_cluster.py", "studies/sipm_events/test_events.py",
+    "docs/test_study_commands.py", "docs/test_commands.py", "batch/test_run.py", "batch/test_cluster.py",
+    "studies/sipm_events/test_events.py",
     "cli/test_batch.py", "chain/test_rain_and_snow.py", "view/test_page.py", "cli/test_paper.py",
     "cli/test_field_of_view.py", "figures/test_pictures.py", "studies/ranging/test_sensitivities.py",
     "studies/sipm_events/test_working_point.py", "kernel/device/test_replay.py", "cli/test_main.py",
