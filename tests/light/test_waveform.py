@@ -36,8 +36,10 @@ CASES = {
 }
 
 
-SUB_ECHOES = {"filtered": 2}
-"""Of a pulse: with an undershoot for each of seven, the kernel alone would take as long as all others."""
+SUB_ECHOES = {"filtered": 2, "peak": 3, "matched filter": 3, "fraction": 3, "strongest": 4, "last": 4, "levels": 4}
+"""Of a pulse: with an undershoot for each of seven, the kernel alone would take as long as all others. Its size grows
+with those of the sub-echoes, so that seven are left to two cases.
+"""
 
 
 def fetched(light, equipped, mi, *, seed=0):
