@@ -124,3 +124,13 @@ def test_echoes_from_beyond_the_unambiguous_range_are_labelled():
     assert (cloud.status[far] == Status.ALIASED).mean() > 0.95
     folded = cloud.status == Status.ALIASED
     np.testing.assert_allclose((cloud.true_range_m - cloud.range_m)[folded], 269.81, atol=1.0)
+
+
+def test_no_light_but_the_echo():
+    """Without sun and dark counts there is no noise; every number stays one, and the surfaces are found."""
+    counter = photons.sensor(*RASTER, "detector.dark_count_rate_hz=0")
+    dark = chain.scene(chain.facing(range_m=10.0, size_m=60.0), klux=0.0)
+    cloud = Simulator(dark, counter).render(seed=2)
+    assert len(cloud) > 0.99 * counter.scanner.pulses
+    assert np.isfinite(cloud.snr).all()
+    assert cloud.detection_probability.min() > 0.99

@@ -86,6 +86,10 @@ class Histogram:
     search: int
 
 
+_LEAST_RATE_HZ = 1e-3
+"""No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Macropixel:
     """SPADs under one background, and the histogram that they fill. Each field a number or (n,).
@@ -122,7 +126,9 @@ class Macropixel:
         bin_s, jitter = histogram.bin_s, spad.jitter_s
         variance = sigma * sigma + jitter * jitter + bin_s * bin_s / 12.0
         per_watt = spad.pde / (photon_energy_j * spad.spads)
-        rate = background_power_w * per_watt + spad.dark_count_rate_hz
+        rate = xp(background_power_w).maximum(
+            background_power_w * per_watt + spad.dark_count_rate_hz, _LEAST_RATE_HZ
+        )
         if spad.stamps == "first":
             free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
         else:
