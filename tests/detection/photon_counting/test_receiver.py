@@ -1,5 +1,6 @@
 """What a histogram receiver reports, against histograms that are filled photon by photon and read by other code."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -232,3 +233,16 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     stop = found.stops[0]
     assert photons.echo_of(stop).mean() == pytest.approx(float(found.detection_probability[0]), abs=0.03)
     assert stop.photons.mean() == pytest.approx(30.0, rel=0.05)
+
+
+@pytest.mark.parametrize("dark_hz", [0.0, 1000.0])
+@pytest.mark.parametrize("klux", [0.0, 20.0])
+def test_more_light_is_never_less_likely_to_be_found(dark_hz, klux):
+    """Up to an echo that fires every SPAD, where counts have next to no variance."""
+    counter = photons.sensor(f"detector.dark_count_rate_hz={dark_hz}")
+    light = photons.echoes_of(counter, 10.0, count=400, illuminance_klux=klux)
+    light = dataclasses.replace(light, peak_power_w=light.peak_power_w * np.geomspace(1e-6, 30.0, 400))
+    found = np.asarray(photons.detected(counter, light).detection_probability)
+    assert found[0] < 0.1
+    assert (np.diff(found) >= -1e-9).all()
+    assert found[-1] == pytest.approx(1.0)

@@ -79,7 +79,9 @@ def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
     close = ops.abs(theta) < 2e-2
     ratio = ops.where(close, 1.0, slope / ops.where(close, 1.0, root))
     lift = ops.where(close, 1.0 / (6.0 * ops.sqrt(mean)), ops.log(ratio) / ops.where(close, 1.0, root))
-    return normal_tail(root + lift)
+    # A Poisson number is never below 0, and F never below the value that stands for it. An echo that fires every SPAD
+    # has next to no variance, and its threshold lies there.
+    return ops.where(excess <= -unit * mean, 1.0, normal_tail(root + lift))
 
 
 def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, Lanes]:
