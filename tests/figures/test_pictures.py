@@ -67,7 +67,6 @@ def test_colours_answer_to_the_column(name: str, cloud: PointCloud, tmp_path: Pa
 
 def test_every_column_can_be_drawn(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
     """Its colours and their scale; the axes of angles are the same for all."""
-
     show = pictures._show
 
     def without_axes(*args: Any, **options: Any) -> Any:
