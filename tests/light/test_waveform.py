@@ -36,7 +36,15 @@ CASES = {
 }
 
 
-SUB_ECHOES = {"filtered": 2, "peak": 3, "matched filter": 3, "fraction": 3, "strongest": 4, "last": 4, "levels": 4}
+SUB_ECHOES = {
+    "filtered": 2,
+    "peak": 3,
+    "matched filter": 3,
+    "fraction": 3,
+    "strongest": 4,
+    "last": 4,
+    "levels": 4,
+}
 """Of a pulse: with an undershoot for each of seven, the kernel alone would take as long as all others. Its size grows
 with those of the sub-echoes, so that seven are left to two cases.
 """
