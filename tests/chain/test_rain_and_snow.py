@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +42,17 @@ def without_glory():
         yield
 
 
+@pytest.fixture(scope="module")
+def frame(without_glory):
+    """Function of kind and seed: a frame of this scene, rendered once."""
+    simulator = cache(lambda kind: Simulator(load_scene(SCENES / f"{kind}.toml"), load_sensor("biaxial-905")))
+    return cache(lambda kind, seed: simulator(kind).render(seed=seed))
+
+
 @pytest.fixture(scope="module", params=("rain", "snow"))
-def sky(request):
+def sky(request, frame):
     """Kind; beams of the upper half, which meet nothing but a tree: first returns, and how many beams."""
-    cloud = render(SCENES / f"{request.param}.toml")
+    cloud = frame(request.param, 0)
     up = (cloud.elevation_rad > math.radians(8.0)) & (np.asarray(cloud.return_number) == 1)
     return request.param, cloud.select(up), np.sum(np.linspace(-12.5, 12.5, 126) > 8.0) * 601
 
@@ -151,15 +159,14 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     return tripped / pulses
 
 
-def test_as_many_beams_as_where_all_particles_are_drawn(sky):
+def test_as_many_beams_as_where_all_particles_are_drawn(sky, frame):
     """Four frames. Those that two weak ones trip together are in both.
 
     Tolerance: counting, and 1 %: of all light one deviate for each peak here, one for each particle there. With
     particles down to what trips it alone rain has 5 % fewer.
     """
     kind, _, beams = sky
-    scene, pulses, frames = load_scene(SCENES / f"{kind}.toml"), 40_000, 4
-    simulator = Simulator(scene, load_sensor("biaxial-905"))
+    pulses, frames = 40_000, 4
     taken = sum(
         np.sum(
             (cloud.elevation_rad > math.radians(8.0))
@@ -167,7 +174,7 @@ def test_as_many_beams_as_where_all_particles_are_drawn(sky):
             & (np.asarray(cloud.status) == Status.WEATHER)
             & (cloud.range_m < 25.0)
         )
-        for cloud in (simulator.render(seed=seed) for seed in range(frames))
+        for cloud in (frame(kind, seed) for seed in range(frames))
     ) / (beams * frames)
     expected = tripped_by_all(kind, pulses)
     error = math.sqrt(expected * (1.0 - expected) * (1.0 / (beams * frames) + 1.0 / pulses))
@@ -209,17 +216,16 @@ def strong_median(kind):
     return float(np.interp(0.5 * taken[-1], taken, r))
 
 
-def test_more_particles_to_a_pulse_change_nothing(monkeypatch):
+def test_more_particles_to_a_pulse_change_nothing(frame, monkeypatch):
     """Drops down to a quarter of what the comparator sees, rather than to a half of it: 0.4 % more points.
 
     The strongest ones of each pulse are the same, so that counting errors nearly cancel; with drops down to all of
     what it sees 4 % were missing.
     """
-    counts = []
-    for share in (air_light._LEFT_OUT, 0.5 * air_light._LEFT_OUT):
-        monkeypatch.setattr(air_light, "_LEFT_OUT", share)
-        cloud = render(SCENES / "rain.toml")
-        counts.append(np.sum(np.asarray(cloud.status) == Status.WEATHER))
+    clouds = [frame("rain", 0)]
+    monkeypatch.setattr(air_light, "_LEFT_OUT", 0.5 * air_light._LEFT_OUT)
+    clouds.append(render(SCENES / "rain.toml"))
+    counts = [np.sum(np.asarray(cloud.status) == Status.WEATHER) for cloud in clouds]
     assert counts[0] > 20_000
     assert abs(counts[1] / counts[0] - 1.0) < 0.01
 
