@@ -21,3 +21,20 @@ label = "right"
 sensor = "table1-sipm"
 position_m = [0, -1, 0]
 """
+
+MOVING = """
+[ego]
+speed_m_s = 20
+
+[[bodies]]
+name = "wall"
+primitive = "box"
+class = "car"
+size_m = [1, 4, 4]
+material = "concrete"
+position_m = [10, 0, 0]
+
+[bodies.motion]
+velocity_m_s = [-10, 2, 0]
+"""
+"""A wall and a sensor that move."""

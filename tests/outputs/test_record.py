@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
-from helpers.walls import LEFT_AND_RIGHT
+from helpers.walls import LEFT_AND_RIGHT, MOVING
 
 import lidarscene
 from lidarscene import (
@@ -25,21 +25,6 @@ from lidarscene.errors import OptionWarning
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
 SETS = tuple(one.removeprefix("--set=") for one in COARSE)
-MOVING = """
-[ego]
-speed_m_s = 20
-
-[[bodies]]
-name = "wall"
-primitive = "box"
-class = "car"
-size_m = [1, 4, 4]
-material = "concrete"
-position_m = [10, 0, 0]
-
-[bodies.motion]
-velocity_m_s = [-10, 2, 0]
-"""
 
 
 @pytest.fixture

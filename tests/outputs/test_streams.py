@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.waiting import wait_until
-from helpers.walls import LEFT_AND_RIGHT
+from helpers.walls import LEFT_AND_RIGHT, MOVING
 
 from lidarscene import load_rig, load_scene, load_sensor
 from lidarscene.cloud import thinning
@@ -30,21 +30,6 @@ from lidarscene.rendering.simulator import Simulator
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
 SENSOR = "table1-apd"
-MOVING = """
-[ego]
-speed_m_s = 20
-
-[[bodies]]
-name = "wall"
-primitive = "box"
-class = "car"
-size_m = [1, 4, 4]
-material = "concrete"
-position_m = [10, 0, 0]
-
-[bodies.motion]
-velocity_m_s = [-10, 2, 0]
-"""
 CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
 
 
