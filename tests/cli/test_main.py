@@ -58,7 +58,7 @@ def test_help_of_render_tells_every_option(run: Run) -> None:
     told = run("render", "-h").out
     options = "-o --sensor --set --seed --pose --chunk --coordinates --no-truth --keep-missed --json --picture --ascii"
     assert [option for option in options.split() if option not in told] == []
-    assert "lidarscene render scenes/car.toml -o out/car.ply" in told
+    assert "lidarscene render car -o out/car.ply" in told
 
 
 def test_version(run: Run) -> None:
@@ -68,7 +68,7 @@ def test_version(run: Run) -> None:
 def test_catalog(run: Run) -> None:
     both = run("catalog")
     assert (both.code, both.err) == (0, "")
-    assert both.out == run("catalog", "sensors").out + run("catalog", "materials").out
+    assert both.out == "".join(run("catalog", kind).out for kind in catalog.KINDS)
     for kind in catalog.KINDS:
         listed = {line.split()[0] for line in run("catalog", kind).out.splitlines()[1:]}
         assert listed == set(catalog.names(kind))

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarscene import catalog
+from lidarscene.errors import InputError
 from lidarscene.scene.file import files_of_scene, load_scene
 from lidarscene.scene.model import Ball, Part, Scene
 
@@ -149,3 +151,20 @@ def test_files_of_a_scene(tmp_path: Path) -> None:
     scene_of(tmp_path, 'base = "base.xml"\n[sensor]\nname = "mine.toml"\n' + body('material = "brick"'))
     named = {path.relative_to(tmp_path).as_posix() for path in files_of_scene(tmp_path / "scene.toml")}
     assert named == {"scene.toml", "house.obj", "mine.toml", "base.xml", "sub/m.ply"}
+
+
+def test_scenes_of_the_package_go_by_their_names() -> None:
+    """The catalogue has every scene file of the repository; a wheel carries them to where `load_scene` looks."""
+    scenes = Path(__file__).parents[2] / "scenes"
+    files = {path.stem for path in scenes.glob("*.toml")} - {"job", "rig"}
+    assert set(catalog.names("scenes")) == files
+    named, pathed = load_scene("edges"), load_scene(scenes / "edges.toml")
+    assert [body.name for body in named.bodies] == [body.name for body in pathed.bodies]
+    assert next(files_of_scene("edges")) == scenes / "edges.toml"
+    assert load_scene("edges", overrides=["sun.illuminance_klux=1"]).sun.illuminance_klux == 1
+
+
+@pytest.mark.parametrize("name", ["kar", "scenes/kar"])
+def test_names_that_are_none(name: str) -> None:
+    with pytest.raises(InputError, match=f"no scene '{name}' in the catalogue; did you mean car"):
+        load_scene(name)

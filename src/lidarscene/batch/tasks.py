@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.toml import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.options import FrameOptions, TraceOptions
-from ..scene.file import files_of_scene, sensor_of_scene
+from ..scene.file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.file import files_of_sensor
 from ..sensor.model import Sensor
@@ -146,7 +146,7 @@ def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[S
 
     given = tuple(_located(one, folder) for one in file.sensors)
     for name in file.scenes:
-        path = folder / name
+        path = folder / name if Path(name).suffix else scene_path(name)
         for trajectory in file.trajectories or (None,):
             for parameters in _points(file.sweep.of_scene()):
                 scene = _scene_choice(path, trajectory, parameters, folder)

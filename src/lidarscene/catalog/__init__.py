@@ -1,7 +1,7 @@
-"""The catalogue: sensors and materials as data files, with a source for every number.
+"""The catalogue: sensors, materials and scenes as data files; sensors and materials have a source for every number.
 
-A sensor or material is a TOML file in a folder of its kind, and its name is the file's. To add one takes no code. This
-module knows names and paths only; `sensor.catalogue` and `materials.catalogue` read the files.
+Each is a TOML file in a folder of its kind, and its name is the file's. To add one takes no code. This module knows
+names and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.file` read the files.
 """
 
 from __future__ import annotations
@@ -13,17 +13,23 @@ from pathlib import Path
 
 from ..errors import InputError
 
-KINDS = ("sensors", "materials")
+KINDS = ("sensors", "materials", "scenes")
+
+BESIDE_SCENES = ("job", "rig")
+"""Files among the scenes that are something else: a job for `batch`, a rig of sensors."""
 
 
 def folder(kind: str) -> Path:
-    """Where the catalogue's files of one kind lie."""
-    return Path(str(resources.files(__package__))) / kind
+    """Where the catalogue's files of one kind lie. Scenes lie in the package only where a wheel put them there."""
+    package = Path(str(resources.files(__package__)))
+    inside = package / kind
+    return package.parents[2] / kind if kind == "scenes" and not inside.is_dir() else inside
 
 
 def names(kind: str) -> list[str]:
     """Names of all entries of one kind, sorted."""
-    return sorted(path.stem for path in folder(kind).glob("*.toml"))
+    found = sorted(path.stem for path in folder(kind).glob("*.toml"))
+    return [name for name in found if name not in BESIDE_SCENES] if kind == "scenes" else found
 
 
 def path_of(kind: str, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""The commands `catalog` and `schema`: what sensors and materials there are, and what may stand in files.
+"""The commands `catalog` and `schema`: what sensors, materials and scenes there are, and what may stand in files.
 
 What can be named, and what can be written, is asked from the program itself: it cannot be out of date.
 """
@@ -15,12 +15,15 @@ from ..errors import InputError
 def add_catalogue(commands: Any) -> None:
     """Add `catalog` and `schema`."""
     catalog = commands.add_parser(
-        "catalog", help="what sensors and materials there are",
+        "catalog", help="what sensors, materials and scenes there are",
         description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
         "against what their makers publish.",
     )  # fmt: skip
     catalog.add_argument(
-        "kind", nargs="?", choices=("sensors", "materials", "check"), help="list only these, or check sensors"
+        "kind",
+        nargs="?",
+        choices=("sensors", "materials", "scenes", "check"),
+        help="list only these, or check sensors",
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
     catalog.add_argument("--json", action="store_true", help="print the check as JSON")

@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 
 RENDER_HELP = """\
 examples:
-  lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png
-  lidarscene render scenes/car.toml -o out/car.ply --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene render car -o out/car.ply --picture out/car.png
+  lidarscene render car -o out/car.ply --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene render my_mesh.glb -o cloud.ply
   lidarscene render my_scene.xml -o cloud.ply --pose -5,0,1.8,0,-2,0 --json
-  lidarscene render scenes/drive.toml -o out/drive --frames 10 --deskew
+  lidarscene render drive -o out/drive --frames 10 --deskew
 """
 
 TRACE, FRAME = TraceOptions(), FrameOptions()
@@ -61,7 +62,10 @@ def add_render(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     render.add_argument(
-        "scene", metavar="SCENE", type=Path, help="scene file (.toml) or Mitsuba scene (.xml)"
+        "scene",
+        metavar="SCENE",
+        type=Path,
+        help="scene file (.toml), Mitsuba scene (.xml), mesh (.glb, .obj, ...), or a scene's name, such as car",
     )
     add = render.add_argument_group("what is simulated").add_argument
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")

@@ -30,7 +30,7 @@ examples:
   lidarscene view out/frames --save out/frames.html
 """
 
-SCENES = (".toml", ".xml")
+SCENES = (".toml", ".xml", ".glb", ".gltf", ".obj", ".off", ".stl")
 
 
 def add_view(commands: Any) -> None:
@@ -94,7 +94,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     from ..scene.file import load_scene
     from ..view.sources import Clouds, Live
 
-    scenes = [path for path in arguments.paths if path.suffix.lower() in SCENES]
+    scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
     clouds = clouds_in([path for path in arguments.paths if path not in scenes])
@@ -105,6 +105,11 @@ def _source(arguments: argparse.Namespace) -> Source:
     if arguments.pose is not None:
         raise InputError("--pose: goes with a scene that is rendered, not with clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)
+
+
+def _is_scene(path: Path) -> bool:
+    """A scene by the end of its name, or by a bare name that is no folder. A PLY file is a cloud here."""
+    return path.suffix.lower() in SCENES or not (path.suffix or path.exists())
 
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:

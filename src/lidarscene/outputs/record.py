@@ -164,7 +164,7 @@ def _inputs(
 ) -> Iterator[Path]:
     """The files that are read."""
     if not isinstance(scene, Scene):
-        yield from files_of_scene(Path(scene), overrides=overrides)
+        yield from files_of_scene(scene, overrides=overrides)
     if isinstance(sensor, Rig):
         yield from sensor.files
     elif sensor is not None and not isinstance(sensor, Sensor):

@@ -15,6 +15,7 @@ from ..detection.outcomes import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.catalogue import material as catalogue_material
 from ..rendering.simulator import Summary
+from ..scene.file import scene_model
 from ..sensor.catalogue import load_sensor
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.
@@ -95,6 +96,8 @@ def catalog_text(kind: str) -> str:
     for name in catalog.names(kind):
         if kind == "sensors":
             lines.append(f"  {name:<26} {load_sensor(name).description}")
+        elif kind == "scenes":
+            lines.append(f"  {name:<26} {scene_model(catalog.path_of(kind, name)).description}")
         else:
             material = catalogue_material(name)
             value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"

@@ -1,7 +1,7 @@
 """What there is to see: bodies, light, weather, and the files that describe them.
 
-A `Scene` is plain data in metres and radians. Files are TOML, Mitsuba XML or what trimesh holds; each mistake in one is
-one line that names file and key.
+A `Scene` is plain data in metres and radians. Files are TOML, Mitsuba XML, meshes or what trimesh holds; each mistake
+in one is one line that names file and key.
 
 model       `Scene`, `Body`, `Part`, `Sun`, `Sky`, `Air`
 weather     fog, rain and snow as data
@@ -11,5 +11,6 @@ motion      motion in scene files
 poses       trajectory files
 meshes      mesh files and primitives
 mesh_cache  meshes kept as arrays between runs
+bare_mesh   a mesh file as a scene
 foreign     scenes of trimesh and Mitsuba
 """

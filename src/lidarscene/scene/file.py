@@ -1,4 +1,4 @@
-"""Scene files: a TOML file, a Mitsuba XML file or a trimesh object in, a `Scene` out.
+"""Scene files: a TOML file, a Mitsuba XML file, a mesh file or a trimesh object in, a `Scene` out.
 
 `load_scene` is the one way in, so that all sources get the same checks and the same one-line errors. Paths in a scene
 file are relative to it.
@@ -16,6 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from .. import catalog
 from ..errors import InputError
 from ..files.toml import read_toml, validated, with_overrides
 from ..materials import catalogue
@@ -24,6 +25,7 @@ from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
 from . import meshes
+from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .mesh_cache import SubMesh
 from .model import Ball, Body, Part, Scene
@@ -42,8 +44,10 @@ def load_scene(
     classes: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> Scene:
-    """A scene from a TOML file, a Mitsuba XML file, or a trimesh object; a `Scene` is returned as it is.
+    """A scene by name or file, or from a trimesh object; a `Scene` is returned as it is.
 
+    scene      a TOML file, a Mitsuba XML file, a mesh file, which is put on a plain of asphalt, or the name of a scene
+               that comes with the package, such as "car"
     overrides  changes to values of a TOML file, such as ``sun.illuminance_klux=1``
     material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a catalogue name, or a
                `Material`. A mesh without either that has its own colour is diffuse with the mean of it.
@@ -64,13 +68,23 @@ def load_scene(
         return trimesh_scene(
             scene, material=material, materials=materials or {}, classes=classes or {}, settings=settings
         )
-    path = Path(scene)
+    path = scene_path(scene)
     if is_xml(path):
         _no_overrides(path, overrides)
         _refuse([name for name in given if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(given, str(path))
-    return scene_from_model(scene_model(path, overrides=overrides), path=path)
+    made = scene_from_model(scene_model(path, overrides=overrides), path=path)
+    if is_mesh(path):
+        tell_of_bare_mesh(path, made)
+    return made
+
+
+def scene_path(scene: str | os.PathLike[str]) -> Path:
+    """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
+    path = Path(scene)
+    named = not path.suffix and not path.is_dir()
+    return catalog.path_of("scenes", str(scene)) if named else path
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
@@ -80,25 +94,30 @@ def _refuse(options: Sequence[str], source: str) -> None:
 
 
 def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
-    """A TOML scene file as a checked model, with overrides. Raises InputError."""
+    """A TOML scene file, or that of a bare mesh, as a checked model, with overrides. Raises InputError."""
     option = "--scene-set"
-    tables = with_overrides(read_toml(path), overrides, option=option)
+    if is_mesh(path):
+        tables = mesh_tables(path, overrides, option=option)
+    else:
+        tables = with_overrides(read_toml(path), overrides, option=option)
     return validated(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
-def sensor_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> str:
+def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:
     """The scene's own sensor, a catalogue name or a file; reads no mesh. Raises InputError."""
+    path = scene_path(scene)
     if is_xml(path):
         _no_overrides(path, overrides)
         return Scene(name="").sensor_name
     return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
 
 
-def files_of_scene(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
+def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> Iterator[Path]:
     """The scene file and all files that it names: meshes, base scene, poses, sensor. No output may overwrite them.
 
     For a file that `load_scene` accepts. What an XML file includes from included files is not known.
     """
+    path = scene_path(scene)
     yield path
     if is_xml(path):
         with suppress(OSError, LookupError, ValueError, ElementTree.ParseError):

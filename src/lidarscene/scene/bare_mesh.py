@@ -1,0 +1,140 @@
+"""A mesh file as a scene: the tables that a scene file of it would hold.
+
+Who has a mesh wants a cloud of it first and a scene file later. What a mesh file does not say is assumed and told: it
+stands on asphalt, in full sun, before a sensor at the height of a car's roof that sees all of it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, OptionWarning
+from ..files.toml import with_overrides
+from ..maths.arrays import Numbers
+from ..maths.pose import Pose
+from . import meshes
+from .model import Part, Scene
+
+MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+"""Ends of the names of mesh files that may stand for a scene."""
+
+SMALLEST_M, LARGEST_M = 0.05, 2000.0
+"""What is smaller or larger across is taken for a mistake of its unit: from a bottle to a quarter of a city."""
+
+UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "kilometres": 1000.0}
+
+PLAIN = "concrete"
+"""Material of what has no colour of its own."""
+
+HEIGHT_M = 1.8
+"""Of the sensor above the ground, as on a car's roof."""
+
+CLEAR_M = 5.0
+"""From the sensor to the nearest side of a small mesh."""
+
+ACROSS_DEG, HIGH_DEG = 60.0, 18.0
+"""Angles that the mesh's near side fills at most: a little less than the field of view of Table 1."""
+
+Y_UP = (".glb", ".gltf")
+"""glTF's y axis is up (glTF 2.0, 3.4). Other formats do not say, and are taken as z up."""
+
+
+def is_mesh(path: Path) -> bool:
+    """Whether this is the name of a mesh file."""
+    return path.suffix.lower() in MESHES
+
+
+def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[str, Any]:
+    """Tables of a scene file for this mesh, with the overrides in it. Raises InputError.
+
+    The body is called "mesh": `bodies.mesh.scale=0.001` says that its unit is the millimetre.
+    """
+    pieces = meshes.read_mesh(path)
+    corners = np.concatenate([piece.vertices_m for piece in pieces])
+    plain = {key: PLAIN for piece in pieces if piece.grey is None for key in piece.keys[:1]}
+    roll_deg = 90.0 if path.suffix.lower() in Y_UP else 0.0
+    found = with_overrides(_tables(path, corners, plain, 1.0, roll_deg), overrides, option=option)
+    # What the user says of unit and axis decides where the mesh and the sensor stand.
+    body = found["bodies"][1]
+    scale, roll_deg = body["scale"], body["roll_deg"]
+    if not isinstance(scale, int | float) or not isinstance(roll_deg, int | float) or scale <= 0.0:
+        return found  # the check of the tables says what is wrong
+    _check_unit(path, float(np.ptp(corners, axis=0).max()) * scale, scale, option)
+    return with_overrides(_tables(path, corners, plain, scale, roll_deg), overrides, option=option)
+
+
+def _tables(
+    path: Path, corners: Numbers, plain: dict[str, str], scale: float, roll_deg: float
+) -> dict[str, Any]:
+    """The ground at z = 0, the mesh on it around the origin, and the sensor that looks along x at its middle."""
+    turned = Pose.from_degrees(roll_deg=roll_deg).apply(corners)
+    low, high = turned.min(axis=0) * scale, turned.max(axis=0) * scale
+    middle, size = (low + high) / 2.0, high - low
+    fits = (
+        size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)
+    ).max()  # the length along x asks for nothing
+    away = float(max(CLEAR_M, fits) + size[0] / 2.0)
+    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, away))
+    return {
+        "name": path.stem,
+        "description": f"the mesh {path.name} on a plain",
+        "sun": {"azimuth_deg": 140.0, "elevation_deg": 40.0, "illuminance_klux": 100.0},
+        "sky": {"diffuse_share": 0.1},
+        "sensor": {"name": "table1-apd", "position_m": [-away, 0.0, HEIGHT_M], "pitch_deg": pitch_deg},
+        "bodies": [
+            {
+                "name": "ground",
+                "class": "terrain",
+                "primitive": "plane",
+                "material": "asphalt",
+                "size_m": [float(4.0 * (away + size.max()))] * 2,
+            },
+            {
+                "name": "mesh",
+                "class": "object",
+                "mesh": path.name,
+                "materials": plain,
+                "scale": scale,
+                "roll_deg": roll_deg,
+                "position_m": [-float(middle[0]), -float(middle[1]), -float(low[2])],
+            },
+        ],
+    }
+
+
+def _check_unit(path: Path, across_m: float, scale: float, option: str) -> None:
+    """Refuse what a wrong unit explains better. Raises InputError."""
+    if SMALLEST_M <= across_m <= LARGEST_M:
+        return
+    fits = [(unit, m) for unit, m in UNITS.items() if SMALLEST_M * 4 <= across_m / scale * m <= LARGEST_M / 4]
+    hint = f"; if its unit is {fits[0][0]}, add {option} bodies.mesh.scale={fits[0][1]:g}" if fits else ""
+    raise InputError(
+        f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}"
+    )
+
+
+def tell_of_bare_mesh(path: Path, scene: Scene) -> None:
+    """Warn of what is assumed."""
+    body = next(body for body in scene.bodies if body.name == "mesh")
+    corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])
+    uses = {part.material for part in body.parts}
+    warnings.warn(
+        OptionWarning(
+            "{0}: a mesh alone is taken as {1:.3g} m across with {6} up, {2}on asphalt in {3:g} klux of sun, "
+            "{4:.3g} m before the sensor, which is {5:.3g} m high; a scene file says what is really there",
+            path,
+            float(np.ptp(corners, axis=0).max()),
+            f"of {PLAIN} where it has no colour, " if PLAIN in uses else "",
+            scene.sun.illuminance_klux,
+            float(np.hypot(*scene.sensor_pose.position_m[:2])),
+            float(scene.sensor_pose.position_m[2]),
+            "y" if path.suffix.lower() in Y_UP else "z",
+        ),
+        stacklevel=3,
+    )
