@@ -27,7 +27,8 @@ from lidarscene.rendering.options import FrameOptions, Keywords, Observers, Trac
         (FrameOptions, {"chunk": 0}, "chunk: must be a whole number from 1 to 2147483647, got 0"),
         (FrameOptions, {"begin_s": float("nan")}, "begin_s: must be a finite number of seconds, got nan"),
         (FrameOptions, {"begin_s": "1"}, "begin_s: must be a finite number of seconds, got '1'"),
-        (FrameOptions, {"pose": (1, 2, 3)}, "pose: must be a Pose, got (1, 2, 3)"),
+        (FrameOptions, {"pose": (1, 2)}, "pose: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in "
+         "degrees, got (1, 2)"),
         (FrameOptions, {"coordinates": "car"}, "coordinates: must be 'world' or 'vehicle' or 'sensor', got 'car'"),
         (TraceOptions, {"rays": 0}, "rays: must be a whole number from 1 to 1024, got 0"),
         (TraceOptions, {"interactions": 9}, "interactions: must be a whole number from 0 to 8, got 9"),
@@ -84,8 +85,12 @@ def test_the_command_line_names_its_own_options() -> None:
     ],
 )
 def test_keywords_are_the_fields(kind: Any, keywords: Any) -> None:
-    """Rationale: a TypedDict cannot be made of a dataclass, so that type checkers need the names twice."""
-    fields = {field.name: field.type for field in dataclasses.fields(kind)}
+    """Rationale: a TypedDict cannot be made of a dataclass, so that type checkers need the names twice.
+
+    A pose is given as a `Pose` or as numbers, and kept as a `Pose`.
+    """
+    kept_as = {"Pose | None": "Placed | None"}
+    fields = {field.name: kept_as.get(field.type, field.type) for field in dataclasses.fields(kind)}
     assert fields == {name: one.__forward_arg__ for name, one in keywords.__annotations__.items()}
 
 

@@ -10,6 +10,7 @@ csv       CSV files with a line of column names
 png       PNG files
 protobuf  Protocol Buffers on the wire
 spool     rows that wait on disk to be read again
+facts     a few facts of an object, for a prompt and a notebook
 optional  optional packages, or what to install
 open3d    Open3D
 pvlib     pvlib: standard spectra, position of the sun

@@ -8,8 +8,9 @@ and of its own models. Here its first error becomes a line in the words of the f
 from __future__ import annotations
 
 import json
+import os
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
 from typing import Any, TypeVar
@@ -226,6 +227,39 @@ def with_overrides(
                 raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
         table[path[-1]] = _toml_value(text)
     return result
+
+
+Overrides = str | Sequence[str] | Mapping[str, Any]
+"""Changes to a file's values: "a.b=value", several of these, or a mapping {"a.b": value} or {"a": {"b": value}}."""
+
+
+def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, ...]:
+    """Overrides as assignments "a.b=value". Raises InputError for what is none, under the ``name`` of the option."""
+    if isinstance(overrides, str):
+        return (overrides,)
+    if isinstance(overrides, Mapping):
+        return tuple(_assigned(overrides))
+    listed = tuple(overrides) if isinstance(overrides, Iterable) else (None,)
+    if all(isinstance(one, str) for one in listed):
+        return listed
+    raise InputError(
+        f'{name}: must be "key=value", a list of these, or a dict of values by key, got {_shown(overrides)}'
+    )
+
+
+def _assigned(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _assigned(value, f"{path}{key}.")
+        else:
+            yield f"{path}{key}={toml_text(_plain(value))}"
+
+
+def _plain(value: Any) -> Any:
+    """A value without NumPy, and a path as its text."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 _EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1"}

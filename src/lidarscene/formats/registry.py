@@ -131,6 +131,8 @@ DATASETS = ("kitti", "semantickitti")
 
 def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     """Return the format of this name, or else the one whose suffix the path has; the longest suffix wins."""
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"path: must be the name of a file, got {type(path).__name__}")
     if name is not None:
         if name not in FORMATS:
             raise InputError(f"format '{name}': there is none; the choices are {', '.join(FORMATS)}")

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
-from ..errors import OptionError, OptionWarning
+from ..errors import InputError, OptionError, OptionWarning
+from ..files.toml import Overrides, assignments
 from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig import require_common_frames, simulators
 from ..rendering.summary import Summary
@@ -24,7 +25,7 @@ from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig
 from .frame_files import FrameFiles
-from .options import FRAMES, Outputs
+from .options import FRAMES, File, Outputs
 from .plan import Plan, check_writable, keep_inputs
 from .streams import pulses_of_waveforms
 
@@ -77,23 +78,26 @@ def record(
     scene: Named | Scene,
     sensor: Named | Sensor | Rig | None = None,
     *,
-    outputs: Outputs,
+    outputs: Outputs | File,
     frames: int | None = None,
-    overrides: Sequence[str] = (),
-    scene_overrides: Sequence[str] = (),
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
     **options: Unpack[RecordKeywords],
 ) -> Recorded:
     """Render a frame, or so many ``frames`` one after the other, into the files of ``outputs``.
 
     scene            scene file, Mitsuba XML or `Scene`
     sensor           catalogue name, sensor file, `Sensor` or `Rig` (`load_rig`); the scene's own if None
+    outputs          an `Outputs`, or the file of the cloud alone
     frames           how many, from the options' number on; None: one, whose cloud is the file `Outputs.path`
-    overrides        changes to the sensor file's values, ``detector.gain=60``
-    scene_overrides  changes to the scene file's values, ``sun.illuminance_klux=1``
+    overrides        changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+    scene_overrides  changes to the scene file's values, likewise
     options          `TraceOptions` as ``trace`` and `FrameOptions` as ``frame``, or their fields; the pose is the
                      vehicle's if there is a rig. ``progress`` is told (done, pulses) of all frames
     Raises InputError and OutputError before anything is traced. No file that the run reads is written over.
     """
+    changes = assignments(overrides)
+    scene_changes = assignments(scene_overrides, name="scene_overrides")
     told = Observers(progress=options.pop("progress", None)).progress
     keywords = Keywords(options)
     trace, frame = keywords.take(TraceOptions), keywords.take(FrameOptions)
@@ -101,10 +105,14 @@ def record(
     if frames is not None:
         FRAMES.check("frames", frames)
     rig = sensor if isinstance(sensor, Rig) else None
-    if overrides and isinstance(sensor, Rig | Sensor):
+    if changes and isinstance(sensor, Rig | Sensor):
         raise OptionError(
             "{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__
         )
+    if isinstance(outputs, str | os.PathLike):
+        outputs = Outputs(outputs)
+    if not isinstance(outputs, Outputs):
+        raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
     plan = Plan(outputs, frames, rig is not None)
     plan.check(frame.coordinates)
     before, since = Summary(), time.perf_counter()
@@ -116,11 +124,11 @@ def record(
     wanted = [plan.files(label, number) for label, _, number in clouds]
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
     check_writable(wanted)
-    described = load_scene(scene, overrides=scene_overrides)
-    sensors = _sensors(described, sensor, overrides, frame)
+    described = load_scene(scene, overrides=scene_changes)
+    sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(one.sensor for one in sensors)
-    keep_inputs(wanted, [*_inputs(scene, scene_overrides, sensor)])
+    keep_inputs(wanted, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers are told now, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:

@@ -6,11 +6,12 @@ Most users want one cloud of one scene. They need not know of simulators, which 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Unpack
 
 from ..cloud.points import PointCloud
+from ..files.toml import Overrides
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
@@ -24,42 +25,46 @@ def render_frames(
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
     frames: int,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
     **options: Unpack[RenderKeywords],
 ) -> Iterator[PointCloud]:
     """So many frames of a sensor, one after the other, each when it is asked for; the rest as for `render`."""
     Whole(1, NUMBERS.high).check("frames", frames)
-    simulator, first, observers = _prepared(scene, sensor, overrides, options)
+    simulator, first, observers = _prepared(scene, sensor, overrides, scene_overrides, options)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
-    for number in numbers:
-        yield simulator.render(replace(first, number=number), observers)
+    # A generator of its own, so that mistakes are told by the call and not by the first frame.
+    return (simulator.render(replace(first, number=number), observers) for number in numbers)
 
 
 def render(
     scene: str | os.PathLike[str] | Scene,
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
     **options: Unpack[RenderKeywords],
 ) -> PointCloud:
     """One frame of a sensor in a scene.
 
-    scene      scene file, Mitsuba XML or `Scene`
-    sensor     catalogue name, sensor file or `Sensor`; the scene's own if None
-    overrides  changes to the sensor file's values, ``detector.gain=60``
-    options    `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the fields
-               of any of them: ``seed=1, rays=3``
+    scene            a scene's name, such as "car", scene file, Mitsuba XML, mesh file or `Scene`
+    sensor           catalogue name, sensor file or `Sensor`; the scene's own if None
+    overrides        changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+    scene_overrides  changes to the scene file's values, likewise
+    options          `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
+                     fields of any of them: ``seed=1, rays=3``
     Raises InputError for a mistake in a file or an option, BackendError without a usable Mitsuba back end.
     """
-    simulator, frame, observers = _prepared(scene, sensor, overrides, options)
+    simulator, frame, observers = _prepared(scene, sensor, overrides, scene_overrides, options)
     return simulator.render(frame, observers)
 
 
 def _prepared(
     scene: str | os.PathLike[str] | Scene,
     sensor: str | os.PathLike[str] | Sensor | None,
-    overrides: Sequence[str],
+    overrides: Overrides,
+    scene_overrides: Overrides,
     options: RenderKeywords,
 ) -> tuple[Simulator, FrameOptions, Observers]:
     """A simulator of what is named, ready to render, and the options of the frame."""
@@ -68,6 +73,6 @@ def _prepared(
         keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers)
     )  # fmt: skip
     keywords.end()
-    described = load_scene(scene)
+    described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     return Simulator(described, equipped, trace, pose=frame.pose), frame, observers

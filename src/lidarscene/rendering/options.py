@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypedDict, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypedDict, TypeVar, cast
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
     from .summary import Summary
+
+Placed: TypeAlias = "Pose | Sequence[float]"
+"""Where a sensor stands: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
 
 COORDINATES = ("world", "vehicle", "sensor")
 
@@ -83,7 +86,8 @@ class FrameOptions:
     number       of the frame: later ones have later pulses, at later times, with noise of their own
     begin_s      when frame 0 begins, by the clock of the scene's motions
     pose         where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle;
-                 None: the simulator's, or else the scene's own
+                 None: the simulator's, or else the scene's own. A `Pose`, or (x, y, z) in metres, with or without
+                 (..., yaw, pitch, roll) in degrees
     coordinates  of the points: "world", "vehicle" or "sensor". A sensor that moves does not know it: all points are
                  placed from where it stood at the frame's start (see `deskewed`)
     chunk        rays traced at a time: bounds the memory, changes nothing else
@@ -107,17 +111,26 @@ class FrameOptions:
         if not isinstance(begin_s, Real) or not math.isfinite(self.begin_s):
             raise OptionError("{begin_s}: must be a finite number of seconds, got {0!r}", begin_s)
         if self.pose is not None:
-            _check_pose(self.pose)
+            object.__setattr__(self, "pose", placed(self.pose))
         if self.coordinates not in COORDINATES:
             known = " or ".join(map(repr, COORDINATES))
             raise OptionError("{coordinates}: must be {0}, got {1!r}", known, self.coordinates)
 
 
-def _check_pose(pose: object) -> None:
+def placed(pose: object) -> Pose:
+    """A `Pose`, also from three to six numbers. Raises OptionError."""
     from ..maths.pose import Pose
 
-    if not isinstance(pose, Pose):
-        raise OptionError("{pose}: must be a Pose, got {0!r}", pose)
+    if isinstance(pose, Pose):
+        return pose
+    numbers = list(pose) if isinstance(pose, Iterable) and not isinstance(pose, str) else []
+    if not 3 <= len(numbers) <= 6 or not all(isinstance(n, Real) and math.isfinite(n) for n in numbers):
+        raise OptionError(
+            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0!r}",
+            pose,
+        )
+    x, y, z, yaw, pitch, roll = [float(n) for n in numbers] + [0.0] * (6 - len(numbers))
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -162,7 +175,7 @@ class FrameKeywords(TypedDict, total=False):
     seed: int
     number: int
     begin_s: float
-    pose: Pose | None
+    pose: Placed | None
     coordinates: str
     chunk: int
 

@@ -7,6 +7,7 @@ goes in as numbers on the device.
 from __future__ import annotations
 
 import functools
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,9 +23,10 @@ from ..kernel.rays import columns as collect
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Lanes, Numbers
-from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
+from ..scene.file import load_scene
 from ..scene.model import Scene
+from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
 from .frame import Frame, check_frame, motion_of
@@ -34,9 +36,11 @@ from .options import (
     FrameOptions,
     Keywords,
     Observers,
+    Placed,
     StreamKeywords,
     TraceKeywords,
     TraceOptions,
+    placed,
 )
 from .stages import Chain, Stages
 from .summary import Summary as Summary
@@ -66,16 +70,18 @@ class Simulator:
 
     def __init__(
         self,
-        scene: Scene,
-        sensor: Sensor,
+        scene: str | os.PathLike[str] | Scene,
+        sensor: str | os.PathLike[str] | Sensor | None = None,
         trace: TraceOptions | None = None,
         *,
         world: World | None = None,
-        pose: Pose | None = None,
+        pose: Placed | None = None,
         **options: Unpack[TraceKeywords],
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
+        scene    a name, a file or a `Scene`, as for `load_scene`
+        sensor   a catalogue name, a file or a `Sensor`; the scene's own if None
         pose     where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
                  scene's own if None. `render` takes another per frame.
         options  fields of `TraceOptions`, in place of those of ``trace``
@@ -84,8 +90,9 @@ class Simulator:
         keywords = Keywords(options)
         self.trace = trace = keywords.take(TraceOptions, trace)
         keywords.end()
-        self.scene, self.sensor = scene, sensor
-        self.pose = pose or scene.sensor_pose
+        self.scene = scene = load_scene(scene)
+        self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
+        self.pose = scene.sensor_pose if pose is None else placed(pose)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,
@@ -107,6 +114,9 @@ class Simulator:
             self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
             sources = (air.strongest, *air.sources)
             self._air_classes = transfer.whole_numbers([self.class_names.index(name) for name in sources])
+
+    def __repr__(self) -> str:
+        return f"Simulator({self.sensor!r} in {self.scene!r})"
 
     @property
     def motion(self) -> Motion:

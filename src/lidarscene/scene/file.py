@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import catalog
 from ..errors import InputError
-from ..files.toml import read_toml, validated, with_overrides
+from ..files.toml import Overrides, assignments, read_toml, validated, with_overrides
 from ..materials import catalogue
 from ..materials.material import Material
 from ..maths.pose import Pose
@@ -38,7 +38,7 @@ SMALLEST_BODY_M = 1e-6
 def load_scene(
     scene: Any,
     *,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     material: str | Material | None = None,
     materials: Mapping[str, str | Material] | None = None,
     classes: Mapping[str, str] | None = None,
@@ -48,7 +48,8 @@ def load_scene(
 
     scene      a TOML file, a Mitsuba XML file, a mesh file, which is put on a plain of asphalt, or the name of a scene
                that comes with the package, such as "car"
-    overrides  changes to values of a TOML file, such as ``sun.illuminance_klux=1``
+    overrides  changes to values of a TOML file: "sun.illuminance_klux=1", a list of these, or
+               {"sun.illuminance_klux": 1}
     material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a catalogue name, or a
                `Material`. A mesh without either that has its own colour is diffuse with the mean of it.
     materials  the same by name of a mesh's material, geometry or node; for a Mitsuba XML file by BSDF id, where BSDFs
@@ -58,23 +59,24 @@ def load_scene(
 
     Raises InputError: one line with the file and the key.
     """
+    changes = assignments(overrides, name="scene_overrides")
     options = {"material": material, "materials": materials, "classes": classes, **settings}
     given = [name for name, value in options.items() if value is not None]
     if isinstance(scene, Scene):
-        _refuse(given, "a Scene")
+        _refuse([*given, *(f"override {one}" for one in changes)], "a Scene")
         return scene
     if not isinstance(scene, (str, os.PathLike)):
-        _refuse([f"override {one}" for one in overrides], "a mesh")
+        _refuse([f"override {one}" for one in changes], "a mesh")
         return trimesh_scene(
             scene, material=material, materials=materials or {}, classes=classes or {}, settings=settings
         )
     path = scene_path(scene)
     if is_xml(path):
-        _no_overrides(path, overrides)
+        _no_overrides(path, changes)
         _refuse([name for name in given if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(given, str(path))
-    made = scene_from_model(scene_model(path, overrides=overrides), path=path)
+    made = scene_from_model(scene_model(path, overrides=changes), path=path)
     if is_mesh(path):
         tell_of_bare_mesh(path, made)
     return made

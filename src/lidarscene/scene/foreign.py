@@ -34,7 +34,9 @@ def trimesh_scene(
     where = "load_scene"
     loaded = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(loaded, trimesh.Scene):
-        raise InputError(f"{where}: must be a Trimesh or a trimesh.Scene, got {type(mesh).__name__}")
+        raise InputError(
+            f"scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got {type(mesh).__name__}"
+        )
     pieces = pieces_of(loaded)
     checked([piece for _, piece in pieces], where)
     known = {key for _, piece in pieces for key in piece.keys}

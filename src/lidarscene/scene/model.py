@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from ..files import facts
 from ..materials.material import Material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
@@ -166,3 +167,20 @@ class Scene:
     view: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return facts.line("Scene", self.name, self.facts())
+
+    def _repr_html_(self) -> str:
+        return facts.table("Scene", self.name, self.facts())
+
+    def facts(self) -> dict[str, str]:
+        """What a line about the scene says."""
+        x, y, z = self.sensor_pose.position_m
+        found = {
+            "bodies": f"{len(self.bodies):,}",
+            "triangles": f"{sum(len(p.faces) for b in self.bodies for p in b.parts if isinstance(p, Part)):,}",
+            "sun": f"{self.sun.illuminance_klux:g} klux",
+            "sensor": f"{self.sensor_name} at {x:g}, {y:g}, {z:g} m",
+        }
+        return found | ({"base": str(self.base)} if self.base else {})

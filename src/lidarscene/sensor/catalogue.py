@@ -6,27 +6,31 @@ A name of the catalogue and a path are taken alike, so that a sensor of one's ow
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from ..catalog import path_of
+from ..errors import InputError, OptionError
+from ..files.toml import Overrides, assignments
 from .file import read_sensor
 from .model import Sensor
 from .readout import PublishedFile, read_published
 
 
-def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Sequence[str] = ()) -> Sensor:
+def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
     """A sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` stays.
 
-    overrides  ``detector.gain=60``-like changes to the file's values
+    overrides  changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
     Raises InputError.
     """
+    changes = assignments(overrides)
     if isinstance(sensor, Sensor):
+        if changes:
+            raise OptionError("{overrides}: must go with the name or file of a sensor, got a Sensor")
         return sensor
+    if not isinstance(sensor, str | os.PathLike):
+        raise InputError(f"sensor: must be a name, a file or a Sensor, got {type(sensor).__name__}")
     name = os.fspath(sensor)
-    return read_sensor(
-        Path(name) if name.endswith(".toml") else path_of("sensors", name), overrides=overrides
-    )
+    return read_sensor(Path(name) if name.endswith(".toml") else path_of("sensors", name), overrides=changes)
 
 
 def published(name: str) -> PublishedFile | None:

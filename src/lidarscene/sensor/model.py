@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from ..errors import OptionWarning
+from ..files import facts
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import Key, Quantity
@@ -307,6 +308,20 @@ class Sensor:
     intensity: Intensity | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return facts.line("Sensor", self.name, self.facts())
+
+    def _repr_html_(self) -> str:
+        return facts.table("Sensor", self.name, self.facts())
+
+    def facts(self) -> dict[str, str]:
+        """What a line about the sensor says."""
+        return {
+            "laser": f"{float(self.laser.wavelength_m) * 1e9:g} nm, {float(self.laser.peak_power_w):.3g} W",
+            "detector": type(self.detector).__name__,
+            "pulses": f"{self.scanner.pulses:,} a frame",
+        }
 
     def source_of(self, key: str) -> str | None:
         """Where the number of a dotted key of the sensor file comes from: its own source, or its table's."""

@@ -14,7 +14,7 @@ from typing import Annotated, Protocol
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.toml import FileModel, addressed, read_toml, validated
+from ..files.toml import FileModel, Overrides, addressed, assignments, read_toml, validated
 from .catalogue import load_sensor
 from .file import PoseFile
 from .model import Sensor
@@ -62,12 +62,14 @@ class RigFile(FileModel):
         return self
 
 
-def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Sequence[str] = ()) -> Rig:
+def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) -> Rig:
     """A rig from a TOML file; a `Rig` stays.
 
     overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """
-    return rig if isinstance(rig, Rig) else read_rig(Path(rig), overrides=overrides)
+    if not isinstance(rig, str | os.PathLike | Rig):
+        raise InputError(f"rig: must be a file or a Rig, got {type(rig).__name__}")
+    return rig if isinstance(rig, Rig) else read_rig(Path(rig), overrides=assignments(overrides))
 
 
 def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Sequence[str] = ()) -> Rig:

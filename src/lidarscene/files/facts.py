@@ -1,0 +1,20 @@
+"""A few facts of an object: one line for a prompt, a small table for a notebook.
+
+Scenes and sensors hold arrays of millions of numbers, which nobody wants printed.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+
+
+def line(kind: str, name: str, facts: Mapping[str, str]) -> str:
+    """Such as `Scene('car': bodies 12, triangles 34,567)`."""
+    return f"{kind}({name!r}: {', '.join(f'{key} {value}' for key, value in facts.items())})"
+
+
+def table(kind: str, name: str, facts: Mapping[str, str]) -> str:
+    """The same as HTML."""
+    rows = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in facts.items())
+    return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"

@@ -1,0 +1,92 @@
+"""What users call: names, files and objects alike; overrides as people write them; mistakes in one line."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarscene
+from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.maths.pose import Pose
+from lidarscene.rendering.options import FrameOptions
+
+COARSE = {"scanner": {"azimuth_step_deg": 2.0, "elevation_step_deg": np.float32(2.0)}}
+
+
+def test_a_simulator_takes_names(mi: Any) -> None:
+    named = lidarscene.Simulator("edges", "table1-sipm", pose=(1, 0, 1.8, 0, -2))
+    scene, sensor = lidarscene.load_scene("edges"), lidarscene.load_sensor("table1-sipm")
+    assert (named.scene.name, named.sensor.name) == (scene.name, sensor.name)
+    expected = Pose.from_degrees(position_m=(1, 0, 1.8), pitch_deg=-2)
+    np.testing.assert_array_equal(named.pose.position_m, expected.position_m)
+    np.testing.assert_array_equal(named.pose.rotation, expected.rotation)
+    assert lidarscene.Simulator(scene, world=named.world).sensor.name == scene.sensor_name
+
+
+def test_overrides_of_scene_and_sensor(mi: Any) -> None:
+    """As text, as a list and as a mapping, they make the same cloud; the scene's change its light."""
+    steps = ["scanner.azimuth_step_deg=2.0", "scanner.elevation_step_deg=2.0"]
+    dusk = lidarscene.render("edges", overrides=steps, scene_overrides="sun.illuminance_klux=1")
+    same = lidarscene.render("edges", overrides=COARSE, scene_overrides={"sun": {"illuminance_klux": 1}})
+    noon = lidarscene.render("edges", overrides=COARSE, scene_overrides=["sun.illuminance_klux=100"])
+    np.testing.assert_array_equal(dusk.xyz_m, same.xyz_m)
+    assert np.median(dusk.snr) > np.median(noon.snr)
+
+
+@pytest.mark.parametrize(
+    "pose", [(1.0, 2.0, 3.0), [1, 2, 3, 40, 5], np.array([1.0, 2.0, 3.0, 40.0, 5.0, 6.0])]
+)
+def test_a_pose_in_numbers(pose: Any) -> None:
+    given = [*pose] + [0.0] * (6 - len(pose))
+    expected = Pose.from_degrees(
+        position_m=tuple(given[:3]), yaw_deg=given[3], pitch_deg=given[4], roll_deg=given[5]
+    )
+    made = FrameOptions(pose=pose).pose
+    assert made is not None
+    np.testing.assert_array_equal(made.position_m, expected.position_m)
+    np.testing.assert_array_equal(made.rotation, expected.rotation)
+
+
+MISTAKES: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], str]] = [
+    (lidarscene.load_sensor, (3,), {}, "sensor: must be a name, a file or a Sensor, got int"),
+    (lidarscene.load_sensor, ("vlp-16",), {"overrides": 3}, 'overrides: must be "key=value", a list of these, or'),
+    (lidarscene.load_scene, (3,), {}, "scene: must be a name, a file, a Scene, .*, got int"),
+    (lidarscene.load_scene, ("car",), {"overrides": [1]}, 'scene_overrides: must be "key=value", a list'),
+    (lidarscene.load_rig, (3,), {}, "rig: must be a file or a Rig, got int"),
+    (lidarscene.render, ("edges",), {"pose": (1, 2)}, r"pose: must be a Pose, or x, y, z in metres .*, got \(1, 2\)"),
+    (lidarscene.render, ("edges",), {"pose": "here"}, "pose: must be a Pose"),
+    (lidarscene.render, ("edges",), {"pose": (0, 0, float("nan"))}, "pose: must be a Pose"),
+    (lidarscene.render, ("edges",), {"seed": 1.5}, "seed: must be a whole number"),
+    (lidarscene.render_frames, ("edges",), {"frames": 2.0}, "frames: must be a whole number"),
+    (lidarscene.record, ("edges",), {"outputs": 3}, "outputs: must be a file or Outputs, got int"),
+    (lidarscene.PointCloud.load, (3,), {}, "path: must be the name of a file, got int"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "given", "options", "told"), MISTAKES)
+def test_a_slip_is_one_line(call: Any, given: Any, options: Any, told: str) -> None:
+    """Told by the call itself, also where frames come one by one."""
+    with pytest.raises(LidarSceneError, match=told) as error:
+        call(*given, **options)
+    assert "\n" not in str(error.value)
+
+
+def test_overrides_of_what_is_made_already() -> None:
+    sensor = lidarscene.load_sensor("table1-apd")
+    with pytest.raises(InputError, match="overrides: must go with the name or file of a sensor"):
+        lidarscene.load_sensor(sensor, overrides="detector.gain=60")
+
+
+def test_a_file_is_outputs_enough(mi: Any, tmp_path: Path) -> None:
+    recorded = lidarscene.record("edges", outputs=tmp_path / "a.ply", overrides=COARSE)
+    assert recorded.files == (tmp_path / "a.ply",)
+
+
+def test_a_line_and_a_table_about_each() -> None:
+    """Short: a scene or a sensor holds arrays of millions of numbers."""
+    for one in (lidarscene.load_scene("car"), lidarscene.load_sensor("vlp-16")):
+        assert len(repr(one)) < 200
+        assert one.name in repr(one)
+        assert one._repr_html_().count("<tr>") == len(one.facts())
