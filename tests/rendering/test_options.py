@@ -17,6 +17,9 @@ from lidarscene.rendering import options
 from lidarscene.rendering.options import FrameOptions, Keywords, Observers, TraceOptions
 
 
+POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"
+
+
 @pytest.mark.parametrize(
     ("kind", "given", "told"),
     [
@@ -27,8 +30,7 @@ from lidarscene.rendering.options import FrameOptions, Keywords, Observers, Trac
         (FrameOptions, {"chunk": 0}, "chunk: must be a whole number from 1 to 2147483647, got 0"),
         (FrameOptions, {"begin_s": float("nan")}, "begin_s: must be a finite number of seconds, got nan"),
         (FrameOptions, {"begin_s": "1"}, "begin_s: must be a finite number of seconds, got '1'"),
-        (FrameOptions, {"pose": (1, 2)}, "pose: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in "
-         "degrees, got (1, 2)"),
+        (FrameOptions, {"pose": (1, 2)}, f"pose: must be {POSE}, got (1, 2)"),
         (FrameOptions, {"coordinates": "car"}, "coordinates: must be 'world' or 'vehicle' or 'sensor', got 'car'"),
         (TraceOptions, {"rays": 0}, "rays: must be a whole number from 1 to 1024, got 0"),
         (TraceOptions, {"interactions": 9}, "interactions: must be a whole number from 0 to 8, got 9"),
