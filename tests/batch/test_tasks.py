@@ -146,8 +146,8 @@ def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str,
 @pytest.mark.parametrize(
     ("swept", "told"),
     [
-        ('"weather.rain" = [1]', "scene.toml --scene-set weather.rain=1: unknown key 'weather.rain'; known here: fog"),
-        ('"wether.rain_mm_h" = [1]', "scene.toml --scene-set wether.rain_mm_h=1: unknown key 'wether'; known here:"),
+        ('"weather.rain" = [1]', "scene.toml --scene-set weather.rain=1: unknown key 'weather.rain'; did you mean"),
+        ('"wether.rain_mm_h" = [1]', "--scene-set wether.rain_mm_h=1: unknown key 'wether'; did you mean weather? "),
         ('"bodies.wal.yaw_deg" = [1]', "must be bodies.NAME.KEY, with a name of wall"),
         ('"sun.azimuth_deg" = [0, "east"]', 'sun.azimuth_deg: must be a number, got "east"'),
     ],

@@ -16,7 +16,6 @@ from lidarscene.outputs.options import Outputs
 from lidarscene.rendering import options
 from lidarscene.rendering.options import FrameOptions, Keywords, Observers, TraceOptions
 
-
 POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"
 
 

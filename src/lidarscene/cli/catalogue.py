@@ -1,4 +1,4 @@
-"""The commands `catalog` and `schema`: what sensors, materials and scenes there are, and what may stand in files.
+"""The commands `catalog`, `schema` and `check`: what there is, what may stand in files, and what is wrong in one.
 
 What can be named, and what can be written, is asked from the program itself: it cannot be out of date.
 """
@@ -7,13 +7,26 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from .terminal import Answer
+
+KINDS = ("scene", "sensor", "rig", "material", "job")
+
+TELLING = {
+    "sensor": {"laser", "detector", "tdc", "scanner", "optics"},
+    "rig": {"sensors"},
+    "job": {"scenes", "sweep", "seed_count"},
+    "material": {"bsdf", "reflectivity"},
+}
+"""Tables and keys that only a file of this kind has. A job has sensors too, so that it is looked for before a rig."""
 
 
 def add_catalogue(commands: Any) -> None:
-    """Add `catalog` and `schema`."""
+    """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog", help="what sensors, materials and scenes there are",
         description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
@@ -34,8 +47,17 @@ def add_catalogue(commands: Any) -> None:
         description="Print the JSON Schema of scene, sensor, material, rig or job files; editors complete and check "
         "with it.",
     )  # fmt: skip
-    schema.add_argument("kind", choices=("scene", "sensor", "material", "rig", "job"))
+    schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=schema_text)
+
+    check = commands.add_parser(
+        "check", help="all mistakes of a file at once",
+        description="Read a scene, sensor, rig, material or job file and tell every mistake in it, one a line. "
+        "Exit code 2 if there are any.",
+    )  # fmt: skip
+    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene")
+    check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
+    check.set_defaults(run=check_text)
 
 
 def catalog_text(arguments: argparse.Namespace) -> str:
@@ -65,16 +87,91 @@ def _check_text(arguments: argparse.Namespace) -> str:
     return catalogue.as_text(checks)
 
 
-def schema_text(arguments: argparse.Namespace) -> str:
-    """Run `schema`; returns what is printed."""
+def file_models() -> dict[str, Any]:
+    """The model of each kind of file."""
     from ..batch.file import JobFile
     from ..materials.file import MaterialFile
     from ..scene.tables import SceneFile
     from ..sensor.file import SensorFile
     from ..sensor.rig_file import RigFile
 
-    models: dict[str, Any] = {
+    return {
         "scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile,
     }  # fmt: skip
+
+
+def schema_text(arguments: argparse.Namespace) -> str:
+    """Run `schema`; returns what is printed."""
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return json.dumps(dialect | models[arguments.kind].model_json_schema(by_alias=True), indent=2)
+    return json.dumps(dialect | file_models()[arguments.kind].model_json_schema(by_alias=True), indent=2)
+
+
+def check_text(arguments: argparse.Namespace) -> Answer:
+    """Run `check`; one line a mistake, or one a file that has none."""
+    lines, code = [], 0
+    for path in arguments.files:
+        found = list(_mistakes(path, arguments.kind))
+        lines += found or [f"{path}: no mistake found"]
+        code = InputError.exit_code if found else code
+    return Answer("\n".join(lines), code)
+
+
+def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
+    from ..files.toml import faults, read_toml
+    from ..scene.file import scene_path
+
+    try:
+        if path.suffix.lower() != ".toml":
+            path = scene_path(path)
+        if path.suffix.lower() != ".toml":
+            yield from _whole("scene", path)
+            return
+        tables = read_toml(path)
+        kind = kind or _kind_of(tables)
+        found = faults(file_models()[kind], tables)
+        yield from (f"{path}: {line}" for line in found)
+        if not found:
+            yield from _whole(kind, path)
+    except InputError as error:
+        yield str(error)
+
+
+def _kind_of(tables: dict[str, Any]) -> str:
+    """The kind of which it has most telling keys; a scene if it has none."""
+    counts = {kind: len(keys & tables.keys()) for kind, keys in TELLING.items()}
+    order = ("job", "rig", "sensor", "material")
+    best = max(order, key=lambda kind: counts[kind])
+    return best if counts[best] and "bodies" not in tables else "scene"
+
+
+def _whole(kind: str, path: Path) -> Iterator[str]:
+    """Mistakes that only show when everything that the file names is read: the first one, of a scene one a body."""
+    from ..batch.file import read_job
+    from ..materials.file import read_material
+    from ..scene.file import load_scene, scene_from_model, scene_model
+    from ..sensor.file import read_sensor
+    from ..sensor.rig_file import load_rig
+
+    readers: dict[str, Any] = {
+        "scene": load_scene, "sensor": read_sensor, "rig": load_rig, "material": read_material, "job": read_job,
+    }  # fmt: skip
+    try:
+        readers[kind](path)
+        return
+    except InputError as error:
+        first = str(error)
+    if kind != "scene" or path.suffix.lower() != ".toml":
+        yield first
+        return
+    file, told = scene_model(path), set()
+    for index, body in enumerate(file.bodies):
+        try:
+            scene_from_model(file.model_copy(update={"bodies": (body,)}), path=path)
+        except InputError as error:
+            # Alone, a body is number 0.
+            line = str(error).replace("bodies[0 ", f"bodies[{index} ", 1)
+            if line not in told:
+                told.add(line)
+                yield line
+    if not told:
+        yield first

@@ -7,6 +7,7 @@ and of its own models. Here its first error becomes a line in the words of the f
 
 from __future__ import annotations
 
+import difflib
 import json
 import os
 import tomllib
@@ -96,7 +97,47 @@ def validated(
             path = _numbered(_key_path(assignment), tables)
             shared = min(len(path), len(place))
             where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
-        raise InputError(f"{where}: {_message(first, model, tables)}{more}") from None
+        hint = ""
+        if overrides and first["type"] == "extra_forbidden" and place[0] in OTHERS.get(option, ()):
+            hint = f"; try {next(other for other in OTHERS if other != option)}"
+        raise InputError(f"{where}: {_message(first, model, tables)}{more}{hint}") from None
+
+
+OTHERS = {
+    "--set": (
+        "sun",
+        "sky",
+        "air",
+        "weather",
+        "interference",
+        "ego",
+        "sensor",
+        "picture",
+        "materials",
+        "bodies",
+    ),
+    "--scene-set": (
+        "laser",
+        "optics",
+        "scanner",
+        "detector",
+        "receiver",
+        "tdc",
+        "sampler",
+        "histogram",
+        "mounting",
+    ),
+}
+"""Tables for which the other of the two options is meant: a scene's, and a sensor's."""
+
+
+def faults(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
+    """All mistakes of these tables, one line each; the first is that of `validated`."""
+    try:
+        model.model_validate(_with_tuples(tables))
+    except ValidationError as error:
+        return list(dict.fromkeys(_message(one, model, tables) for one in error.errors()))
+    return []
 
 
 def _with_tuples(value: Any) -> Any:
@@ -114,8 +155,10 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
         location.append(context["discriminator"].strip("'"))
     key = _dotted(location, tables)
     if kind == "extra_forbidden":
-        choices = ", ".join(_known_keys(model, location[:-1], tables))
-        return f"unknown key '{key}'" + (f"; known here: {choices}" if choices else "")
+        known = _known_keys(model, location[:-1], tables)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        meant = f"; did you mean {near[0]}? all known here" if near else "; known here"
+        return f"unknown key '{key}'" + (f"{meant}: {', '.join(known)}" if known else "")
     if kind == "missing" and isinstance(location[-1], int):
         return f"{_dotted(location[:-1], tables)}: must be a longer list, got {_shown(error['input'])}"
     if kind in ("missing", "union_tag_not_found"):
