@@ -18,10 +18,10 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 
 def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
-    """Reference: for each of 80 pulses all that moves is put where it is then, in a scene of its own.
+    """Reference: for each of 32 pulses all that moves is put where it is then, in a scene of its own.
 
     Tolerances: single precision of positions 50 m from the origin is 4 um, some ten of them in a row; beams that
-    graze an edge may fall to either side, of which 80 have none.
+    graze an edge may fall to either side, of which 32 have none.
     """
     scene, sensor = traffic(), chain.sensor("table1-apd", *SENSOR)
     simulator = Simulator(scene, sensor)
@@ -30,11 +30,11 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
     rng = np.random.default_rng(2)
     chosen = np.concatenate(
         [
-            rng.choice(own, min(len(own), 20), replace=False)
+            rng.choice(own, min(len(own), 8), replace=False)
             for own in (echoes[cloud.body[echoes] == b] for b in range(4))
         ]
     )
-    assert len(chosen) == 80
+    assert len(chosen) == 32
     for point in chosen:
         time_s = float(cloud.time_s[point])
         beam = Pattern.of(

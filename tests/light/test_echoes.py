@@ -193,18 +193,19 @@ def _trips(sensor, air, pulses):
     density = rain.sizes.intercept_per_m4 / slope * np.exp(-slope * smallest)
     sent = sensor.laser.peak_power_w * sensor.optics.efficiency_laser * sensor.optics.aperture_m2
     at = np.arange(0.0, farthest, 0.05)
+    of = np.repeat(np.arange(pulses), random.poisson(density * widest * farthest, pulses))
+    r, d = random.uniform(0.0, farthest, len(of)), smallest + random.exponential(1.0 / slope, len(of))
+    area = np.pi * (0.005**2 + (0.0015 * r) ** 2)
+    inside = random.uniform(size=len(of)) < area / widest
+    of, r, d, area = of[inside], r[inside], d[inside], area[inside]
+    seen = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
+    lens = float(sensor.optics.aperture_radius_m) / np.maximum(r, 1e-3)
+    gain = rain.particle_gain(diameter_m=d, within_rad=lens, from_rad=0.0)
+    watts = seen * rain.particle_m2_sr(diameter_m=d) * gain
     found = []
-    for count in random.poisson(density * widest * farthest, pulses):
-        r, d = random.uniform(0.0, farthest, count), smallest + random.exponential(1.0 / slope, count)
-        area = np.pi * (0.005**2 + (0.0015 * r) ** 2)
-        inside = random.uniform(size=count) < area / widest
-        r, d, area = r[inside], d[inside], area[inside]
-        seen = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
-        lens = float(sensor.optics.aperture_radius_m) / np.maximum(r, 1e-3)
-        gain = rain.particle_gain(diameter_m=d, within_rad=lens, from_rad=0.0)
-        watts = seen * rain.particle_m2_sr(diameter_m=d) * gain
-        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (at[:, None] - r)
-        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts
+    for some in np.split(np.arange(len(of)), np.searchsorted(of, np.arange(1, pulses))):
+        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (at[:, None] - r[some])
+        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts[some]
         found.append(course.max() > least_w)
     return found
 

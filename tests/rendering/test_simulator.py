@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_the_frame(tmp_path: Path) -> None:
     Tolerance: the last chunk of a frame is smaller than the others, and more or less of one is kept: half of what a
     chunk takes. The cloud that `render` returns is there to show that the measure sees it.
     """
-    small, large = simulator(rows=20), simulator(rows=160)
+    small, large = simulator(rows=10), simulator(rows=80)
 
     def to_file(sim: Simulator) -> None:
         with FORMATS["ply"].stream(tmp_path / "a.ply") as append:

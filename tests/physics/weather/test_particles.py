@@ -148,7 +148,7 @@ def test_against_a_box_of_drops(tables, drawn):
     Kolmogorov and Smirnov on the strengths above the cut, of the strongest and the second.
     """
     rng = np.random.default_rng(3)
-    pulses, limit = 30_000, 30.0  # beyond, no drop reaches the cut
+    pulses, limit = 15_000, 30.0  # beyond, no drop reaches the cut
     volume = quad(beam_area_m2, NEAR_M, limit)[0]
     grid = np.linspace(NEAR_M, limit, 20_001)
     share = np.concatenate([[0.0], np.cumsum(beam_area_m2(0.5 * (grid[1:] + grid[:-1])))])

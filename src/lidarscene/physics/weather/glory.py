@@ -90,7 +90,13 @@ def sphere_over_faces(*, diameter_m: Numbers, wavelength_m: float, places: Numbe
         at = np.rint(nu[:last, None] / size * (places / _STEP)).astype(np.int32)
         even, odd = j0[at], j2[at]
         a, b = electric[:last, number], magnetic[:last, number]
-        found.append(np.abs((sign[:last] * (a - b)) @ even) ** 2 + np.abs((sign[:last] * (a + b)) @ odd) ** 2)
+        # Real and imaginary parts as two rows: with a complex number in it the product would copy the table as complex.
+        found.append(
+            sum(
+                np.sum((np.stack([weight.real, weight.imag]) @ bessel) ** 2, axis=0)
+                for weight, bessel in ((sign[:last] * (a - b), even), (sign[:last] * (a + b), odd))
+            )
+        )
     per_sr = np.array(found) * (wavelength_m / (2.0 * math.pi)) ** 2
     faces = np.asarray(drop_backscatter_m2_sr(diameter_m=np.asarray(diameter_m), wavelength_m=wavelength_m))
     return np.asarray(per_sr / faces[:, None])

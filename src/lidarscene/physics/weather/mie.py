@@ -118,7 +118,8 @@ def _logarithmic_derivatives(y: Numbers, terms: int) -> Numbers:
     derivative = np.zeros((terms + 1, len(y)), dtype=complex)
     latest = np.zeros(len(y), dtype=complex)
     for n in range(start, 0, -1):
-        latest = n / y - 1.0 / (latest + n / y)
+        ratio = n / y
+        latest = ratio - 1.0 / (latest + ratio)
         if n - 1 <= terms:
             derivative[n - 1] = latest
     return derivative

@@ -116,7 +116,7 @@ def strengths(
     # Step 1: Lambda(s) on trial strengths, then its inverse ln s(ln Lambda) on an even grid, with half steps.
     strongest = float((ranked.brightest * seen).max())
     trial = strongest * np.geomspace(1.0, 1e-12, 1500)
-    expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 30)])
+    expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 3)])
     usable = expected > 1e-12
     last_log = math.log(MEAN_HITS[count])
     half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
