@@ -72,3 +72,9 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def rough_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where something else than the drawing is tested, which takes most of the time."""
     draw_roughly(monkeypatch)
+
+
+@pytest.fixture
+def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no picture is looked at, and another test draws the same ones."""
+    draw_nothing(monkeypatch)
