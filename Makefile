@@ -20,11 +20,11 @@ car: $(READY)
 test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
-# The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event simulation.
+# The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event
+# simulation, and nothing slow (SLOW in tests/conftest.py).
 quick: $(READY)
-	$(BIN)/pytest -n 2 --dist load -q -x tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
-	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py \
-	    --deselect tests/physics/weather/test_fog.py::test_colour_ratio_of_drizzle $(PYTEST_ARGS)
+	$(BIN)/pytest -n 2 --dist load -q -x -m "not slow" tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
+	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py $(PYTEST_ARGS)
 
 test-all: test
 	$(BIN)/python tools/environments.py wheel lowest newest

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.command_line import BEAMS, COARSE, WALL, Run
+from helpers.in_this_process import draw_nothing, draw_roughly
 
 from lidarscene import PointCloud
 from lidarscene.cli import main
@@ -24,12 +25,14 @@ NAMES = compare_page.file_names(
 
 @pytest.fixture(scope="module")
 def folder(mi, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The command run once."""
+    """The command run once; `test_clouds_from_files` draws the charts and pictures whole."""
     base = tmp_path_factory.mktemp("compare")
     (base / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
     where = base / "new" / "out"
     argv = ["compare", str(base / "wall.toml"), *PAIR, "-o", str(where), *WEAK, *SWEPT]
-    assert main.main(argv) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        draw_roughly(patch)
+        assert main.main(argv) == 0
     return where
 
 
@@ -89,7 +92,7 @@ def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
     assert "A is table1-apd, B is table1-sipm" in header
 
 
-def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> None:
+def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
     scene = folder.parents[1] / "wall.toml"
     ran = run("compare", str(scene), *PAIR, "-o", "again", *WEAK, *SWEPT, "--json", "--chunk", "50")
     assert (ran.code, ran.err) == (0, "")
@@ -98,7 +101,7 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, tmp_path: Path) -> N
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_clouds_from_files(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
+def test_clouds_from_files(folder: Path, run: Run, tmp_path: Path) -> None:
     files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
     ran = run("compare", *files, "-o", "out", "--json")
     assert (ran.code, ran.err) == (0, "")
@@ -123,7 +126,7 @@ def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
-def test_other_scanners_are_not_matched(folder: Path, run: Run, rough_charts: None, tmp_path: Path) -> None:
+def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None, tmp_path: Path) -> None:
     scene = str(folder.parents[1] / "wall.toml")
     sensors = ("--sensors", "table1-apd,vlp-16", "--set=table1-apd:scanner.azimuth_step_deg=4")
     ran = run("compare", scene, *sensors, "-o", "own")
@@ -148,12 +151,15 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, rough_charts: No
     assert told["sensors"][0]["pulses"] == told["sensors"][1]["pulses"]
 
 
-def test_nothing_found_at_all(mi, run: Run, rough_charts: None, wall: str, tmp_path: Path) -> None:
+def test_nothing_found_at_all(
+    mi, run: Run, rough_charts: None, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Sensors that see nothing are compared without a word of NaN."""
     ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-9")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
     assert told["sensors"][0]["rate"]["found"] == 0
+    draw_nothing(monkeypatch)  # of no surface: the charts are as empty
     ran = run("compare", wall, *PAIR, "-o", "away", *COARSE, "--pose", "0,0,0,180")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))

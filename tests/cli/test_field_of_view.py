@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import COARSE, WALL, Run
+from helpers.in_this_process import draw_roughly
 
 from lidarscene.cli import main
 from lidarscene.studies.field_of_view import study
@@ -19,9 +20,11 @@ RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The command run once."""
+    """The command run once; `test_points_on_bodies` draws the charts whole."""
     where = tmp_path_factory.mktemp("fov") / "new" / "out"
-    assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        draw_roughly(patch)
+        assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
     return where
 
 
@@ -64,6 +67,10 @@ def again(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, A
     argv = ["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN, "--json"]
     code = f"""
 import sys
+sys.path.append({str(Path(__file__).parents[1])!r})
+import pytest
+from helpers.in_this_process import draw_roughly
+draw_roughly(pytest.MonkeyPatch())
 from lidarscene.cli.main import main
 code = main({argv!r})
 print([name for name in ("mitsuba", "drjit", "scipy", "lidarscene.kernel") if name in sys.modules])
@@ -95,7 +102,7 @@ def bodies_of(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_points_on_bodies(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
+def test_points_on_bodies(mi, run: Run, tmp_path: Path) -> None:
     """The wall of 4 m at 10 m: 11.3 degrees to each side, so 11 by 11 beams of 2 degrees."""
     (tmp_path / "wall.toml").write_text(LABELLED)
     ran = run("fov", "table1-apd", "-o", "out", *FAST, "--scene", "wall.toml")
@@ -107,7 +114,7 @@ def test_points_on_bodies(mi, run: Run, rough_charts: None, tmp_path: Path) -> N
     assert 10.0 <= float(row["distance_m"]) < 10.4
 
 
-def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
+def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
     """5 m nearer: half the distance, 21.8 degrees to each side, so all 21 by 11 beams of the coarse raster."""
     (tmp_path / "wall.toml").write_text(LABELLED)
     near = "--set=table1-sipm:mounting.position_m=[5.0,0.0,0.0]"
@@ -133,7 +140,7 @@ yaw_deg = 180
 """
 
 
-def test_a_rig(mi, run: Run, rough_charts: None, tmp_path: Path) -> None:
+def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
     """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
     (tmp_path / "walls.toml").write_text(
         LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 0]", "[-10, 0, 0]")

@@ -55,7 +55,26 @@ def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(pictures.perspective_picture.__kwdefaults__, "size_px", (480, 270))
 
 
+def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts, maps and pictures are put together and not drawn: one white pixel each. Other tests draw all of them."""
+    from matplotlib.figure import Figure
+
+    whole = Figure.savefig
+
+    def white(_: Figure, path: Any, **options: Any) -> None:
+        kept = {key: value for key, value in options.items() if key in ("format", "metadata")}
+        whole(Figure(figsize=(0.01, 0.01)), path, dpi=100, **kept)
+
+    monkeypatch.setattr(Figure, "savefig", white)
+
+
 @pytest.fixture
 def rough_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where something else than the drawing is tested, which takes most of the time."""
     draw_roughly(monkeypatch)
+
+
+@pytest.fixture
+def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no picture is looked at, and another test draws the same ones."""
+    draw_nothing(monkeypatch)

@@ -1,9 +1,10 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
 They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
-fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts and pictures of fewer pixels, a
-job of four frames for twelve on one worker, the view written by `--save` instead of served. What is only parsed is in
-`PARSED_ONLY`, with the test that runs its like.
+fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts and pictures that are not drawn, a
+job of four frames for twelve on one worker, the view written by `--save` instead of served. A scene of `scenes/` is
+compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its like. Of two
+commands of which one has more options than the other only that one is run.
 """
 
 import re
@@ -11,19 +12,26 @@ import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
-from helpers.in_this_process import draw_roughly
+from helpers.in_this_process import draw_nothing, draw_roughly
 from lidarscene import catalog
 from lidarscene.cli import main
+from lidarscene.kernel.world.build import World
+from lidarscene.outputs import record
+from lidarscene.rendering import simulator
+from lidarscene.scene import file as scene_file
 from lidarscene.scene.file import load_scene
+from lidarscene.scene.model import Scene
 
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
+    "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",
 }
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
@@ -71,6 +79,11 @@ def incomplete(command: str) -> bool:
 
 def parsed_only(command: str) -> bool:
     return any(command.startswith(start) for start in PARSED_ONLY)
+
+
+def in_a_longer_one(command: str) -> bool:
+    """Whether another command that is shown is this one with more options."""
+    return any(one.startswith(f"{command} --") for page in PAGES for one in commands(page))
 
 
 def coarse_job() -> str:
@@ -122,11 +135,14 @@ class Reader:
 
     folder: Path
     done: set[str] = field(default_factory=set)
+    kept: dict[object, Any] = field(default_factory=dict)
 
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """In the order of the page, and its Python between them where it has files of its own."""
         make_workplace(self.folder, page, monkeypatch)
         draw_roughly(monkeypatch)
+        draw_nothing(monkeypatch)
+        self._keep_worlds(monkeypatch)
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():
                 Path(f"{name}.toml").write_text(
@@ -143,6 +159,32 @@ class Reader:
                 self._run(capsys, (line.removeprefix(".venv/bin/") for line in typed))
         self._run(capsys, (one for one in commands(page) if one not in shown and not incomplete(one)))
 
+    def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """One world for commands in a row with the same scene of `scenes/`, as `compare` has one for all sensors.
+
+        No longer: what Dr.Jit compiles depends on all worlds alive.
+        """
+        whole, build = load_scene, simulator.build_world
+
+        def load(path: Path, **options: Any) -> Scene:
+            key = (Path(path).resolve(), repr(options))
+            if key != self.kept.get("key") or key[0].parent != ROOT / "scenes":
+                self.kept.clear()
+                self.kept.update(key=key, scene=whole(path, **options))
+            return self.kept["scene"]
+
+        def world(scene: Scene, **options: Any) -> World:
+            if scene is not self.kept.get("scene"):
+                return build(scene, **options)
+            key = (options["wavelength_m"], options["see_through"])
+            if key not in self.kept:
+                self.kept[key] = build(scene, **options)
+            return self.kept[key]
+
+        for module in (scene_file, record):
+            monkeypatch.setattr(module, "load_scene", load)
+        monkeypatch.setattr(simulator, "build_world", world)
+
     def _run(self, capsys: pytest.CaptureFixture[str], shown: Iterable[str]) -> None:
         """Run or parse those of ours; `> FILE` takes what one prints."""
         for line in shown:
@@ -152,7 +194,7 @@ class Reader:
             command, _, target = line.partition(" > ")
             arguments = shlex.split(command)[1:]
             assert main._parser().parse_args(main.with_joined_pose(arguments)).run
-            if parsed_only(command):
+            if parsed_only(command) or (command.split()[1] in ("render", "fov") and in_a_longer_one(command)):
                 continue
             capsys.readouterr()
             assert main.main(coarse(arguments)) == 0, f"{command}\n{capsys.readouterr().err}"
