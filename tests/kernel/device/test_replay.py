@@ -39,7 +39,7 @@ CASES = {
 def frames(simulator):
     """Other seeds, places, numbers of the frame and lengths of chunks; of each every column."""
     moved = simulator.pose @ Pose.from_degrees(position_m=(0.4, 0.3, 0.1), yaw_deg=3.0)
-    told = ({}, {}, {}, {"pose": moved}, {"chunk": 1500}, {"number": 3}, {"coordinates": "sensor"})
+    told = ({}, {}, {"pose": moved, "chunk": 1500}, {"number": 3, "coordinates": "sensor"})
     for seed, arguments in enumerate(told):
         yield simulator.render(seed=seed, **arguments)
 
