@@ -60,8 +60,8 @@ def test_numpy_and_device_agree():
 
 
 def test_echoes_are_found_as_often_as_their_probabilities_say():
-    """12,648 beams of eight frames: 4 standard errors of the sum of P_d. Ten frames have 0.0002 +- 0.0029 more than it says,
-    and 0.021 less if a comparator reads the filter's P_d.
+    """12,648 beams of eight frames: 4 standard errors of the sum of P_d. Ten frames have 0.0002 +- 0.0029 more than
+    it says, and 0.021 less if a comparator reads the filter's P_d.
     """
     counter = photons.sensor(*RASTER, "histogram.stops=2", "laser.peak_power_w=0.007")
     frames = [chain.run(scene(klux=10.0), counter, seed=seed).detection for seed in range(8)]
