@@ -109,13 +109,15 @@ class WorkingPoint:
             assert crossings_hz is not None
             return crossings_hz(threshold / ratio, bandwidth_hz)
 
+        # Behind a filter no whole cells rise and fall: Rice's rate takes the place of theirs.
+        of_cells = self.largest is not None
         return replace(
             self,
             noise=self.noise * ratio,
             kappa_1=self.kappa_1 * sampling.SHOT_SHARE * noise_share,
             kappa_2=self.kappa_2 * sampling.SQUARE_SHARE * noise_share,
             noise_tail=None if tail is None else same_multiple,
-            crossings_hz=None if crossings_hz is None else same_multiple_hz,
+            crossings_hz=None if crossings_hz is None or of_cells else same_multiple_hz,
             unfiltered=self,
         )
 
@@ -195,7 +197,10 @@ class WorkingPoint:
         return self.reachable(threshold, tail)
 
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
-        """How often a second noise of this bandwidth rises through the threshold: Rice's (T28a) or `crossings_hz`."""
+        """How often a second noise rises through the threshold: Rice's (T28a) or `crossings_hz`.
+
+        bandwidth_hz  of an ideal low-pass whose white noise has the same mean square frequency
+        """
         if self.crossings_hz is not None:
             rate = self.crossings_hz(threshold, bandwidth_hz)
         else:
@@ -305,8 +310,11 @@ class Apd:
         def mcintyre_tail(threshold: Lanes) -> Lanes:
             return mcintyre.false_alarm_probability(threshold_a=threshold, **electrons)
 
-        def mcintyre_crossings_hz(threshold: Lanes, _: Lanes) -> Lanes:
-            return mcintyre.crossing_rate_hz(threshold_a=threshold, **electrons)
+        def mcintyre_crossings_hz(threshold: Lanes, crossing_hz: Lanes) -> Lanes:
+            # The tail is of the electrons in a resolution time of the noise, whatever filter follows.
+            return mcintyre.crossing_rate_hz(threshold_a=threshold, **electrons) * (
+                crossing_hz / bandwidth_hz
+            )
 
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(

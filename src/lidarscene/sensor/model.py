@@ -440,11 +440,27 @@ class Sensor:
         pulse = {"fwhm_s": self.laser.pulse_fwhm_s, "cutoff_hz": self.cutoff_hz}
         return Filtered(peak=peak, echo_noise=filtering.echo_noise_share(**pulse))
 
+    @property
+    def crossing_bandwidth_hz(self) -> Lanes:
+        """Of an ideal low-pass whose white noise crosses a level as often as the noise that the comparator sees.
+
+        sqrt(3) f_rms of (T28a): of the filtered noise's spectrum where that is known. A single pole's has no f_rms, and
+        that of a SiPM's cells depends on their dead time: there it is the bandwidth of the noise.
+        """
+        bandwidth_hz, filtering = self.tdc.bandwidth_hz, self.receiver.low_pass
+        if self.matches:
+            x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
+            slower = sampling.matched_slope_noise(x=x) / sampling.slope_noise(x=x)
+            return self.noise_bandwidth_hz * slower
+        if filtering is None or isinstance(self.detector, Sipm):
+            return bandwidth_hz
+        return bandwidth_hz * filtering.crossing_ratio
+
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
         """How often a second noise trips the comparator: (T28), or the rate of its crossings."""
         bandwidth_hz = self.tdc.bandwidth_hz
         if self.tdc.false_alarms == "crossings":
-            return point.crossing_rate_hz(threshold, bandwidth_hz)
+            return point.crossing_rate_hz(threshold, self.crossing_bandwidth_hz)
         return tdc.false_alarm_rate_hz(
             p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz
         )
