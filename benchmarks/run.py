@@ -18,6 +18,7 @@ import motion
 import peers
 import process
 import rays
+import receivers
 import table
 
 from lidarscene.errors import LidarSceneError
@@ -52,7 +53,7 @@ def main() -> int:
     return 0
 
 
-PARTS = ("chain", "peers", "rays", "motion", "start", "memory", "batch")
+PARTS = ("chain", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
 
 
 def full_parts(*, large: bool) -> Parts:
@@ -61,6 +62,7 @@ def full_parts(*, large: bool) -> Parts:
     sizes = SIZES | (LARGER if large else {})
     return {
         "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
+        "receivers": lambda: [receivers.measure(street, step_deg=STREET_DEG, rounds=9)],
         "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
         "rays": lambda: [
             rays.measure(street, single_deg=STREET_DEG, many_deg=4 * STREET_DEG, rays=16, rounds=5)
@@ -77,6 +79,7 @@ def quick_parts() -> Parts:
     car = ROOT / "scenes" / "car.toml"
     return {
         "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
+        "receivers": lambda: [receivers.measure(car, step_deg=0.5, rounds=2)],
         "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
         "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],
         "motion": lambda: [motion.measure(car, step_deg=0.5, rounds=3)],

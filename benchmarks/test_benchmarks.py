@@ -33,6 +33,17 @@ SECTIONS = {
             "device, returns",
         )
     ],
+    "Receivers": [
+        f"{receiver} / table1-apd"
+        for receiver in (
+            "Gaussian response",
+            "single pole",
+            "constant fraction",
+            "peak",
+            "matched filter",
+            "histogram (os1-128)",
+        )
+    ],
     "Against other ray casters": [
         f"{scene}, 12k beams, 1 threads: {caster}"
         for scene in ("car.toml", "2,000 triangles")

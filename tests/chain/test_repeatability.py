@@ -1,5 +1,7 @@
 """docs/validation.md, check 7, and "a second frame compiles nothing"."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import chain, launches
@@ -9,6 +11,7 @@ from lidarscene.detection import returns
 from lidarscene.light import beams, echoes
 from lidarscene.light.hits import Hits
 from lidarscene.rendering.stages import ambient_of
+from lidarscene.scan.pattern import Pattern
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -135,4 +138,43 @@ def test_a_second_frame_compiles_nothing(mi):
     with launches.launched() as later:
         first.render(seed=1, pose=Pose.from_degrees(position_m=(0.3, 0.2, 0.1), yaw_deg=2.0), chunk=40_000)
         Simulator(darker, changed, world=first.world).render(seed=2)
+    launches.assert_none_is_new(later, before)
+
+
+WEAK = "laser.peak_power_w=3"
+RECEIVERS = {
+    "edge": ("table1-apd", 1, (WEAK,)),
+    "fraction behind a pole": (
+        "table1-apd", 1, (WEAK, "receiver.response='single_pole'", "tdc.timing='constant_fraction'", "tdc.stops=2",
+                          "tdc.keep='strongest'"),
+    ),
+    "matched filter behind a pole": (
+        "table1-apd", 4097, (WEAK, "receiver.response='single_pole'", "tdc.timing='matched_filter'"),
+    ),
+    "peak of cells": ("table1-sipm", 7, (WEAK, "receiver.response='gaussian'", "tdc.timing='peak'")),
+    "samples": (
+        "table1-apd", 3, ("laser.peak_power_w=2", "receiver.response='gaussian'", "sampler.type='adc'",
+                          "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-5"),
+    ),
+    "histogram": ("os1-128", 1, ("laser.peak_power_w=1.3",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", RECEIVERS)
+def test_the_first_point_of_a_receiver_compiles_nothing(case, mi):
+    """Whatever the number of lanes. The first frame of few pulses has no point at this SNR, and a later one has."""
+    name, count, overrides = RECEIVERS[case]
+    board = chain.scene(chain.facing(range_m=100.0, theta_deg=30.0, size_m=2000.0))
+    pattern = Pattern.of(
+        azimuth_rad=np.linspace(0.0, 0.9, count), elevation_rad=np.zeros(count),
+        time_s=1e-6 * np.arange(count), frame_s=0.1,
+    )  # fmt: skip
+    simulator = Simulator(board, replace(chain.sensor(name, *overrides), scanner=pattern))
+    with launches.launched() as before:
+        first = simulator.render(seed=0)
+    points = []
+    with launches.launched() as later:
+        for seed in range(1, 12):
+            points.append(len(simulator.render(seed=seed)))
+    assert count > 3 or (len(first) == 0 and max(points) > 0), (len(first), points)
     launches.assert_none_is_new(later, before)

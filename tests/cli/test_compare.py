@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ import trimesh
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_nothing, draw_roughly
 
-from lidarscene import PointCloud
+from lidarscene import PointCloud, load_sensor
 from lidarscene.cli import main
 from lidarscene.studies.compare import page as compare_page
+from lidarscene.studies.compare import study
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
@@ -149,6 +151,18 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     told = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
     assert told["matched"]
     assert told["sensors"][0]["pulses"] == told["sensors"][1]["pulses"]
+
+
+def test_echoes_from_beyond_the_unambiguous_range_are_said() -> None:
+    """Two of the echoes have the status; seven pulses in 1.8 us are unambiguous to 38.5 m."""
+    names = ("os1-128", "table1-apd")
+    sensors = [load_sensor("os1-128", overrides=["histogram.multiplier=7"]), load_sensor("table1-apd")]
+    seen = [
+        SimpleNamespace(name=name, cloud=SimpleNamespace(status=np.array(status)))
+        for name, status in zip(names, ([0, 4, 1, 4], [0, 0, 1, 0]), strict=True)
+    ]
+    line = "os1-128: 2 echoes from beyond 38.5 m are reported too near by that range, status 4"
+    assert study.windows(seen, sensors) == (line,)
 
 
 def test_nothing_found_at_all(

@@ -46,6 +46,19 @@ def test_summary(run: Run) -> None:
     assert sipm.split()[1] == "280.871"
 
 
+def test_a_range_beyond_the_window_is_said(run: Run) -> None:
+    """Seven pulses in the time of one: 38.5 m are unambiguous, and the echoes of 105.9 m appear nearer."""
+    mode = ("os1-128", "--set", "histogram.multiplier=7")
+    said = "os1-128: its window ends at 38.5 m, before its maximum range; echoes from beyond 38.5 m"
+    assert done(run, *mode).splitlines()[-1].startswith(said)
+    assert told(run, *mode)["os1-128"]["note"].startswith(said)
+    assert told(run, "os1-128")["os1-128"]["note"] is None
+    line = "table1-apd: its window ends at 599.6 m, before its maximum range"
+    assert done(run, APD, "--illuminance", "0.1").splitlines()[-1] == line
+    over = told(run, *mode, "--over", "illuminance", "--n", "3")["notes"]
+    assert any("echoes from beyond 38.5 m are reported too near" in one for one in over)
+
+
 def test_summary_as_json(run: Run) -> None:
     entry = told(run, APD, "--distance", "350.604565")[APD]
     assert entry["status"] == "found"

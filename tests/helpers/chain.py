@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene import Scene, Sensor, load_sensor
-from lidarscene.detection import returns
+from lidarscene.detection import receivers
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing, trace
 from lidarscene.kernel.world.build import build_world
@@ -109,7 +109,7 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glint
     ambient = transfer.opaque(ambient_of(described, equipped))
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
     light = echoes.with_all_background(light_of_ways)[0]
-    detection = returns.detect(light, on_device, seed=transfer.opaque_uint32(seed), pulse=pulse)
+    detection = receivers.detect_alone(light, on_device, seed=transfer.opaque_uint32(seed), pulse=pulse)
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
         direction, fetched(ways[0]), fetched(light), fetched(detection),

@@ -119,6 +119,38 @@ def test_noise_of_a_diode_by_sampled_noise(kind):
     assert noise == pytest.approx(float(found.working_point(light).noise[0]), rel=0.02)
 
 
+@pytest.mark.parametrize("kind", ["matched filter", "gaussian", "none"])
+def test_false_alarms_are_the_crossings_of_filtered_noise(kind):
+    """White noise up to 2 GHz through the filters, 2^21 samples of 0.25 ns: its passages upwards of 2.5 deviations.
+
+    4 standard errors of Poisson's number of them, and 1 % for the samples between which some are missed.
+    """
+    sensor = load_sensor(
+        "table1-apd",
+        overrides=[
+            "tdc.false_alarms='crossings'", "tdc.threshold_to_noise=2.5",
+            *(["receiver.response='gaussian'"] if kind == "gaussian" else []),
+            *(["tdc.timing='matched_filter'"] if kind == "matched filter" else []),
+        ],
+    )  # fmt: skip
+    step_s, count = 0.25e-9, 2**21
+    frequency = np.fft.rfftfreq(count, step_s)
+    passed = np.where(frequency < 167e6, 1.0, 0.0)
+    if kind == "gaussian":
+        passed = np.exp2(-0.5 * (frequency / float(sensor.cutoff_hz)) ** 2)
+    if kind == "matched filter":
+        sigma_s = 6e-9 / math.sqrt(8.0 * math.log(2.0))
+        passed = passed * np.exp(-0.5 * (2.0 * math.pi * frequency * sigma_s) ** 2)
+    white = np.fft.rfft(np.random.default_rng(8).standard_normal(count))
+    noise = np.fft.irfft(white * passed, count)
+    above = noise > 2.5 * noise.std()
+    crossings = np.count_nonzero(above[1:] & ~above[:-1])
+    point = sensor.working_point(np.zeros(1))
+    expected = float(sensor.false_alarm_rate_hz(point, sensor.threshold(point))[0]) * count * step_s
+    assert expected > 900
+    assert crossings == pytest.approx(expected, abs=4.0 * math.sqrt(expected) + 0.01 * expected)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_of_cells_by_random_cells(kind):
     """Cells that fire at random are rectangles of the dead time; filtered, they vary as the sensor says: 3 %.

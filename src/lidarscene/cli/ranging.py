@@ -228,7 +228,7 @@ def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) ->
     sensors = {one.name: one.sensor() for one in found}
     told = report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
     written = _write(arguments, swept, told, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
-    notes = report.notes(swept, {n: float(s.tdc.window_s) * 149896229.0 for n, s in sensors.items()})
+    notes = report.notes(swept, sensors)
     if arguments.json:
         return json.dumps(report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
     from ..studies.ranging.curves import QUANTITIES

@@ -17,7 +17,8 @@ from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, chosen
 from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
-from ..sensor.model import MultiLevel, Sensor
+from ..sensor.electronics import MultiLevel
+from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
 from .pulses import memory as of_memory

@@ -6,6 +6,7 @@ users who want to see it or to feed it to a detector model of their own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,14 +16,18 @@ from ..errors import InputError
 from ..light.echoes import EchoTrain
 from ..light.waveform import sampled, sampled_power_w
 from ..maths.arrays import Numbers
+from ..physics.electronics import saturation, sipm_response
 from ..physics.optics import radiometry
-from ..sensor.detectors import Apd
+from ..sensor.detectors import Apd, Sipm
 from ..sensor.model import Sensor
 from .photon_counting.folding import folded
 from .photon_counting.histograms import histograms
 
 MOST_PULSES = 10_000
 """Most pulses of one call: each has some ten thousand samples."""
+
+_STEPS = 24
+"""Fewest steps in a dead time."""
 
 SAMPLES_PER_FWHM = 16
 """Samples in one pulse width: linear interpolation of a Gaussian is then good to 7e-4 of its peak."""
@@ -37,7 +42,8 @@ class Waveforms:
     range_m       (times,) c t / 2
     power_w       (n, times) float32, optical power of echoes and air, without the background
     background_w  (n,) float32, constant optical power of the background
-    signal        (n, times) float32, mean signal of the detector above that of the background
+    signal        (n, times) float32, mean signal of the detector above that of the background, with what earlier
+                  light of the pulse leaves in it (`remembered`)
     threshold     (n,) float32, level of the comparator
     unit          of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
     channel       (n,) uint16, as the sensor reports it
@@ -82,6 +88,59 @@ def window_times_s(sensor: Sensor) -> Numbers:
     return np.asarray(step * np.arange(int(float(sensor.tdc.window_s) / step) + 1))
 
 
+def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+    """`light.waveform.sampled` with the memory of the detector: (n, times) W and signal each.
+
+    A SiPM in the time domain follows its own equation, with crosstalk and afterpulses; an amplifier that clips drains
+    (docs/theory.md 20). Behind a frequency response cells have no memory here.
+    """
+    power, signal = sampled(train, sensor, times_s)
+    if not len(times_s):
+        return power, signal
+    detector, fwhm_s = sensor.detector, float(sensor.laser.pulse_fwhm_s)
+    cells = (
+        isinstance(detector, Sipm) and detector.statistics == "time_domain" and not sensor.receiver.filters
+    )
+    drains = isinstance(detector, Apd) and detector.saturation_a is not None
+    if not (cells or drains):
+        return power, signal
+    # Memory needs all light from the first on, whatever times are asked for.
+    step = fwhm_s / SAMPLES_PER_FWHM
+    if isinstance(detector, Sipm):
+        step = float(detector.dead_time_s) / max(_STEPS, math.ceil(float(detector.dead_time_s) / step))
+    course_s = step * np.arange(-math.ceil(3.0 * fwhm_s / step), math.ceil(float(np.max(times_s)) / step) + 2)
+    if isinstance(detector, Sipm):
+        # The count is that at the end of a step, the light that of its middle.
+        watts = sampled_power_w(train, sensor, course_s - 0.5 * step)
+        course = _cells(watts, train, sensor, detector, round(float(detector.dead_time_s) / step))
+    else:
+        assert isinstance(detector, Apd)
+        assert detector.saturation_a is not None
+        course = saturation.clipped_course(
+            signal=sampled(train, sensor, course_s)[1], step_s=step, saturation=float(detector.saturation_a),
+            recovery_s=float(detector.recovery_s or 0.0),
+        )  # fmt: skip
+    return power, np.stack([np.interp(times_s, course_s, one) for one in course])
+
+
+def _cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, steps: int) -> Numbers:
+    """Busy cells above those of the background, (n, times).
+
+    power_w  (n, times) light on the detector, so many ``steps`` in a dead time
+    """
+    background = np.asarray(train.background_power_w) + np.zeros(len(power_w))
+    point, energy_j = sensor.working_point(background), sensor.laser.photon_energy_j
+    assert point.memory is not None
+    busy = 1.0 - np.asarray(point.memory.free) / array.cells
+    per_watt = array.pde * array.dead_time_s / (energy_j * array.cells)
+    share = sipm_response.busy_share_in_steps(
+        rate=power_w * per_watt, busy_share=busy, steps=steps, crosstalk=float(array.crosstalk or 0.0),
+        afterpulse=float(array.afterpulse or 0.0),
+        afterpulse_to_dead_time=float((array.afterpulse_s or array.dead_time_s) / array.dead_time_s),
+    )  # fmt: skip
+    return np.asarray(array.cells * (share - busy[:, None]))
+
+
 def sampled_pulses(
     train_of: Callable[[int, int], EchoTrain],
     chosen: Numbers,
@@ -109,7 +168,7 @@ def sampled_pulses(
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
         pulse_train = train_of(int(together[0]), len(together))
         if sensor.histogram is None:
-            power, signal = sampled(pulse_train, sensor, times)
+            power, signal = remembered(pulse_train, sensor, times)
         else:
             own = histograms(pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32))
             times, signal = own.time_s, own.expected

@@ -19,7 +19,7 @@ from ..maths.random import Stage
 from ..physics.electronics import sampling, tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
-from ..sensor.model import Adc, MultiLevel
+from ..sensor.electronics import Adc, MultiLevel
 from . import comparator
 from .comparator import Trip
 from .pulses import edges, timing

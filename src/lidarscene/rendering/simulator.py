@@ -302,15 +302,16 @@ class Simulator:
     ) -> tuple[Numbers, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
         found = [self._on_device(part, placing) for part in parts]
-        kept = [one for one in found if one is not None]
-        if not kept:
-            return np.zeros(0, np.uint32), None
+        # Without any point the columns of one part are computed all the same, for the kernels of later frames.
+        kept = [one for one in found if one[1]] or found[:1]
         # Whether any pulse went on must not decide: the first chunk where it is otherwise would compile kernels.
         alone = parts[0].goes_on is None
         columns = transfer.columns(collect.one_by_one(kept[0][0]) if alone else collect.by_pulse(kept))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         # A single point is there twice (`columns.more_than_one`): the count leaves the copy out.
         count = sum(number for _, number in kept)
+        if not count:
+            return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
@@ -322,13 +323,10 @@ class Simulator:
             columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
         return pulse, columns
 
-    def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int] | None:
-        """`collect.columns` of some pulses, and the number of their points; None without any."""
+    def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
+        """`collect.columns` of some pulses, and the number of their points."""
         lane_of = None if part.order is None else part.order.device_lane
-        found = collect.kept_lanes(part.detection, lane_of, twice=part.twice)
-        if found is None:
-            return None
-        lane, stop, count = found
+        lane, stop, count = collect.kept_lanes(part.detection, lane_of, twice=part.twice)
         columns = collect.columns(
             world=self.world, sensor=self._stages.sensor, staged=part.staged(self.trace.rays),
             air_classes=self._air_classes, lanes=(lane, stop), turn=placing.turn, shift=placing.shift,

@@ -18,7 +18,8 @@ from ..physics.amplifier import high_pass
 from ..physics.optics import beam
 from ..scan import Scanner
 from .detectors import Apd, Sipm
-from .model import MOST_STOPS, Detector, Laser, Optics, Receiver, Sensor, Tdc
+from .electronics import MOST_STOPS, Receiver, Tdc
+from .model import Detector, Laser, Optics, Sensor
 from .optics import OpticsFile
 from .photon_counting.file import HistogramFile, SpadFile
 from .photon_counting.model import Histogram, Spad

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files.table import Table
 from ..files.toml import FileModel, read_toml, validated
-from .model import Adc, Intensity, MultiLevel
+from .electronics import Adc, Intensity, MultiLevel
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -9,7 +9,9 @@ from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
 from lidarscene.detection import multi_echo
+from lidarscene.detection.sampled_waveforms import remembered
 from lidarscene.kernel.device import transfer
+from lidarscene.light.waveform import sampled
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm_response
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -123,6 +125,24 @@ def test_what_an_echo_leaves(background_w):
     expected = fired * sipm_response.left_busy(age_s=time_s[later], sigma_s=SIGMA_PULSE_S, **memory)
     np.testing.assert_allclose(count.mean(axis=0)[later], expected, atol=5.0)
     assert expected.min() < (-8.0 if background_w == DIM_W else -30.0)
+
+
+@pytest.mark.parametrize("background_w", [DIM_W, BRIGHT_W])
+def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
+    """Two boards 2.8 m apart, against cells simulated one by one: 4 cells of 150, four standard errors of 200 shots."""
+    equipped = sensor("table1-sipm", IN_TIME, *KEYS)
+    point = equipped.working_point(np.array([background_w]))
+    powers = [float(point.power_w(np.array([one]))[0]) for one in (150.0, 100.0)]
+    range_m = np.array([30.0, 32.8])
+    arrivals = 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
+    time_s, count = counts(equipped, background_w, powers, arrivals)
+    light = train(range_m[None], np.array([powers]), background_w=background_w)
+    # The count of a step is at its end.
+    at = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
+    _, (signal,) = remembered(light, equipped, at)
+    np.testing.assert_allclose(signal, count.mean(axis=0), atol=4.0)
+    _, (forgetful,) = sampled(light, equipped, at)
+    assert np.abs(forgetful - signal).max() > 50.0
 
 
 def test_the_paper_forgets():

@@ -1,5 +1,7 @@
 """A clipped pulse: its waveform on a fine grid against the closed forms, and what a frame makes of it."""
 
+import math
+
 import numpy as np
 import pytest
 from helpers import chain, trains
@@ -235,3 +237,20 @@ def test_width_of_noise_peaks():
     expected = tdc.excursion_width_s(height=peaks, threshold=level, bandwidth_hz=rate)
     assert len(peaks) > 100
     assert expected.mean() == pytest.approx(step_s * (ends - starts).mean(), rel=0.05)
+
+
+@pytest.mark.parametrize("recovery_ns", [1.0, 8.0])
+@pytest.mark.parametrize("signal", [0.5, 1.5, 20.0])
+def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
+    """To 2 % of S, of the steps of 1/32 of the pulse; what is added later begins on top of what is held."""
+    step_s = FWHM_S / 32
+    time_s = step_s * np.arange(-96, 640)
+    shape = {"saturation": 1.0, "recovery_s": 1e-9 * recovery_ns}
+    light = signal * np.exp(-4.0 * math.log(2.0) * (time_s / FWHM_S) ** 2)
+    found = saturation.clipped_course(signal=light[None], step_s=step_s, **shape)[0]
+    lone = saturation.clipped_waveform(time_s=time_s, signal=np.array(signal), fwhm_s=FWHM_S, **shape)
+    # A step of the drain and the place of the release.
+    np.testing.assert_allclose(found, lone, atol=0.02 + 1.5 * step_s / shape["recovery_s"] * (signal > 1.0))
+    later = 0.2 * np.exp(-4.0 * math.log(2.0) * ((time_s - 8.0 * FWHM_S) / FWHM_S) ** 2)
+    both = saturation.clipped_course(signal=(light + later)[None], step_s=step_s, **shape)[0]
+    np.testing.assert_allclose(both - found, later * (found < 0.8), atol=0.02)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lidarscene.physics.photon_counting import matched_filter, pile_up
+from lidarscene.physics.photon_counting import matched_filter
 
 SIGMA = 2.1  # bins of 1 ns
 W = matched_filter.TEMPLATE
@@ -55,19 +55,3 @@ def test_bound_of_the_precision(signal, rate):
     light = signal * np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
     information = np.sum((light * t) ** 2 / np.maximum(light + rate, 1e-30)) * (t[1] - t[0])
     assert bound == pytest.approx(1 / np.sqrt(information), rel=3e-3)
-
-
-def test_pile_up_moves_strong_echoes_to_the_front():
-    """Against firings drawn one by one: the first of Poisson arrivals, 40,000 SPADs."""
-    rng = np.random.default_rng(3)
-    for light in (0.2, 2.0, 20.0):
-        share = 1 - np.exp(-light)
-        # The time of a first arrival: G(t) = -ln(1 - u share) / Lambda.
-        from scipy.stats import norm
-
-        times = norm.ppf(-np.log1p(-rng.random(40_000) * share) / light)
-        place = times.mean()
-        for _ in range(30):
-            near = np.exp(-0.5 * ((times - place) / W) ** 2)
-            place = np.sum(near * times) / np.sum(near)
-        assert float(pile_up.shift(detections=light)) == pytest.approx(place, abs=0.02)

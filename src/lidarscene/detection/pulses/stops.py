@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...maths.arrays import Lanes, Mask, chosen, xp
-from ...sensor.model import MOST_STOPS, Tdc
+from ...sensor.electronics import MOST_STOPS, Tdc
 
 EMPTY = -1e30
 """Key of an unused stop: below every other key."""

@@ -77,10 +77,11 @@ def any_of_pulse(flag: Mask, rays: int) -> Any:
 
 def kept_lanes(
     detection: Detection, lane_of: Array | None = None, *, twice: bool = False
-) -> tuple[Any, Any, int] | None:
-    """Return lane and stop number of every reported return, by pulse and then by stop, and their number k; or None.
+) -> tuple[Any, Any, int]:
+    """Return lane and stop number of every reported return, by pulse and then by stop, and their number k.
 
-    Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`).
+    Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`). If k is 0 they are those of
+    the first lane: its columns are computed and left out, so that a later frame with a point compiles nothing.
 
     lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
     twice    the two lanes are one pulse: its returns are there twice
@@ -96,9 +97,7 @@ def kept_lanes(
         reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
     index = dr.compress(_interleaved(reported))
     count = dr.width(index) // (2 if twice else 1)
-    if count == 0:
-        return None
-    index = more_than_one(index)
+    index = more_than_one(index) if count else transfer.unsigned_numbers(np.zeros(2, np.uint32))
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
     # `place` counts pulses in firing order; the lane at which the stages left a pulse's numbers is looked up.
     return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
@@ -276,7 +275,8 @@ def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, A
     together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
     that a frame with one part needs no other kernels than one with two.
 
-    parts  columns, and the number of their points; one point may be there twice (`more_than_one`)
+    parts  columns, and the number of their points; one point may be there twice (`more_than_one`). Either every part
+           has a point, or there is one part, and its lanes hold none
     """
     import drjit as dr
 
@@ -285,7 +285,7 @@ def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, A
     # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     dr.eval(*pulses)
     merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
-    total = sum(count for _, count in parts)
+    total = max(sum(count for _, count in parts), 2)
     # A part without glass or motion lacks columns that another part has: it gets their value of `ABSENT`.
     kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
     kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}

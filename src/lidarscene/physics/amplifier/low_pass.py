@@ -30,10 +30,12 @@ _WIDEST = 1e3
 class LowPass(ABC):
     """A filter by its cutoff f; each method for numpy and Dr.Jit.
 
-    noise_ratio  B / f
+    noise_ratio     B / f
+    crossing_ratio  how often white noise behind it crosses a level, over that behind an ideal low-pass of the same B
     """
 
     noise_ratio: float
+    crossing_ratio: float
 
     @abstractmethod
     def peak_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
@@ -67,6 +69,7 @@ class Gaussian(LowPass):
     """|H| = 2^(-(nu / f)^2 / 2): what many stages in a row come to, without overshoot."""
 
     noise_ratio = 0.5 * math.sqrt(math.pi / math.log(2.0))  # 1.0645
+    crossing_ratio = math.sqrt(6.0 / math.pi)  # f_rms = f / sqrt(2 ln 2) over B / sqrt(3)
 
     def peak_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
         """1 / sqrt(1 + (sigma_h / sigma_p)^2), (T70)."""
@@ -97,6 +100,7 @@ class SinglePole(LowPass):
     """H = 1 / (1 + i nu / f), h = exp(-t / tau) / tau, tau = 1 / (2 pi f): a load with a capacitance."""
 
     noise_ratio = 0.5 * math.pi
+    crossing_ratio = 1.0  # f_rms is infinite: what follows the pole ends it, and nobody says where
 
     def peak_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
         """exp(-u^2 / 2) at the peak's place u = w - z, with w = sigma_p / tau and m(z) = 1 / w, (T71).

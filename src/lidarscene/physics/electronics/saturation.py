@@ -18,7 +18,9 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Lanes, xp
+import numpy as np
+
+from ...maths.arrays import Lanes, Numbers, xp
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 
@@ -43,6 +45,38 @@ def clipped_waveform(
     drained = signal * ops.exp(-since / ops.maximum(recovery_s, 1e-18))
     held = (signal > saturation) & (time_s > released)
     return ops.minimum(ops.where(held, ops.maximum(pulse, drained), pulse), saturation)
+
+
+_RISE = 1e-3
+"""Light counts as new from this share of S on, and as gone when that share of it is left."""
+
+
+def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recovery_s: float) -> Numbers:
+    """v(t) of any light, (n, times): of a lone pulse `clipped_waveform`; later light comes on top of what is held.
+
+    signal  (n, times) what the amplifier would pass without clipping, in even steps
+    """
+    fading = math.exp(-step_s / max(recovery_s, 1e-18))
+    found, nothing = np.zeros_like(signal), np.zeros(len(signal))
+    held, lowest, clips = nothing, signal[:, 0], nothing > 0.0
+    # While it clips: what was held and the light when that began, and the highest input and light so far.
+    base, floor, top, brightest = nothing, nothing, nothing, nothing
+    for k in range(signal.shape[1]):
+        now = signal[:, k]
+        held = np.where(clips, held, held * fading)
+        lowest = np.where(clips, lowest, np.minimum(lowest, now))
+        total = np.maximum(now, np.where(clips, base + now - floor, held + now - lowest))
+        begins = ~clips & (total > saturation) & (now - lowest > _RISE * saturation)
+        base, floor = np.where(begins, held, base), np.where(begins, lowest, floor)
+        clips = clips | begins
+        top = np.where(begins, total, np.maximum(top, total))
+        brightest = np.where(begins, now, np.maximum(brightest, now))
+        gone = now - floor <= _RISE * (brightest - floor)
+        ends = clips & (now < brightest) & ((total <= saturation) | gone)
+        held, lowest = np.where(ends, top, held), np.where(ends, now, lowest)
+        clips = clips & ~ends
+        found[:, k] = np.minimum(np.where(ends, top, total), saturation)
+    return found
 
 
 def width_at_level_s(

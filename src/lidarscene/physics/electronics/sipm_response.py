@@ -167,6 +167,41 @@ def busy_share_over_time(
     return times, 1.0 - free
 
 
+def busy_share_in_steps(
+    *, rate: Numbers, busy_share: Numbers, steps: int, crosstalk: float = 0.0, afterpulse: float = 0.0,
+    afterpulse_to_dead_time: float = 1.0,
+) -> Numbers:  # fmt: skip
+    """Solve (B) for any light: the busy share at the end of each step, (n, times).
+
+    rate        (n, times) firings of a ready cell by light beyond the background, per dead time
+    busy_share  (n,) under the background alone, its crosstalk and afterpulses in it
+    steps       per dead time
+    crosstalk, afterpulse, afterpulse_to_dead_time  as of `sipm.busy_share_correlated`; afterpulses within the dead time
+                are lost
+    """
+    free = 1.0 - busy_share
+    # What the background and all that follows from it does to a ready cell; light adds to it.
+    alone = busy_share / free - crosstalk * busy_share
+    fired = np.zeros_like(rate)
+    found = np.zeros_like(rate)
+    early, pending = busy_share / steps, 0.0 * busy_share
+    fading = math.exp(-1.0 / (steps * afterpulse_to_dead_time))
+    lasting = afterpulse * math.exp(-1.0 / afterpulse_to_dead_time)
+    for k in range(rate.shape[1]):
+        revived = fired[:, k - steps] if k >= steps else early
+        pending = pending + lasting * (revived - early)
+        again, pending = pending * (1.0 - fading), pending * fading
+        # f / (1 - p f): each firing tries one more cell at once.
+        exponent = (alone + rate[:, k]) / (1.0 - crosstalk * free) / steps + again
+        survive = np.exp(-exponent)
+        mean = np.where(exponent > 1e-6, -np.expm1(-exponent) / np.maximum(exponent, 1e-6), 1.0)
+        later = free * survive + revived * mean
+        fired[:, k] = free - later + revived
+        free = later
+        found[:, k] = 1.0 - free
+    return found
+
+
 def _arrived(time: Numbers) -> Numbers:
     """Share of a Gaussian pulse that has arrived by ``time``, in FWHM from its peak."""
     return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))

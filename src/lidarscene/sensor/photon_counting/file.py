@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...files.table import Table
 from ...maths.units import si
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
-from ..model import MOST_STOPS, Tdc
+from ..electronics import MOST_STOPS, Tdc
 from .model import Histogram, Spad
 
 MOST_BINS = 64

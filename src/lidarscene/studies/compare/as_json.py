@@ -18,7 +18,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
     """All results; null for unknown numbers."""
     told: dict[str, Any] = {
         "title": comparison.title, "matched": comparison.matched, "rates_are_shares_of": comparison.of,
-        "seed": comparison.seed, "notes": list(comparison.notes),
+        "seed": comparison.seed, "notes": [*comparison.notes, *comparison.windows],
         "sensors": [_observation(comparison, one) for one in comparison.everything],
         "pairs": [_pair(comparison, a, b) for a, b in comparison.against_first()],
     }  # fmt: skip

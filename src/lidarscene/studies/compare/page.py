@@ -77,7 +77,7 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
     """Write all files; returns the text to print. Raises OutputError."""
     folder, own = output.folder, slugs([one.name for one in comparison.everything])
     page = Page(comparison.title, folder=folder)
-    for note in comparison.notes:
+    for note in (*comparison.notes, *comparison.windows):
         page.paragraph(note)
     page.table(*report.fate(comparison))
     page.table(*report.summary(comparison))

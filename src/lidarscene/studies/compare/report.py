@@ -28,6 +28,7 @@ class Comparison:
     matched     whether equal pulse numbers mean the same pulse for all
     of          what rates are shares of, in words
     notes       how the comparison was made, for the reader
+    windows     a line for each sensor that reports echoes too near, from beyond its window
     """
 
     title: str
@@ -37,6 +38,7 @@ class Comparison:
     matched: bool
     of: str
     notes: tuple[str, ...]
+    windows: tuple[str, ...] = ()
     seed: int | None = None
     swept: Sweep | None = None
 
@@ -257,6 +259,7 @@ def as_text(comparison: Comparison) -> str:
             f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, "
             f"neither {row[5]}"
         )
+    lines += comparison.windows
     if comparison.swept is not None:
         lines += crossing_lines(comparison.swept, comparison.everything[0].name)
     return "\n".join(lines)

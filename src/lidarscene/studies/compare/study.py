@@ -9,10 +9,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from ...detection.outcomes import Status
 from ...errors import InputError
 from ...scene.model import Scene
+from ...sensor.model import Sensor
+from ..ranging.report import unambiguous_m
 from . import clouds
-from .data import groupings
+from .data import Observation, groupings
 from .page import Output, file_names, require_files, write
 from .report import Comparison
 from .run import Bench, Named, fires_alike, sweep, with_beams_of
@@ -57,10 +62,22 @@ def of_sensors(
             _RATES_NOTE,
             _INTERVALS,
         ),
+        windows=windows(seen, [sensor for _, sensor in sensors]),
         seed=bench.seed,
         swept=sweep(bench, sensors, illuminances_klux) if illuminances_klux else None,
     )
     return write(comparison, Output(folder, scene.view if bench.pose is None else None), as_json=as_json)
+
+
+def windows(seen: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """A line for each sensor with echoes from beyond its unambiguous range."""
+    counts = [int(np.count_nonzero(one.cloud.status == Status.ALIASED)) for one in seen]
+    return tuple(
+        f"{one.name}: {count:,} echoes from beyond {unambiguous_m(sensor):.1f} m are reported too near by that range, "
+        "status 4"
+        for one, sensor, count in zip(seen, sensors, counts, strict=True)
+        if count
+    )
 
 
 def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:

@@ -8,11 +8,14 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
+from ...physics.optics import radiometry
+from ...sensor.model import Sensor
 from .aperture import LAWS, of_scanner
 from .curves import QUANTITIES, Crossing, Curve, Curves, is_flat, limit_word
 from .plane import RangeStatus, Target
@@ -77,10 +80,34 @@ def table_text(swept: Curves) -> str:
     return "\n".join(lines)
 
 
-def notes(swept: Curves, windows_m: dict[str, float]) -> list[str]:
+def window_m(sensor: Sensor) -> float:
+    """Range at which a sensor stops listening."""
+    return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=float(sensor.tdc.window_s)))
+
+
+def unambiguous_m(sensor: Sensor) -> float:
+    """Range from which light comes back after the next pulse has left; infinite for one pulse to a point."""
+    if sensor.histogram is None or sensor.histogram.period_s is None:
+        return math.inf
+    period_s = float(sensor.histogram.period_s)
+    return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=period_s))
+
+
+def window_note(name: str, sensor: Sensor, *, farthest_m: float, what: str) -> str | None:
+    """A line if the window ends before what is seen farthest, ``what`` in words; None if it does not."""
+    if farthest_m <= window_m(sensor):
+        return None
+    line = f"{name}: its window ends at {window_m(sensor):.1f} m, before {what}"
+    folds_m = unambiguous_m(sensor)
+    if folds_m == math.inf:
+        return line
+    return f"{line}; echoes from beyond {folds_m:.1f} m are reported too near by that range"
+
+
+def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     """Crossings, maximum ranges and warnings, one line each.
 
-    windows_m  range at which each sensor stops listening
+    sensors  of each name
     """
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
@@ -106,10 +133,8 @@ def notes(swept: Curves, windows_m: dict[str, float]) -> list[str]:
             c.at for c in swept.detection_limits if c.first == own.name and question.axis.key == "distance"
         ]
         reach = max([*limits, *farthest.tolist()], default=0.0)
-        if reach > windows_m[own.name]:
-            notes_so_far.append(
-                f"{own.name}: its window ends at {windows_m[own.name]:.1f} m, before the farthest of these"
-            )
+        line = window_note(own.name, sensors[own.name], farthest_m=reach, what="the farthest of these")
+        notes_so_far += [] if line is None else [line]
         if is_flat(own) and len(own.values) > 1:
             notes_so_far.append(f"{own.name}: the same everywhere, {question.axis.key} does not matter")
     if question.axis.key in ("elevation", "azimuth"):

@@ -9,18 +9,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ...physics.optics import radiometry
 from . import plane
 from .curves import limit_word, with_haze
 from .plane import RangeStatus, Target
-from .report import air_text
+from .report import air_text, window_m, window_note
 from .subjects import Subject
 
 
 def summary_of(
     subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None
 ) -> dict[str, Any]:
-    """Maximum range and status, closed form, end of the window; SNR and P_d at ``distance_m``."""
+    """Maximum range and status, closed form, end of the window; SNR and P_d at ``distance_m``.
+
+    ``note`` is a line if the window ends before the maximum range, else None.
+    """
     sensor = subject.sensor()
     target = with_haze(sensor, target, visibility_m)
     limit, status = plane.maximum_range_m(sensor, target)
@@ -32,10 +34,11 @@ def summary_of(
         "maximum_range_m": limit if math.isfinite(limit) else None,
         "status": status.name.lower(),
         "closed_form_m": bound if bound is not None and math.isfinite(bound) else None,
-        "window_m": radiometry.range_from_time_of_flight_m(time_of_flight_s=float(sensor.tdc.window_s)),
+        "window_m": window_m(sensor),
         "distance_m": distance_m,
         "snr": snr if math.isfinite(snr) else None,
         "detection_probability": float(plane.detection_probability(sensor, target, distance_m)[0]),
+        "note": window_note(subject.name, sensor, farthest_m=float(limit), what="its maximum range"),
     }
 
 
@@ -69,4 +72,4 @@ def text_of(
         f"{target.illuminance_klux:g} klux, sun {sun_angle_deg:g}° off the normal, reflectivity "
         f"{target.reflectivity:g}, incidence {incidence:g}°, {air_text(target, visibility_m)}"
     )
-    return "\n".join([conditions, *lines])
+    return "\n".join([conditions, *lines, *(row["note"] for row in rows if row["note"] is not None)])

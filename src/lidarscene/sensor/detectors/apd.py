@@ -1,0 +1,116 @@
+"""Avalanche photodiode and its amplifier as data, and the working point that a background puts them in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from ...maths.arrays import Lanes, xp
+from ...maths.units import Key, Quantity
+from ...physics.constants import ELEMENTARY_CHARGE_C
+from ...physics.electronics import apd, counting, mcintyre
+from .working_point import WorkingPoint
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Apd:
+    """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
+
+    tail          of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), whose variance is the same
+                  and whose upper tail is higher; detection is Gaussian with either
+    saturation_a  at the amplifier's input (`physics.electronics.saturation`)
+    """
+
+    gain: Annotated[Lanes, Quantity(ge=1)]
+    radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
+    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
+    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
+    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0)] = None
+    ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1)] = None
+    load_resistance_ohm: Annotated[Lanes, Quantity(gt=0)]
+    temperature_k: Annotated[Lanes, Quantity(gt=0)] = 300.0
+    circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0)] = 0.0
+    tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
+    saturation_a: Annotated[
+        Lanes | None,
+        Quantity(
+            "ua", gt=0, about="current at which the amplifier clips, after multiplication; never if left out"
+        ),
+    ] = None
+    recovery_s: Annotated[
+        Lanes | None,
+        Quantity("ns", gt=0, about="with saturation_ua: time constant with which a clipped pulse drains"),
+    ] = None
+
+    @property
+    def saturates(self) -> bool:
+        """Whether strong echoes lose their height."""
+        return self.saturation_a is not None
+
+    @property
+    def excess_noise(self) -> Lanes:
+        """F of (14): McIntyre's if an ionisation ratio is given, else M^x."""
+        if self.ionisation_ratio is not None:
+            return apd.excess_noise_mcintyre(gain=self.gain, ionisation_ratio=self.ionisation_ratio)
+        assert self.excess_noise_index is not None
+        return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
+
+    def unmultiplied_variance_a2(self, bandwidth_hz: Lanes) -> Lanes:
+        """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
+        surface = apd.dark_shot_variance_a2(
+            surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=0.0, gain=1.0,
+            excess_noise=1.0, bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        thermal = apd.thermal_variance_a2(
+            temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
+            bandwidth_hz=bandwidth_hz,
+        )  # fmt: skip
+        return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
+
+    def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
+        """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
+        light = counting.detected_photons_hz(
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
+
+    def working_point(
+        self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes
+    ) -> WorkingPoint:
+        """Noise (18) and response (12) under this background; the pulse width plays no part."""
+        excess = self.excess_noise
+        responsivity = apd.responsivity_a_w(
+            quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+        )
+        avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
+        primary = responsivity * background_power_w + self.bulk_dark_current_a
+        multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)
+        rest = self.unmultiplied_variance_a2(bandwidth_hz)
+        variance = multiplied + rest
+
+        electrons = {**avalanche, "primary_current_a": primary, "unmultiplied_variance_a2": rest}
+
+        def mcintyre_tail(threshold: Lanes) -> Lanes:
+            return mcintyre.false_alarm_probability(threshold_a=threshold, **electrons)
+
+        def mcintyre_crossings_hz(threshold: Lanes, crossing_hz: Lanes) -> Lanes:
+            # The tail is of the electrons in a resolution time of the noise, whatever filter follows.
+            return mcintyre.crossing_rate_hz(threshold_a=threshold, **electrons) * (
+                crossing_hz / bandwidth_hz
+            )
+
+        ampere_per_watt = responsivity * self.gain
+        return WorkingPoint(
+            noise=xp(variance).sqrt(variance),
+            kappa_1=apd.shot_variance_per_ampere_a(**avalanche),
+            kappa_2=0.0,
+            least_threshold=0.0,
+            signal=lambda power_w: ampere_per_watt * power_w,
+            power_w=lambda signal: signal / ampere_per_watt,
+            saturation=self.saturation_a,
+            recovery_s=self.recovery_s,
+            knee=self.saturation_a,
+            noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
+            crossings_hz=mcintyre_crossings_hz if self.tail == "mcintyre" else None,
+        )
