@@ -21,7 +21,7 @@ test: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event
-# simulation, and nothing slow (SLOW in tests/conftest.py).
+# simulation, and no test that is marked slow.
 quick: $(READY)
 	$(BIN)/pytest -n 2 --dist load -q -x -m "not slow" tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
 	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py $(PYTEST_ARGS)

@@ -41,41 +41,13 @@ LONGEST = (
     "kernel/device/test_replay.py", "cli/test_main.py",
 )  # fmt: skip
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
-SLOW = {
-    "cloud/test_points.py": ("test_to_open3d",),
-    "cloud/test_thinning.py": ("test_the_picture_is_the_same_by_either_road",),
-    "detection/test_interference.py": ("test_rates_add_up",),
-    "detection/test_multi_echo.py": ("test_a_crossing_is_of_the_light_that_makes_it",),
-    "detection/test_rises.py": ("test_fog_is_crossed_where_it_reaches_the_level",),
-    "detection/test_sampled_waveforms.py": ("test_pulses_are_those_of_the_frame_in_rising_order",),
-    "formats/test_las.py": ("test_laz_does_not_show_how_it_was_cut",),
-    "formats/test_osi.py": ("test_osi_in_betterosi",),
-    "formats/test_ply.py": ("test_every_truncation_is_noticed",),
-    "light/test_echoes.py": (
-        "test_a_second_frame_compiles_nothing", "test_rain_trips_as_often_as_drops_by_brute_force",
-    ),
-    "physics/electronics/test_mcintyre.py": ("test_exact_tail_against_a_double_sum",),
-    "physics/optics/test_receiver.py": ("test_circles_overlap", "test_table_against_the_formula"),
-    "physics/weather/test_fog.py": (
-        "test_colour_ratio_of_drizzle", "test_enough_radii", "test_extinction_is_near_twice_the_shadow",
-    ),
-    "physics/weather/test_glory.py": ("test_bessel_functions",),
-    "physics/weather/test_mie.py": ("test_bessel_functions",),
-    "physics/weather/test_particles.py": ("test_against_a_box_of_drops",),
-    "physics/weather/test_soft_target.py": ("test_integral_over_all_ranges_is_half_the_lidar_ratio",),
-    "sensor/test_catalogue.py": ("test_fitted_range_is_the_published",),
-    "sensor/test_detectors.py": ("test_busy_cells_in_steady_state",),
-    "sensor/photon_counting/test_file.py": (
-        "test_ranges_over_shots_are_those_of_poisson_histograms",
-        "test_the_range_of_a_mode_is_that_which_the_maker_publishes",
-    ),
-}  # fmt: skip
-"""What `make quick` leaves out: two fifths of the time of its folders."""
 REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Every folder is a marker: `pytest -m unit` runs tests/unit."""
+    if gone := [name for name in LONGEST if not (TESTS / name).is_file()]:
+        raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(gone)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
@@ -85,8 +57,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         folder, *rest = item.path.relative_to(TESTS).parts
         if rest:
             item.add_marker(folder)
-            if getattr(item, "originalname", "") in SLOW.get("/".join((folder, *rest)), ()):
-                item.add_marker("slow")
     turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 

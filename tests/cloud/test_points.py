@@ -198,6 +198,7 @@ def test_unknown_suffix_lists_the_known(name: str) -> None:
 
 @pytest.mark.parametrize("n", [0, 7])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.slow
 def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
     cloud = small_cloud(n, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
     theirs = cloud.to_open3d()

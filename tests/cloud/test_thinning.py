@@ -39,6 +39,7 @@ def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(np.unique(Thinned.of(cloud).cloud().channel)) == 64
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_same_by_either_road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a cloud, and of its pieces; and it is another one than that of all points."""
     cloud, thinned = street(), Thinned()

@@ -369,6 +369,7 @@ def upward(power, level):
     return np.flatnonzero((power[1:] >= level) & (power[:-1] < level)) + 1
 
 
+@pytest.mark.slow
 def test_a_crossing_is_of_the_light_that_makes_it():
     """Two surfaces and two drops in fog, of any brightness, over bins of 2 mm: take some of it away, does the crossing
     stay?

@@ -12,6 +12,7 @@ N = 50
 
 
 @pytest.mark.parametrize("truth", [False, True])
+@pytest.mark.slow
 def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     """Reference: betterosi, from the OSI group's own definitions."""
     columns = {"channel": np.arange(N) * 1000, "sensor_index": np.zeros(N)}

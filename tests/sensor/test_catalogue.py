@@ -81,6 +81,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OF_MAKERS)
+@pytest.mark.slow
 def test_fitted_range_is_the_published(name: str) -> None:
     """To 1 %, in the lidar equation with everything else as assumed."""
     deviation = checked(name).range_m.deviation

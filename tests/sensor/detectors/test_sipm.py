@@ -22,6 +22,7 @@ def fire(rng, *, photons_per_dead_time, cells, pde, dead_steps, steps):
 
 
 @pytest.mark.parametrize(("photons", "steps"), [(200.0, 120_000), (686.093, 48_000), (2000.0, 48_000)])
+@pytest.mark.slow
 def test_busy_cells_in_steady_state(photons, steps):
     """x / (1 + x) and its binomial variance, against the cell array itself; (23) is far outside.
 
