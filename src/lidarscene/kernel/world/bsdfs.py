@@ -1,4 +1,4 @@
-"""Translate materials to Mitsuba BSDFs, and add the retro-reflector, which Mitsuba lacks.
+"""Translate materials to Mitsuba BSDFs, and add the retro-reflector, which Mitsuba lacks as it lacks rough matt surfaces.
 
 Reflection is Mitsuba's: its BSDFs are documented, tested and what users of Mitsuba scenes expect. They are made from
 the numbers of one wavelength, the laser's, as dictionaries that `mi.load_dict` and XML scenes both understand.
@@ -21,9 +21,10 @@ import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Lanes, Mask, xp
-from ...physics.optics import dielectrics
+from ...physics.optics import dielectrics, reflection
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Surface
+from .rough import ROUGH_PLUGIN, register_rough_diffuse
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
 
@@ -57,7 +58,23 @@ def _spectrum(value: float) -> dict[str, Any]:
 
 
 def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
+    if "facet_slope_deg" in values:
+        return _rough_diffuse(values)
     return _two_sided({"type": "diffuse", "reflectance": _spectrum(values["reflectivity"])})
+
+
+def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
+    register_rough_diffuse()
+    slope_deg = float(values["facet_slope_deg"])
+    limit = reflection.largest_reflectivity(reflection.relief(math.radians(slope_deg)))
+    if values["reflectivity"] > limit:
+        raise InputError(
+            f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} with a facet_slope_deg of "
+            f"{slope_deg:.3g}, got {values['reflectivity']:.3g}"
+        )
+    return {
+        "type": ROUGH_PLUGIN, "reflectance": _spectrum(values["reflectivity"]), "slope_deg": slope_deg,
+    }  # fmt: skip
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
