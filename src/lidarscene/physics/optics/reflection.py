@@ -54,6 +54,6 @@ def rough_diffuse_per_sr(
     return reflectivity * (1.0 / math.pi) * (1.0 + relief * ops.where(lifted > 0.0, lifted / flatter, lifted))
 
 
-def largest_reflectivity(relief: float) -> float:
+def largest_reflectivity(slope_rad: float) -> float:
     """Reflectivity at which all light of grazing incidence comes back; more would break the conservation of energy."""
-    return 1.0 / (1.0 + relief * _GRAZING_ALBEDO)
+    return float(1.0 / (1.0 + relief(slope_rad) * _GRAZING_ALBEDO))
