@@ -29,12 +29,8 @@ def reflectivities(pattern: Pattern, values: Mapping[str, Any]) -> Numbers:
     """Return the pattern's values as reflectivities of a material at the laser's wavelength, float32.
 
     values  the material by `Material.at`
-    At most what conserves energy on its surface. Raises InputError for a material that is not diffuse.
+    At most what conserves energy on its surface.
     """
-    if values["bsdf"] != "diffuse":
-        raise InputError(
-            f"material '{values['name']}': must be diffuse where reflectivity varies, got {values['bsdf']}"
-        )
     found: Numbers = pattern.values
     if pattern.kind == "colour":
         # A part that is black all over has no mean to be scaled by, and stays black.
@@ -47,7 +43,14 @@ def reflectivities(pattern: Pattern, values: Mapping[str, Any]) -> Numbers:
 
 
 def texture(pattern: Pattern, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the Mitsuba texture of a pattern; a mesh brings the values of its vertices itself, by `ATTRIBUTE`."""
+    """Return the Mitsuba texture of a pattern; a mesh brings the values of its vertices itself, by `ATTRIBUTE`.
+
+    Raises InputError for a material that is not diffuse.
+    """
+    if values["bsdf"] != "diffuse":
+        raise InputError(
+            f"material '{values['name']}': must be diffuse where reflectivity varies, got {values['bsdf']}"
+        )
     if pattern.uv is None:
         return {"type": "mesh_attribute", "name": ATTRIBUTE}
     image = mitsuba().Bitmap(reflectivities(pattern, values)[..., None])
