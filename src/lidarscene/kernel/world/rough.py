@@ -28,7 +28,7 @@ def _rough_diffuse_class() -> Any:
     mi = mitsuba()
 
     class RoughDiffuse(mi.BSDF):  # type: ignore[misc,name-defined]
-        """Equation (T81), two-sided. ``reflectance`` is a texture, ``slope_deg`` the deviation of the facets' slope."""
+        """Equation (T7a), two-sided. ``reflectance`` is a texture, ``slope_deg`` the deviation of the facets' slope."""
 
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)

@@ -14,14 +14,14 @@ import math
 from ...maths.arrays import Lanes, xp
 
 _GRAZING_ALBEDO = 0.5 - 2.0 / (3.0 * math.pi)
-"""Mean of s / t of (T81) over the outgoing hemisphere, weighted by the cosine, at grazing incidence: the most."""
+"""Mean of s / t of (T7a) over the outgoing hemisphere, weighted by the cosine, at grazing incidence: the most."""
 
 _LEAST_COS = 1e-6
 """Least cosine by which s is divided. The two directions of a hit are never both this flat."""
 
 
 def relief(slope_rad: Lanes) -> Lanes:
-    r"""Strength K of (T81) for facets of slope deviation ``slope_rad``: 0 for a flat surface, towards 0.9 for a rough.
+    r"""Strength K of (T7a) for facets of slope deviation ``slope_rad``: 0 for a flat surface, towards 0.9 for a rough.
 
     .. math:: K = B / A,\quad A = 1 - \frac{\sigma^2 / 2}{\sigma^2 + 0.33},\quad
               B = \frac{0.45\,\sigma^2}{\sigma^2 + 0.09}
