@@ -12,5 +12,6 @@ poses       trajectory files
 meshes      mesh files and primitives
 mesh_cache  meshes kept as arrays between runs
 bare_mesh   a mesh file as a scene
+patterns    reflectivity that varies over a mesh
 foreign     scenes of trimesh and Mitsuba
 """
