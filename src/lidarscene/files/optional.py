@@ -18,6 +18,7 @@ EXTRAS = {
     "pcd": {"lzf": "python-neo-lzf"},
     "ros": {"rosbags": "rosbags"},
     "pandas": {"pandas": "pandas"},
+    "ouster": {"ouster.sdk": "ouster-sdk"},
 }
 """Groups of pyproject.toml: module that is imported, and the package that brings it."""
 
