@@ -19,6 +19,8 @@ EXTRAS = {
     "ros": {"rosbags": "rosbags"},
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},
+    "velodyne": {"velodyne_decoder": "velodyne-decoder"},
+    "hesai": {"hydra4": "hydra4"},
 }
 """Groups of pyproject.toml: module that is imported, and the package that brings it."""
 

@@ -4,4 +4,10 @@ sweep      one frame, pulse by pulse
 recording  the frames of a file
 opening    `open_recording`: the reader by the file's name
 ouster     pcap with json, and OSF
+velodyne   packets
+hesai      packets
+packets    of a pcap file, and turns among them
+bags       ROS 2 bags
+clouds     KITTI, nuScenes, PCD, PLY, LAS
+columns    a list of points by the names of its columns
 """

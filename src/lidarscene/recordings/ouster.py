@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,7 @@ from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from .packets import records_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -23,13 +27,29 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
     """Open the first sensor's frames; incomplete frames at either end count. Raises InputError."""
     sdk = optional("ouster.sdk", extra="ouster")
     core = optional("ouster.sdk.core", extra="ouster")
+    core.init_logger("critical")  # what it warns of beside is no line of ours
     options: dict[str, Any] = {}
-    if path.suffix.lower() == ".pcap":
-        options = {"meta": [str(_description(path, metadata))]}
-    with reading(path):
-        source = sdk.open_source(str(path), index=True, collate=False, sensor_idx=0, **options)
-        info = source.sensor_info[0]
-        direction, origin_m = beams(core, info)
+    described = path
+    with ExitStack() as opened:
+        if path.suffix.lower() == ".pcap":
+            described = _description(path, metadata)
+            with reading(described):
+                core.SensorInfo(described.read_text())
+            options = {"meta": [str(described)]}
+            _require_whole(path)
+        elif metadata is not None:
+            raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
+        with reading(path):
+            file = path if options else _indexable(path, opened)
+            source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=0, **options)
+            opened.callback(source.close)
+            info = source.sensor_info[0]
+            direction, origin_m = beams(core, info)
+        if not len(source) and options:
+            raise InputError(
+                f"{path}: must have packets as {described} describes them, got none of that kind"
+            )
+        kept_open = opened.pop_all()
     about = {
         "format": f"ouster {path.suffix.lower()[1:]}", "sensor": str(info.prod_line), "serial": str(info.sn),
         "firmware": str(info.fw_rev), "mode": str(info.config.lidar_mode),
@@ -40,7 +60,26 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
         with reading(path):
             return _sweep(source[frame][0], info, (direction, origin_m), about | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(source), read=read, close_file=source.close, metadata=about)
+    return Recording(path=path, count=len(source), read=read, close_file=kept_open.close, metadata=about)
+
+
+def _indexable(path: Path, opened: ExitStack) -> Path:
+    """The OSF, or a copy if it has no index: ouster-sdk would write one into it, and recordings are read only."""
+    osf = optional("ouster.sdk.osf", extra="ouster")
+    source = osf.OsfFrameSetSource(str(path))
+    indexed = source.is_indexed
+    source.close()
+    if indexed:
+        return path
+    folder = opened.enter_context(TemporaryDirectory(prefix="lidarscene-"))
+    return Path(shutil.copy(path, folder))
+
+
+def _require_whole(path: Path) -> None:
+    """ValueError, as InputError, for a pcap that is cut off: ouster-sdk would give what is left without a word."""
+    with reading(path):
+        for _ in records_of(path):
+            pass
 
 
 def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:

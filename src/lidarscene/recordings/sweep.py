@@ -40,7 +40,7 @@ class Sweep:
 
     range_m       float64, as reported; NaN where nothing came back or nothing was recorded
     recorded      bool, whether the recording tells what became of the pulse; False for lost packets
-    direction     (..., 3) float64 unit vectors, of lost pulses too if `knows_lost`
+    direction     (..., 3) float64 unit vectors; of lost pulses too where the format tells, else NaN
     origin_m      (..., 3) float64, where the range is counted from; None: the origin of the frame
     time_s        float64, from `start_s`; NaN where nothing was recorded
     signal        float32, photons of the return; of lost pulses what the maker reports of them
@@ -50,6 +50,7 @@ class Sweep:
     second        the second return
     ring          int32, number of the channel; with rows: from the top row down
     column        int32, number of the firing within a turn
+    return_number int32, which of its pulse's returns a point is, in a list that has one entry for each
     start_s       when the sweep began, by the recording's clock; 0 if it has none
     pose          where the sensor stood at the start, in the recording's world
     knows_lost    whether pulses without a return are in it
@@ -68,6 +69,7 @@ class Sweep:
     second: Second | None = None
     ring: Numbers | None = None
     column: Numbers | None = None
+    return_number: Numbers | None = None
     start_s: float = 0.0
     pose: Pose | None = None
     knows_lost: bool = False
@@ -77,7 +79,9 @@ class Sweep:
         """Check shapes and freeze the arrays. Raises ValueError that names the field."""
         shape = np.shape(self.range_m)
         kinds: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
-        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(("ring", "column"), np.int32)
+        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(
+            ("ring", "column", "return_number"), np.int32
+        )
         kinds |= dict.fromkeys(("direction", "origin_m"), np.float64)
         for name, kind in kinds.items():
             values = getattr(self, name)
