@@ -10,4 +10,5 @@ packets    of a pcap file, and turns among them
 bags       ROS 2 bags
 clouds     KITTI, nuScenes, PCD, PLY, LAS
 columns    a list of points by the names of its columns
+as_cloud   a sweep as `PointCloud`
 """
