@@ -106,8 +106,8 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
 
 _NOTE = (
     "Not the same scene: nothing is matched. Strengths have a unit of their own on each side, so each is divided "
-    "by its median over all points. Channels are ordered by their elevation. The ground is the plane below the sensor; its "
-    "farthest return is the 99.9 % quantile."
+    "by its median over all points. Channels are ordered by their elevation. The ground is the plane below the sensor; "
+    "its farthest return is the 99.9 % quantile."
 )
 
 
@@ -157,7 +157,7 @@ def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
     """Height of the sensor [m], the ground's farthest return [m] (99.9 %), share of the points on it; None if no plane.
 
     The lowest well filled 0.2 m of height near the sensor start a fit of z = a + b x + c y, which is repeated with
-    the points within 0.3, 0.15 and 0.1 m of it. On the ground is what is within 0.1 m, or 1 % of its range.
+    the points within 0.3, 0.15 and 0.1 m of it. On the ground is what is within 0.1 m, or 0.3 % of its range.
     """
     level_m = np.hypot(xyz_m[:, 0], xyz_m[:, 1])
     near = xyz_m[(level_m < GROUND_NEAR_M) & (xyz_m[:, 2] < -0.2)]
@@ -177,7 +177,7 @@ def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
         design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
         plane = np.linalg.lstsq(design, chosen[:, 2], rcond=None)[0]
     range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
-    on = np.abs(above(xyz_m)) < np.maximum(0.1, 0.01 * range_m)
+    on = np.abs(above(xyz_m)) < np.maximum(0.1, 0.003 * range_m)
     height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
     return float(height_m), float(np.percentile(range_m[on], 99.9)), float(on.mean())
 
