@@ -37,7 +37,8 @@ class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
 
     repetition_rate_khz: Annotated[float, Field(gt=0)] | None = Field(
-        default=None, description="pulses per second; a spinning scanner's lasers and cycle give it if left out"
+        default=None,
+        description="pulses per second; a spinning scanner's lasers and cycle give it if left out",
     )
 
     @model_validator(mode="after")

@@ -106,8 +106,13 @@ class SpinningFile(ScannerFile[Spinning]):
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
         elevation_deg = [self.elevation_scale * one + self.elevation_shift_deg for one in self.elevation_deg]
         if max(map(abs, elevation_deg)) > 90.0:
-            raise InputError(f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}")
-        return self.in_si(elevation_rad=si(tuple(elevation_deg), "deg"), start_m=None if starts == (None, None, None) else (x, y, z))
+            raise InputError(
+                f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}"
+            )
+        return self.in_si(
+            elevation_rad=si(tuple(elevation_deg), "deg"),
+            start_m=None if starts == (None, None, None) else (x, y, z),
+        )
 
 
 class PolygonFile(ScannerFile[Polygon]):
