@@ -1,9 +1,8 @@
 """A Velodyne's calibration as a unit: YAML of the ROS driver, or XML of the maker's own program.
 
-The point at range r of a laser with vertical angle e, rotation a and offsets v (up, across the beam) and h (to the
-left) is, in the head turned by a: x = r cos e - v sin e, y = h, z = r sin e + v cos e (velodyne_pointcloud, rawdata.cc;
-HDL-64E S2 manual, appendix F). So the exit is at (-v sin e, h, v cos e). Corrections of the distance are of the range
-that is reported, which is right here without them.
+The point at range r of a laser with vertical angle e, rotation a and offsets v (up) and h (to the left) is, in the head
+turned by a: x = r cos e, y = h, z = r sin e + v (HDL-64E S3 manual, 63-HDL64ES3, as velodyne-decoder has it). So the
+exit is at (0, h, v). Corrections of the distance are of the range that is reported, which is right here without them.
 """
 
 from __future__ import annotations
@@ -49,14 +48,8 @@ def _lists(lasers: list[Laser]) -> dict[str, tuple[float, ...]]:
 
 def _exit_mm(laser: Laser) -> tuple[float, float, float]:
     """In the head; the offsets are in the head turned by the laser's own rotation."""
-    _, up_rad, turned_rad, v_m, h_m = laser
-    ahead = -v_m * math.sin(up_rad)
-    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
-    return (
-        1e3 * (ahead * cos - h_m * sin),
-        1e3 * (ahead * sin + h_m * cos),
-        1e3 * v_m * math.cos(up_rad),
-    )
+    _, _, turned_rad, v_m, h_m = laser
+    return -1e3 * h_m * math.sin(turned_rad), 1e3 * h_m * math.cos(turned_rad), 1e3 * v_m
 
 
 def _from_yaml(path: Path) -> Iterator[Laser]:
