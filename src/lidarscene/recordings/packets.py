@@ -90,6 +90,8 @@ def turns_of(azimuths: Sequence[int] | Numbers) -> list[slice]:
     A turn ends where the sensor is back at the direction of the recording's first packet. The last one may be
     incomplete.
     """
+    if not len(azimuths):
+        return []
     steps: Numbers = np.diff(np.asarray(azimuths, np.int64))
     forward: Numbers = (steps + FULL_TURN // 2) % FULL_TURN - FULL_TURN // 2
     turned = np.abs(np.cumsum(np.r_[0, forward])) // FULL_TURN
