@@ -27,7 +27,7 @@ def test_points_turned_to_x_forward(tmp_path: Path) -> None:
         sweep = recording[0]
     assert sweep.shape == (250 * 8 * 32,)
     np.testing.assert_allclose(sweep.range_m, 10.0, rtol=1e-9)
-    # Hesai counts azimuths clockwise from its y axis, which is ahead. The first block looks there, the next to the right.
+    # Hesai counts azimuths clockwise from its y axis, ahead. The first block looks there, a later one to the right.
     first, later = sweep.xyz_m[0], sweep.xyz_m[32 * 8 * 62]
     elevation = np.radians(15.0)
     np.testing.assert_allclose(first, [10.0 * np.cos(elevation), 0.0, 10.0 * np.sin(elevation)], atol=1e-9)

@@ -23,7 +23,7 @@ def test_what_is_damaged_is_told(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for size in (len(whole) - 1, len(whole) - 49, 24 + 7):
         path.write_bytes(whole[:size])
-        with pytest.raises(ValueError, match="truncated: it ends within packet [12]"):
+        with pytest.raises(ValueError, match=r"truncated: it ends within packet [12]"):
             packets_of(path)
     for start, told in ((b"\x0a\x0d\x0d\x0a", "got a pcapng"), (b"none", "its first bytes are of none")):
         path.write_bytes(start + whole[4:])
