@@ -27,7 +27,7 @@ TIERS = (
     ("formats",),
     ("kernel",),
     ("cloud",),
-    ("labels", "figures", "rendering"),
+    ("labels", "figures", "rendering", "recordings"),
     ("outputs",),
     ("studies", "batch"),
     ("view",),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import CHUNKS, SEEDS
+from .recordings.options import add_recording, is_recording
 from .words import pose, rising, whole
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ examples:
   lidarscene compare scenes/garage.toml --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
   lidarscene compare scenes/car.toml --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds
+  lidarscene compare out/street.ply --real os1.pcap --frame 3 -o out/real
 """
 
 MOST_SENSORS = 7
@@ -67,11 +69,23 @@ def add_compare(commands: Any) -> None:
     )
     add("--chunk", metavar="N", type=whole(CHUNKS), help="pulses at a time: bounds the memory, no more")
     add("--json", action="store_true", help="print the numbers as JSON")
+    add(
+        "--real",
+        metavar="REC",
+        type=Path,
+        help="compare one cloud, or recording, with a frame of this recording",
+    )
+    add_recording(command)
     command.set_defaults(run=compare_text)
 
 
 def compare_text(arguments: argparse.Namespace) -> str:
     """Run `compare`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    if arguments.real is not None:
+        return _real(arguments)
+    for option in ("frame", "metadata"):
+        if getattr(arguments, option) is not None:
+            raise InputError(f"--{option}: goes with --real")
     if arguments.sensors is None:
         return _clouds(arguments)
     if len(arguments.inputs) != 1:
@@ -106,10 +120,37 @@ def _sensors(arguments: argparse.Namespace) -> str:
     )  # fmt: skip
 
 
+def _real(arguments: argparse.Namespace) -> str:
+    from ..recordings.opening import open_recording
+    from ..studies.compare.real import compare_real, side_of_cloud, side_of_sweep
+
+    for option in (*_OF_SCENES, "sensors"):
+        if getattr(arguments, option) is not None:
+            word = "set" if option == "overrides" else option.replace("_", "-")
+            raise InputError(f"--{word}: goes with a scene, not with --real")
+    if len(arguments.inputs) != 1:
+        raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
+    given, frame = arguments.inputs[0], arguments.frame or 0
+    with open_recording(arguments.real, arguments.metadata) as recording:
+        real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
+    if is_recording(given):
+        with open_recording(given) as recording:
+            side = side_of_sweep(given.name, recording[0])
+    else:
+        from ..cloud.points import PointCloud
+
+        side = side_of_cloud(given.name, PointCloud.load(given))
+    return compare_real(side, real, arguments.output, as_json=arguments.json)
+
+
+_OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
+"""Options that only a scene knows."""
+
+
 def _clouds(arguments: argparse.Namespace) -> str:
     from ..studies.compare import study
 
-    for option in ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk"):
+    for option in _OF_SCENES:
         if getattr(arguments, option) is not None:
             word = "set" if option == "overrides" else option.replace("_", "-")
             raise InputError(f"--{word}: goes with a scene and --sensors, not with clouds")

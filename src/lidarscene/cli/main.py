@@ -18,6 +18,7 @@ from .catalogue import add_catalogue
 from .compare import add_compare
 from .field_of_view import add_fov
 from .ranging import add_commands
+from .recordings.sensor import add_sensor
 from .render import add_render
 from .terminal import Answer, complain, notes, say, told
 from .view import add_view
@@ -64,7 +65,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"lidarscene {__version__}")
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for add in (add_render, add_batch, add_commands, add_fov, add_compare, add_view, add_catalogue):
+    for add in (
+        add_render,
+        add_batch,
+        add_commands,
+        add_fov,
+        add_compare,
+        add_view,
+        add_catalogue,
+        add_sensor,
+    ):
         add(commands)
     doctor = commands.add_parser(
         "doctor", help="what this machine can run, and why not more",

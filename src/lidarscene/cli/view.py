@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import SEEDS, Whole
+from .recordings.options import add_recording, followed, is_recording
 from .words import pose, whole
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ examples:
   lidarscene view scenes/car.toml --sensor table1-sipm --set laser.peak_power_w=75
   lidarscene view out/car.ply scenes/car.toml
   lidarscene view out/frames --save out/frames.html
+  lidarscene view os1.pcap --metadata os1.json --frame 3
 """
 
 SCENES = (".toml", ".xml", ".glb", ".gltf", ".obj", ".off", ".stl")
@@ -41,8 +43,9 @@ def add_view(commands: Any) -> None:
         "The page is served to this machine only, until Ctrl-C; or it is written to a file to send to others.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    view.add_argument("paths", metavar="CLOUD|DIR|SCENE", nargs="+", type=Path,
-                      help="clouds, or a folder of them, are frames; a scene alone is rendered live")  # fmt: skip
+    view.add_argument("paths", metavar="CLOUD|DIR|SCENE|REC", nargs="+", type=Path,
+                      help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
+                      "a real lidar comes alone")  # fmt: skip
     add = view.add_argument_group("what is shown").add_argument
     add(
         "--sensor",
@@ -53,6 +56,7 @@ def add_view(commands: Any) -> None:
         help="change a value of the sensor file, may be repeated")  # fmt: skip
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
     add("--seed", metavar="N", type=whole(SEEDS), default=0, help="of a live scene (default 0)")
+    add_recording(view)
     add = view.add_argument_group("where").add_argument
     add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
     add(
@@ -94,6 +98,12 @@ def _source(arguments: argparse.Namespace) -> Source:
     from ..scene.file import load_scene
     from ..view.sources import Clouds, Live
 
+    recorded = [path for path in arguments.paths if is_recording(path)]
+    if recorded:
+        return _recorded(arguments, recorded[0])
+    for option in ("frame", "metadata"):
+        if getattr(arguments, option) is not None:
+            raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
     scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
@@ -110,6 +120,20 @@ def _source(arguments: argparse.Namespace) -> Source:
 def _is_scene(path: Path) -> bool:
     """A scene by the end of its name, or by a bare name that is no folder. A PLY file is a cloud here."""
     return path.suffix.lower() in SCENES or not (path.suffix or path.exists())
+
+
+def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
+    from ..recordings.opening import open_recording
+    from ..view.sources import Recorded
+
+    if len(arguments.paths) > 1:
+        raise InputError(f"view: a recording must come alone, got {len(arguments.paths)} paths with {path}")
+    for option in ("sensor", "overrides", "pose"):
+        if getattr(arguments, option):
+            word = "set" if option == "overrides" else option
+            raise InputError(f"--{word}: goes with a scene or clouds, not with the recording {path}")
+    recording = open_recording(path, arguments.metadata)
+    return Recorded(followed(recording) if arguments.save else recording, frame=arguments.frame)
 
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:

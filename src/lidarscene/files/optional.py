@@ -18,6 +18,9 @@ EXTRAS = {
     "pcd": {"lzf": "python-neo-lzf"},
     "ros": {"rosbags": "rosbags"},
     "pandas": {"pandas": "pandas"},
+    "ouster": {"ouster.sdk": "ouster-sdk"},
+    "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
+    "hesai": {"hydra4": "hydra4"},
 }
 """Groups of pyproject.toml: module that is imported, and the package that brings it."""
 

@@ -162,6 +162,17 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
         return described_fields(columns, ours[0].record_data_bytes().decode())
 
 
+def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
+    """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
+    laspy = optional("laspy", extra="las")
+    with reading(path), open(path, "rb") as file:
+        las = laspy.read(file, closefd=False)
+        names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
+        ours = {file_name: column for column, file_name in LAS_NAMES.items()}
+        columns = {ours.get(name, name): np.ascontiguousarray(las[name]) for name in names}
+        return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
+
+
 def _header(laspy: Any, cloud: Cloud) -> Any:
     """The file's header, but for what counts the points."""
     header = laspy.LasHeader(version="1.4", point_format=6)

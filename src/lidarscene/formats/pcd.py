@@ -27,6 +27,7 @@ FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "
 LONGEST_TEXT = 800  # common readers stop at 1024 characters
 _KINDS = {"f": "F", "i": "I", "u": "U"}
+_DTYPES = {kind: dtype for dtype, kind in _KINDS.items()}
 _TEXT = {"float32": "%.9g", "float64": "%.17g"}
 BLOCK_POINTS = 1 << 16
 COUNT_DIGITS = 18
@@ -74,12 +75,34 @@ def read_pcd(path: str | os.PathLike[str]) -> Fields:
         header, text = _read_header(file)
         dtype = np.dtype(
             [
-                (name, f"<{ {'F': 'f', 'I': 'i', 'U': 'u'}[kind] }{size}")
+                (name, f"<{_DTYPES[kind]}{size}")
                 for name, size, kind in zip(header["FIELDS"], header["SIZE"], header["TYPE"], strict=True)
             ]
         )
         points, data = int(header["POINTS"][0]), header["DATA"][0]
         return described_fields(_read_columns(file, dtype, points, data), text)
+
+
+def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple[int, int] | None]:
+    """Columns of any PCD by name, and (rows, columns) if it is an array of them. Raises InputError, in one line."""
+    with reading(path), open(path, "rb") as file:
+        header, _ = _header_words(file)
+        counts = [int(word) for word in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
+        fields = zip(header["FIELDS"], header["SIZE"], header["TYPE"], counts, strict=True)
+        # Padding, and fields of several numbers, stay under names that nobody asks for.
+        dtype = np.dtype(
+            [
+                (
+                    name if count == 1 and name != "_" else f"_ {place}",
+                    f"<{_DTYPES[kind]}{size}",
+                    (count,) * (count > 1),
+                )
+                for place, (name, size, kind, count) in enumerate(fields)
+            ]
+        )
+        width, height = (int(header[word][0]) for word in ("WIDTH", "HEIGHT"))
+        columns = _read_columns(file, dtype, int(header["POINTS"][0]), header["DATA"][0])
+        return columns, (height, width) if height > 1 else None
 
 
 def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
@@ -132,6 +155,14 @@ def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
     """The words of each header line by the first, and our description."""
     if file.readline(100).decode("ascii", "replace").rstrip() != FIRST_LINE:
         raise ValueError("not a PCD file of lidarscene: the first line is another")
+    header, text = _header_words(file)
+    if not text:
+        raise ValueError("not written by lidarscene: there is no description in its header")
+    return header, text
+
+
+def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
+    """The words of each header line by the first, and our description if there is one."""
     header: dict[str, list[str]] = {}
     text = ""
     while "DATA" not in header:
@@ -140,11 +171,9 @@ def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
             raise ValueError("truncated or damaged in the header: must have a line 'DATA', got none")
         if line.startswith(OURS):
             text += line[len(OURS) : -1]
-        elif not line.startswith("#"):
+        elif not line.startswith("#") and line.strip():
             word, *rest = line.split()
             header[word] = rest
-    if not text:
-        raise ValueError("not written by lidarscene: there is no description in its header")
     return header, text
 
 

@@ -23,10 +23,15 @@ from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
-from .described import counted_stream
+from .described import counted_stream, reading
 
 VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
+_SIZES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
@@ -112,6 +117,33 @@ def _blocks(cloud: Cloud) -> Iterator[Numbers]:
         yield part
 
 
+def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
+    """Scalar properties of the vertices of any PLY by name. Raises InputError, in one line."""
+    with reading(path), open(path, "rb") as file:
+        lines = _header_lines(file)
+        words = [line.split() for line in lines if line.split()[:1] not in (["comment"], ["obj_info"])]
+        kind = words[0][1] if words and words[0][0] == "format" and len(words[0]) > 1 else ""
+        orders = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+        elements = [place for place, word in enumerate(words) if word[0] == "element"]
+        if kind not in orders or not elements or words[elements[0]][1] != "vertex":
+            raise ValueError("must be a PLY whose first element is 'vertex'")
+        end = elements[1] if len(elements) > 1 else len(words) - 1
+        properties = words[elements[0] + 1 : end]
+        unknown = [" ".join(word) for word in properties if word[1] not in _SIZES]
+        if unknown:
+            raise ValueError(f"properties of vertices must be scalars, got '{unknown[0]}'")
+        dtype = np.dtype([(word[-1], orders[kind] + _SIZES[word[1]]) for word in properties])
+        count = int(words[elements[0]][2])
+        if kind == "ascii":
+            rows = np.loadtxt(list(itertools.islice(file, count)), dtype=dtype, comments=None, ndmin=1)
+        else:
+            rows = np.frombuffer(file.read(count * dtype.itemsize), np.uint8)
+            rows = rows[: len(rows) // dtype.itemsize * dtype.itemsize].view(dtype)
+        if len(rows) != count:
+            raise ValueError(f"truncated: must have {count} points, got {len(rows)}")
+        return {name: rows[name] for name in dtype.names or ()}
+
+
 def _header(cloud: Cloud, *, points: int, ascii: bool) -> bytes:
     """All of the header, as long for any number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
@@ -157,8 +189,8 @@ def _as_text(part: Numbers) -> bytes:
     return text.replace("inf", LARGEST).encode("ascii")
 
 
-def _read_header(file: IO[bytes]) -> _Header:
-    """Read as far as `end_header`; ValueError if the file is not one of ours."""
+def _header_lines(file: IO[bytes]) -> list[str]:
+    """The lines as far as `end_header`, without the first; ValueError if the file is no PLY."""
     if file.readline(16) != b"ply\n":
         raise ValueError("not a PLY file: the first line must be 'ply'")
     lines: list[str] = []
@@ -167,6 +199,12 @@ def _read_header(file: IO[bytes]) -> _Header:
         if not line.endswith(b"\n"):
             raise ValueError("truncated or damaged in the PLY header: must have 'end_header', got none")
         lines.append(line[:-1].decode("ascii", errors="replace"))
+    return lines
+
+
+def _read_header(file: IO[bytes]) -> _Header:
+    """Read as far as `end_header`; ValueError if the file is not one of ours."""
+    lines = _header_lines(file)
     if f"comment {VERSION_LINE}" not in lines:
         raise ValueError(
             f"not written by this version of lidarscene: no 'comment {VERSION_LINE}' in the header"

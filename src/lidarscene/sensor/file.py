@@ -37,6 +37,11 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
 
+    repetition_rate_khz: Annotated[float, Field(gt=0)] | None = Field(
+        default=None,
+        description="pulses per second; a spinning scanner's lasers and cycle give it if left out",
+    )
+
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
         least = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
@@ -214,7 +219,12 @@ class SensorFile(FileModel):
 
     @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:
-        period_us = self.scanner.shot_period_us(1e3 / self.laser.repetition_rate_khz)
+        rate_khz = self.laser.repetition_rate_khz
+        if rate_khz is None and not isinstance(self.scanner, SpinningFile):
+            raise ValueError(
+                f'laser.repetition_rate_khz: must be given with scanner.type = "{self.scanner.type}", got none'
+            )
+        period_us = self.scanner.shot_period_us(1e6 / self._rate_hz)
         if self.tdc is not None and self.tdc.window_us > period_us * (1.0 + 1e-9):
             raise ValueError(
                 f"tdc.window_us: must be <= {period_us:g}, the pulse period, got {self.tdc.window_us:g}"
@@ -253,9 +263,10 @@ class SensorFile(FileModel):
     @property
     def _rate_hz(self) -> float:
         """Points per second. A histogram's shots follow from the scanner's mode, and so does the rate of its points."""
-        if self.histogram is not None and isinstance(self.scanner, SpinningFile):
+        rate_khz = self.laser.repetition_rate_khz
+        if isinstance(self.scanner, SpinningFile) and (self.histogram is not None or rate_khz is None):
             return len(self.scanner.elevation_deg) / self.scanner.cycle_s
-        return si(float(self.laser.repetition_rate_khz), "khz")
+        return si(float(rate_khz or 0.0), "khz")
 
     @property
     def _dwell_us(self) -> float:
@@ -311,7 +322,7 @@ def sensor_from_tables(
     tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
 ) -> Sensor:
     """A sensor from the tables of a sensor file that ``where`` names, and whose files lie in ``folder``."""
-    file = validated(SensorFile, with_overrides(tables, overrides), where, overrides=overrides)
+    file = validated(SensorFile, _derived_rate(tables, overrides), where, overrides=overrides)
     try:
         sensor = file.build(folder or Path())
     except InputError as error:
@@ -321,9 +332,22 @@ def sensor_from_tables(
     return replace(sensor, sources={**sensor.sources, **given})
 
 
+def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The tables with the overrides; without the file's rate where a changed firing table gives another."""
+    changed = with_overrides(tables, overrides)
+    keys = [text.partition("=")[0].strip() for text in overrides]
+    fires_anew = any(key.startswith("scanner.") for key in keys) and "laser.repetition_rate_khz" not in keys
+    laser, scanner = changed.get("laser"), changed.get("scanner")
+    if not (fires_anew and isinstance(laser, dict) and isinstance(scanner, dict)):
+        return changed
+    if scanner.get("type") != "spinning":
+        return changed
+    return changed | {"laser": {key: value for key, value in laser.items() if key != "repetition_rate_khz"}}
+
+
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
     """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
-    file = validated(SensorFile, with_overrides(read_toml(path), overrides), str(path), overrides=overrides)
+    file = validated(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
     if isinstance(file.scanner, TableFile):
         yield path.parent / file.scanner.file

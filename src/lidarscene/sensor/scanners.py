@@ -52,6 +52,12 @@ class SpinningFile(ScannerFile[Spinning]):
     """[scanner] type = "spinning": a rotating head; the lists have one entry for each laser."""
 
     type: Literal["spinning"]
+    elevation_shift_deg: Annotated[float, Field(ge=-10, le=10)] = Field(
+        default=0.0, description="added to all elevations: how one unit differs from another"
+    )
+    elevation_scale: Annotated[float, Field(ge=0.8, le=1.2)] = Field(
+        default=1.0, description="factor of all elevations, before the shift"
+    )
     forward_mm: tuple[Millimetres, ...] | None = Field(default=None, description="of the exits, in the head")
     left_mm: tuple[Millimetres, ...] | None = None
     height_mm: tuple[Millimetres, ...] | None = None
@@ -98,7 +104,15 @@ class SpinningFile(ScannerFile[Spinning]):
             )
         starts = self.forward_mm, self.left_mm, self.height_mm
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
-        return self.in_si(start_m=None if starts == (None, None, None) else (x, y, z))
+        elevation_deg = [self.elevation_scale * one + self.elevation_shift_deg for one in self.elevation_deg]
+        if max(map(abs, elevation_deg)) > 90.0:
+            raise InputError(
+                f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}"
+            )
+        return self.in_si(
+            elevation_rad=si(tuple(elevation_deg), "deg"),
+            start_m=None if starts == (None, None, None) else (x, y, z),
+        )
 
 
 class PolygonFile(ScannerFile[Polygon]):

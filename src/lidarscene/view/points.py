@@ -77,7 +77,11 @@ def frame_blob(
 def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
     """Every column, angles in degrees, and the error of the range."""
     shown = []
+    # Of a recording, only what it knows: the other columns are there because every cloud has them.
+    known = cloud.metadata.get("recorded", " ".join(column.attribute for column in cloud.columns)).split()
     for column in cloud.columns:
+        if column.attribute not in (*known, "status"):
+            continue
         values, unit = cloud.column(column.name), cloud.metadata.get(f"{column.name}_unit", column.unit)
         if unit == "rad":
             values, unit = np.degrees(values), "°"

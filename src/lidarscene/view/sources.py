@@ -20,6 +20,8 @@ from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
+from ..recordings.as_cloud import cloud_of
+from ..recordings.recording import Recording
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
 from ..rendering.options import FrameOptions
 from ..rendering.simulator import Simulator, Summary
@@ -124,6 +126,34 @@ class Clouds:
         if self.sensor is None and name in catalog.names("sensors"):
             self.sensor = load_sensor(name, overrides=self.overrides)
         return self.sensor
+
+
+class Recorded:
+    """The frames of a recording, or one of them."""
+
+    def __init__(self, recording: Recording, *, frame: int | None = None) -> None:
+        """Read the first frame. Raises InputError."""
+        self.recording = recording
+        self.numbers = range(len(recording)) if frame is None else (frame,)
+        self.frames = tuple(f"frame {number}" for number in self.numbers)
+        self._first = cloud_of(recording[self.numbers[0]])
+        self.title = _title({}, recording.path.name)
+
+    def stage(self) -> bytes:
+        """Names of the frames, and a camera for the first."""
+        told = {"title": self.title, "frames": self.frames, "live": False}
+        return stage_blob(
+            told, scene=None, wavelength_m=WAVELENGTH_M, origin=np.zeros(3), camera=_camera(self._first, None)
+        )
+
+    def frame(self, number: int) -> bytes:
+        """Read a frame, in the sensor's coordinates."""
+        cloud = cloud_of(self.recording[self.numbers[number]]) if number else self._first
+        return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, told={})
+
+    def rendered(self, settings: Settings) -> bytes:
+        """A recording is as it is."""
+        raise InputError("recordings are shown as they are; only a scene can be rendered anew")
 
 
 class Live:

@@ -1,0 +1,51 @@
+"""The command `sensor`: a sensor file of one unit, from what its maker says of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+SENSOR_HELP = """\
+examples:
+  lidarscene sensor --from os1.json -o my-os1.toml
+  lidarscene sensor --from os1.json --mode 2048x10 -o my-os1-2048.toml
+  lidarscene sensor --from db.xml -o my-hdl64.toml
+  lidarscene sensor --from angles.csv --like pandar64 -o my-pandar.toml
+"""
+
+
+def add_sensor(commands: Any) -> None:
+    """Add `sensor`."""
+    command = commands.add_parser(
+        "sensor", help="a sensor file of your unit, from its maker's metadata", epilog=SENSOR_HELP,
+        description="Write a sensor file with the beams of one unit: metadata of an Ouster (json), calibration of a "
+        "Velodyne (YAML, XML), table of angles of a Hesai (CSV). Laser, optics and detector are the catalogue's.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = command.add_argument
+    add(
+        "--from", metavar="F", type=Path, required=True, dest="source", help="what the maker says of the unit"
+    )
+    add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
+    add(
+        "--like",
+        metavar="NAME",
+        help="the catalogue's sensor that is of its kind (default: by maker and beams)",
+    )
+    add(
+        "--mode",
+        metavar="COLUMNSxHZ",
+        help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)",
+    )
+    command.set_defaults(run=sensor_text)
+
+
+def sensor_text(arguments: argparse.Namespace) -> str:
+    """Run `sensor`; returns what is printed."""
+    from ...files.atomic import require_writable
+    from ...recordings.units.written import unit_from, write_unit
+
+    unit = unit_from(arguments.source, arguments.mode)
+    require_writable(arguments.output)
+    return write_unit(unit, arguments.source, arguments.output, like=arguments.like)

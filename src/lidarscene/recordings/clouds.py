@@ -1,0 +1,85 @@
+"""Files of points: KITTI, nuScenes, PCD, PLY and LAS, one frame each, and folders of them, a frame for each file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.described import reading
+from ..formats.las import las_columns
+from ..formats.pcd import pcd_columns
+from ..formats.ply import ply_columns
+from ..maths.arrays import Numbers
+from .columns import sweep_of
+from .recording import Recording
+from .sweep import Sweep
+
+Columns = dict[str, Numbers]
+
+
+def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
+    """Columns of a file of float32 rows without a header; ValueError unless it holds whole rows."""
+    values = np.frombuffer(path.read_bytes(), np.uint8)
+    size = 4 * len(names)
+    if len(values) % size:
+        raise ValueError(f"must be rows of {size} bytes ({', '.join(names)}), got {len(values)} bytes")
+    return dict(zip(names, values.view("<f4").reshape(-1, len(names)).T, strict=True))
+
+
+def _kitti(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
+    return rows_of(path, ("x", "y", "z", "intensity")), None
+
+
+def _nuscenes(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
+    return rows_of(path, ("x", "y", "z", "intensity", "ring")), None
+
+
+def _flat(read: Callable[[Path], Columns]) -> Callable[[Path], tuple[Columns, tuple[int, ...] | None]]:
+    return lambda path: (read(path), None)
+
+
+CLOUDS: dict[str, tuple[str, Callable[[Path], tuple[Columns, tuple[int, ...] | None]]]] = {
+    ".pcd.bin": ("nuscenes", _nuscenes),
+    ".bin": ("kitti", _kitti),
+    ".pcd": ("pcd", pcd_columns),
+    ".ply": ("ply", _flat(ply_columns)),
+    ".las": ("las", _flat(las_columns)),
+    ".laz": ("laz", _flat(las_columns)),
+}
+"""Format and reader by what a name ends in, the longest first. The second is the shape of an array of rows."""
+
+
+def suffix_of(path: Path) -> str | None:
+    """Which of `CLOUDS` a name ends in."""
+    return next((one for one in CLOUDS if path.name.lower().endswith(one)), None)
+
+
+def open_cloud(path: Path, metadata: Path | None) -> Recording:
+    """Open one file, or a folder of them in the order of the numbers in their names. Raises InputError."""
+    if metadata is not None:
+        raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with {path.name}")
+    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=_by_numbers)
+    if not files:
+        raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
+    about = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
+
+    def read(frame: int) -> Sweep:
+        file = files[frame]
+        with reading(file):
+            name, columns_of = CLOUDS[str(suffix_of(file))]
+            columns, shape = columns_of(file)
+            sweep = sweep_of(columns, shape=shape, metadata=about | {"format": name, "frame": str(frame)})
+        if not sweep.kept.any():
+            raise InputError(f"{file}: must have points, got none")
+        return sweep
+
+    return Recording(path=path, count=len(files), read=read, metadata=about)
+
+
+def _by_numbers(path: Path) -> list[tuple[int, str]]:
+    """frame_9 before frame_10."""
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

@@ -1,0 +1,87 @@
+"""Open a recording: the reader is found by what the file's name ends in, and imported then."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import InputError
+from ..formats.described import reading
+from .recording import Recording
+
+Reader = Callable[[Path, Path | None], Recording]
+
+
+def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None) -> Recording:
+    """Open a recording: a file, a folder of a ROS bag, or a folder of files of points.
+
+    metadata  the unit's own description where the maker keeps it apart: json of an Ouster (None: the file of the
+              recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
+    Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
+    """
+    file, described = Path(path), None if metadata is None else Path(metadata)
+    if not file.exists():
+        raise InputError(f"{file}: no such recording")
+    if described is not None and not described.is_file():
+        raise InputError(f"{described}: no such metadata file")
+    if file.is_dir():
+        read: Reader = _bag if (file / "metadata.yaml").is_file() else _cloud
+    else:
+        suffix = next((one for one in READERS if file.name.lower().endswith(one)), None)
+        if suffix is None:
+            raise InputError(
+                f"{file}: must be a recording that ends in {', '.join(READERS)}, got '{file.suffix}'"
+            )
+        if not file.stat().st_size:
+            raise InputError(f"{file}: must be a recording, got an empty file")
+        read = READERS[suffix]
+    recording = read(file, described)
+    if not recording.count:
+        raise InputError(f"{file}: must have frames of a lidar, got none")
+    return recording
+
+
+def _ouster(path: Path, metadata: Path | None) -> Recording:
+    from .ouster import open_ouster
+
+    return open_ouster(path, metadata)
+
+
+def _packets(path: Path, metadata: Path | None) -> Recording:
+    """Of the maker whose packets are there; json, given or beside it, means Ouster."""
+    from . import hesai, velodyne
+    from .packets import packets_of
+
+    described = metadata or path.with_suffix(".json")
+    if described.suffix.lower() == ".json" and described.is_file():
+        return _ouster(path, metadata)
+    with reading(path):
+        packets = packets_of(path, lambda one: velodyne.is_velodyne(one) or hesai.is_hesai(one))
+    if not packets:
+        raise InputError(
+            f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
+            f"(or with --metadata)"
+        )
+    own = velodyne.is_velodyne if velodyne.is_velodyne(packets[0].payload) else hesai.is_hesai
+    opened = velodyne.open_velodyne if own is velodyne.is_velodyne else hesai.open_hesai
+    return opened(path, metadata, [one for one in packets if own(one.payload)])
+
+
+def _bag(path: Path, metadata: Path | None) -> Recording:
+    from .bags import open_bag
+
+    return open_bag(path, metadata)
+
+
+def _cloud(path: Path, metadata: Path | None) -> Recording:
+    from .clouds import open_cloud
+
+    return open_cloud(path, metadata)
+
+
+READERS: dict[str, Reader] = {
+    ".pcap": _packets, ".osf": _ouster, ".mcap": _bag, ".db3": _bag, ".pcd.bin": _cloud, ".bin": _cloud,
+    ".pcd": _cloud, ".ply": _cloud, ".las": _cloud, ".laz": _cloud,
+}  # fmt: skip
+"""Reader by what a file's name ends in, the longest first."""

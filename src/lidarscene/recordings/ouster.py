@@ -1,0 +1,150 @@
+"""Recordings of Ouster sensors: pcap with its json, and OSF, read by the maker's ouster-sdk."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files.optional import optional
+from ..formats.described import reading
+from ..maths.arrays import Numbers
+from ..maths.pose import Pose
+from .packets import records_of
+from .recording import Recording
+from .sweep import Second, Sweep
+
+VALID = 1
+"""Bit of a column's status: its packet was received."""
+
+
+def open_ouster(path: Path, metadata: Path | None) -> Recording:
+    """Open the first sensor's frames; incomplete frames at either end count. Raises InputError."""
+    sdk = optional("ouster.sdk", extra="ouster")
+    core = optional("ouster.sdk.core", extra="ouster")
+    core.init_logger("critical")  # what it warns of beside is no line of ours
+    options: dict[str, Any] = {}
+    described = path
+    with ExitStack() as opened:
+        if path.suffix.lower() == ".pcap":
+            described = _description(path, metadata)
+            with reading(described):
+                core.SensorInfo(described.read_text())
+            options = {"meta": [str(described)]}
+            _require_whole(path)
+        elif metadata is not None:
+            raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
+        with reading(path):
+            file = path if options else _indexable(path, opened)
+            source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=0, **options)
+            opened.callback(source.close)
+            info = source.sensor_info[0]
+            direction, origin_m = beams(core, info)
+        if not len(source) and options:
+            raise InputError(
+                f"{path}: must have packets as {described} describes them, got none of that kind"
+            )
+        kept_open = opened.pop_all()
+    about = {
+        "format": f"ouster {path.suffix.lower()[1:]}", "sensor": str(info.prod_line), "serial": str(info.sn),
+        "firmware": str(info.fw_rev), "mode": str(info.config.lidar_mode),
+        "profile": str(info.format.udp_profile_lidar),
+    }  # fmt: skip
+
+    def read(frame: int) -> Sweep:
+        with reading(path):
+            return _sweep(source[frame][0], info, (direction, origin_m), about | {"frame": str(frame)})
+
+    return Recording(path=path, count=len(source), read=read, close_file=kept_open.close, metadata=about)
+
+
+def _indexable(path: Path, opened: ExitStack) -> Path:
+    """The OSF, or a copy if it has no index: ouster-sdk would write one into it, and recordings are read only."""
+    osf = optional("ouster.sdk.osf", extra="ouster")
+    source = osf.OsfFrameSetSource(str(path))
+    indexed = source.is_indexed
+    source.close()
+    if indexed:
+        return path
+    folder = opened.enter_context(TemporaryDirectory(prefix="lidarscene-"))
+    return Path(shutil.copy(path, folder))
+
+
+def _require_whole(path: Path) -> None:
+    """ValueError, as InputError, for a pcap that is cut off: ouster-sdk would give what is left without a word."""
+    with reading(path):
+        for _ in records_of(path):
+            pass
+
+
+def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:
+    """(rows, columns, 3) directions, and where the reported range is counted from [m], in the sensor's frame.
+
+    The maker's table gives the point at any range r as ``direction * r + offset``, so two ranges give both.
+    """
+    table = core.XYZLut(info, use_extrinsics=False)
+    shape = info.format.pixels_per_column, info.format.columns_per_frame
+    origin_m = np.asarray(table(np.ones(shape, np.uint32)))  # one millimetre: none for a range of zero
+    far_m = np.asarray(table(np.full(shape, 1_000_001, np.uint32)))
+    direction = (far_m - origin_m) / 1000.0
+    return direction, origin_m - 1e-3 * direction
+
+
+def _description(path: Path, metadata: Path | None) -> Path:
+    """The json of a pcap. Raises InputError if there is none."""
+    if metadata is not None:
+        if not metadata.is_file():
+            raise InputError(f"{metadata}: no such metadata file")
+        return metadata
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        raise InputError(
+            f"{path}: must have the sensor's metadata as {beside.name} beside it, or --metadata F"
+        )
+    return beside
+
+
+def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[str, str]) -> Sweep:
+    rows, columns = shape = (frame.h, frame.w)
+    received = (np.asarray(frame.status) & VALID) != 0
+    recorded = np.broadcast_to(received, shape)
+    stamps = np.asarray(frame.timestamp, np.int64)
+    start_ns = int(stamps[received].min()) if received.any() else 0
+    time_s = np.where(received, 1e-9 * (stamps - start_ns), np.nan)
+    direction, origin_m = tables
+    fields = set(frame.fields)
+
+    def scalar(name: str) -> Numbers | None:
+        return np.where(recorded, frame.field(name), np.nan) if name in fields else None
+
+    def metres(name: str) -> Numbers:
+        millimetres = np.asarray(frame.field(name), np.float64)
+        return np.where(recorded & (millimetres > 0.0), 1e-3 * millimetres, np.nan)
+
+    second = None
+    if "RANGE2" in fields:
+        second = Second(
+            range_m=metres("RANGE2"), signal=scalar("SIGNAL2"), reflectivity=scalar("REFLECTIVITY2")
+        )
+    return Sweep(
+        range_m=metres("RANGE"), recorded=recorded, direction=direction, origin_m=origin_m,
+        time_s=np.broadcast_to(time_s, shape), signal=scalar("SIGNAL"), near_ir=scalar("NEAR_IR"),
+        reflectivity=scalar("REFLECTIVITY"), second=second,
+        ring=np.broadcast_to(np.arange(rows)[:, None], shape),
+        column=np.broadcast_to(np.arange(columns), shape),
+        start_s=1e-9 * start_ns, pose=_pose(frame, info, received), knows_lost=True, metadata=about,
+    )  # fmt: skip
+
+
+def _pose(frame: Any, info: Any, received: Numbers) -> Pose | None:
+    """Of the sensor in the world at the first column received; None where the recording has no poses."""
+    poses = np.asarray(frame.body_to_world)
+    if not received.any() or np.array_equal(poses, np.broadcast_to(np.eye(4), poses.shape)):
+        return None
+    matrix = poses[int(np.argmax(received))] @ np.asarray(info.sensor_to_body)
+    return Pose(position_m=matrix[:3, 3], rotation=matrix[:3, :3])

@@ -1,0 +1,127 @@
+"""One recorded sweep, pulse by pulse: what came back, and what is known of the pulses of which nothing came back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..maths.arrays import Numbers, frozen
+from ..maths.pose import Pose
+
+SCALARS = ("signal", "near_ir", "reflectivity", "intensity")
+"""What a recording may know of a pulse beside range and time."""
+
+SECOND = ("range_m", "signal", "reflectivity", "intensity")
+"""What it may know of a second return."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Second:
+    """The second return of each pulse, in the maker's order (Ouster: strongest first); NaN where there is none.
+
+    range_m  float64, of the sweep's shape; the others float32, None where the recording has no such field
+    """
+
+    range_m: Numbers
+    signal: Numbers | None = None
+    reflectivity: Numbers | None = None
+    intensity: Numbers | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sweep:
+    """One frame of a recording, read-only. Every array has the sweep's shape, and is None if the recording lacks it.
+
+    The shape is (rows, columns) for a spinning array, whose columns are in order of firing, and (n,) for a list of
+    points. The point of a pulse is ``origin_m + range_m * direction``, in the sensor's frame: x forward, y left, z up.
+
+    range_m       float64, as reported; NaN where nothing came back or nothing was recorded
+    recorded      bool, whether the recording tells what became of the pulse; False for lost packets
+    direction     (..., 3) float64 unit vectors; of lost pulses too where the format tells, else NaN
+    origin_m      (..., 3) float64, where the range is counted from; None: the origin of the frame
+    time_s        float64, from `start_s`; NaN where nothing was recorded
+    signal        float32, photons of the return; of lost pulses what the maker reports of them
+    near_ir       float32, counts of the background light
+    reflectivity  float32, as the maker counts it; Ouster: 100 is a white Lambertian surface
+    intensity     float32, as recorded, in no known unit
+    second        the second return
+    ring          int32, number of the channel; with rows: from the top row down
+    column        int32, number of the firing within a turn
+    return_number int32, which of its pulse's returns a point is, in a list that has one entry for each
+    start_s       when the sweep began, by the recording's clock; 0 if it has none
+    pose          where the sensor stood at the start, in the recording's world
+    knows_lost    whether pulses without a return are in it
+    metadata      text by key: sensor, format, mode, ...
+    """
+
+    range_m: Numbers
+    recorded: Numbers
+    direction: Numbers
+    origin_m: Numbers | None = None
+    time_s: Numbers | None = None
+    signal: Numbers | None = None
+    near_ir: Numbers | None = None
+    reflectivity: Numbers | None = None
+    intensity: Numbers | None = None
+    second: Second | None = None
+    ring: Numbers | None = None
+    column: Numbers | None = None
+    return_number: Numbers | None = None
+    start_s: float = 0.0
+    pose: Pose | None = None
+    knows_lost: bool = False
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze the arrays. Raises ValueError that names the field."""
+        shape = np.shape(self.range_m)
+        kinds: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
+        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(
+            ("ring", "column", "return_number"), np.int32
+        )
+        kinds |= dict.fromkeys(("direction", "origin_m"), np.float64)
+        for name, kind in kinds.items():
+            values = getattr(self, name)
+            if values is not None:
+                wanted = (*shape, 3) if name in ("direction", "origin_m") else shape
+                object.__setattr__(self, name, _checked(f"Sweep.{name}", values, kind, wanted))
+        for name in SECOND if self.second is not None else ():
+            values = getattr(self.second, name)
+            if values is not None:
+                kind = np.float64 if name == "range_m" else np.float32
+                object.__setattr__(self.second, name, _checked(f"Sweep.second.{name}", values, kind, shape))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(rows, columns), or (n,)."""
+        return self.range_m.shape
+
+    @property
+    def kept(self) -> Numbers:
+        """Mask of the pulses of which a return was reported."""
+        return np.isfinite(self.range_m)
+
+    @property
+    def lost(self) -> Numbers:
+        """Mask of the recorded pulses of which none was; nowhere True unless `knows_lost`."""
+        return np.asarray(self.recorded & ~self.kept)
+
+    @property
+    def xyz_m(self) -> Numbers:
+        """(..., 3) float64 points in the sensor's frame, NaN where nothing came back."""
+        return self.points(self.range_m)
+
+    def points(self, range_m: Numbers) -> Numbers:
+        """(..., 3) float64 points at these ranges [m] along the beams, say of the second returns."""
+        along = range_m[..., None] * self.direction
+        return np.asarray(along if self.origin_m is None else self.origin_m + along)
+
+
+def _checked(name: str, values: Any, kind: Any, shape: tuple[int, ...]) -> Numbers:
+    try:
+        return frozen(values, kind, shape)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None

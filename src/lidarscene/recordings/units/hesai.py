@@ -1,0 +1,44 @@
+"""A Hesai's table of angles (CSV: channel, elevation, azimuth) as a unit.
+
+Azimuths are clockwise seen from above, from the sensor's y axis; sensor files count counter-clockwise from x, forward.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from ...formats.described import reading
+from .beams import Unit
+
+MODELS = {64: "pandar64"}
+"""By number of channels."""
+
+
+def read_hesai(path: Path) -> Unit:
+    """Read the table. Raises InputError."""
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [
+            [cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)
+        ]
+        header = [cell.lower() for cell in rows[0]] if rows else []
+        wanted = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}
+        if len(wanted) < 2:
+            raise ValueError(
+                f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}"
+            )
+        angles = []
+        for number, row in enumerate(rows[1:], 2):
+            try:
+                angles.append(tuple(float(row[place]) for place in wanted.values()))
+            except (ValueError, IndexError):
+                raise ValueError(f"line {number}: must be numbers, got '{','.join(row)}'") from None
+        if not angles:
+            raise ValueError("must have a line for each channel, got none")
+    return Unit(
+        model=MODELS.get(len(angles), ""), name=path.stem,
+        lists={
+            "elevation_deg": tuple(elevation for elevation, _ in angles),
+            "azimuth_offset_deg": tuple(-azimuth for _, azimuth in angles),
+        },
+    )  # fmt: skip

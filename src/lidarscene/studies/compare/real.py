@@ -1,0 +1,209 @@
+"""A cloud beside a recording of a real lidar: what can be compared where the scene is not known.
+
+Neither the pulses nor the surfaces are the same, so nothing is matched: points, losses, ranges, channels, ground and
+strengths are counted on each side, and the table says how far apart they are.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from ...figures.page import Page, put_text
+from ...files.atomic import require_writable
+from ...maths.arrays import Numbers
+from ...recordings.sweep import Sweep
+
+PAGE, NUMBERS = "index.html", "real.json"
+QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
+"""Of the ranges [%]."""
+
+FIRST_OCTAVE_M, OCTAVES = 2.0, 7
+"""Strengths are told for 2 to 4 m, 4 to 8 m, ..."""
+
+GROUND_NEAR_M = 25.0
+"""The ground's plane is fitted to points not farther than this, so that a slope or a hill does not tilt it."""
+
+LEAST_GROUND = 100
+"""Fewer points make no plane."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """What is compared. Arrays are of the first returns.
+
+    xyz_m       (n, 3) in the sensor's frame
+    ring        (n,) number of the channel, None if unknown
+    strength    (n,) signal, or intensity, in a unit of its own; None if unknown
+    kept        share of the pulses with a return; None where lost pulses are not known
+    gap_m       distances between first and second returns of one pulse
+    """
+
+    name: str
+    xyz_m: Numbers
+    range_m: Numbers
+    ring: Numbers | None
+    strength: Numbers | None
+    kept: float | None
+    gap_m: Numbers
+
+
+def side_of_sweep(name: str, sweep: Sweep) -> Side:
+    """Of a recording."""
+    there = sweep.kept
+    if sweep.return_number is not None:
+        there = there & (sweep.return_number <= 1)
+    strengths = (sweep.signal, sweep.intensity, sweep.reflectivity)
+    strength = next((one for one in strengths if one is not None), None)
+    both = there & np.isfinite(sweep.second.range_m) if sweep.second is not None else np.zeros_like(there)
+    gap_m = np.abs(sweep.second.range_m - sweep.range_m)[both] if sweep.second is not None else np.zeros(0)
+    return Side(
+        name=name, xyz_m=sweep.xyz_m[there], range_m=sweep.range_m[there],
+        ring=None if sweep.ring is None else sweep.ring[there],
+        strength=None if strength is None else strength[there],
+        kept=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None, gap_m=gap_m,
+    )  # fmt: skip
+
+
+def side_of_cloud(name: str, cloud: PointCloud) -> Side:
+    """Of a cloud that was simulated."""
+    local = cloud.in_sensor_frame()
+    order = np.lexsort((local.return_number, local.channel, local.time_s))
+    same = (np.diff(local.time_s[order]) == 0.0) & (np.diff(local.channel[order]) == 0)
+    gap_m = np.abs(np.diff(local.range_m[order].astype(np.float64)))[same]
+    first = local.select(local.return_number <= 1)
+    return Side(
+        name=name, xyz_m=first.xyz_m.astype(np.float64), range_m=first.range_m.astype(np.float64),
+        ring=first.channel, strength=first.signal if np.any(first.signal) else first.intensity, kept=None,
+        gap_m=gap_m,
+    )  # fmt: skip
+
+
+def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
+    """Write page and JSON; returns the text to print. Raises OutputError."""
+    for name in (PAGE, NUMBERS):
+        require_writable(folder / name)
+    sides = [numbers_of(one) for one in (side, real)]
+    rows = [*_rows(sides), *_ring_rows(sides)]
+    told = {"sides": sides, "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True))
+                                     for row in rows]}  # fmt: skip
+    page = Page(f"{side.name} beside {real.name}", folder=folder)
+    page.paragraph(_NOTE)
+    page.table(("quantity", side.name, real.name, "ratio"), [[_shown(cell) for cell in row] for row in rows])
+    put_text(folder / PAGE, page.as_html())
+    put_text(folder / NUMBERS, json.dumps(told, indent=1) + "\n")
+    if as_json:
+        return json.dumps(told)
+    lines = [f"{row[0]:34s} {_shown(row[1]):>12s} {_shown(row[2]):>12s} {_shown(row[3]):>8s}" for row in rows]
+    head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
+    return "\n".join([head, *lines, f"wrote {folder / PAGE}"])
+
+
+_NOTE = (
+    "Not the same scene: nothing is matched. Strengths have a unit of their own on each side, so each is divided "
+    "by its median over all points. Channels are ordered by their elevation. The ground is the plane below the sensor; "
+    "its farthest return is the 99.9 % quantile."
+)
+
+
+def numbers_of(side: Side) -> dict[str, Any]:
+    """All that is compared, by name; None where a side does not know it."""
+    range_m = side.range_m
+    ground = ground_of(side.xyz_m)
+    found: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.kept}
+    found |= {
+        f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None
+        for q in QUANTILES
+    }
+    height, farthest, share = ground if ground else (None, None, None)
+    found |= {
+        "sensor above ground [m]": height,
+        "farthest ground [m]": farthest,
+        "share on the ground": share,
+    }
+    found["second returns, share"] = len(side.gap_m) / len(range_m) if len(side.gap_m) else None
+    found["second returns, 1 % gap [m]"] = float(np.percentile(side.gap_m, 1.0)) if len(side.gap_m) else None
+    for number in range(OCTAVES):
+        low = FIRST_OCTAVE_M * 2.0**number
+        name = f"strength, {low:g} to {2.0 * low:g} m"
+        there = (range_m >= low) & (range_m < 2.0 * low)
+        known = side.strength is not None and there.sum() >= LEAST_GROUND and np.median(side.strength) > 0
+        found[name] = (
+            float(np.median(side.strength[there]) / np.median(side.strength))
+            if known and side.strength is not None
+            else None
+        )
+    found["rings"] = rings_of(side)
+    return found
+
+
+def rings_of(side: Side) -> list[tuple[float, int]] | None:
+    """Median elevation [degrees] and points of each channel, from the lowest up."""
+    if side.ring is None:
+        return None
+    elevation = np.degrees(np.arcsin((side.xyz_m[:, 2] / side.range_m).clip(-1.0, 1.0)))
+    numbers, inverse, counts = np.unique(side.ring, return_inverse=True, return_counts=True)
+    order = np.argsort(inverse, kind="stable")
+    parts = np.split(elevation[order], np.cumsum(counts)[:-1])
+    return sorted((float(np.median(part)), len(part)) for part in parts) if len(numbers) else None
+
+
+def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
+    """Height of the sensor [m], the ground's farthest return [m] (99.9 %), share of the points on it; None if no plane.
+
+    The lowest well filled 0.2 m of height near the sensor start a fit of z = a + b x + c y, which is repeated with
+    the points within 0.3, 0.15 and 0.1 m of it. On the ground is what is within 0.1 m, or 0.3 % of its range.
+    """
+    level_m = np.hypot(xyz_m[:, 0], xyz_m[:, 1])
+    near = xyz_m[(level_m < GROUND_NEAR_M) & (xyz_m[:, 2] < -0.2)]
+    if len(near) < LEAST_GROUND:
+        return None
+    counts, edges = np.histogram(near[:, 2], bins=np.arange(near[:, 2].min(), 0.2, 0.2))
+    start = int(np.argmax(counts >= 0.3 * counts.max()))
+    plane = np.array([0.5 * (edges[start] + edges[start + 1]), 0.0, 0.0])
+
+    def above(points: Numbers) -> Numbers:
+        return np.asarray(points[:, 2] - plane[0] - points[:, :2] @ plane[1:])
+
+    for within_m in (0.3, 0.15, 0.1):
+        chosen = near[np.abs(above(near)) < within_m]
+        if len(chosen) < LEAST_GROUND:
+            return None
+        design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
+        plane = np.linalg.lstsq(design, chosen[:, 2], rcond=None)[0]
+    range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
+    on = np.abs(above(xyz_m)) < np.maximum(0.1, 0.003 * range_m)
+    height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
+    return float(height_m), float(np.percentile(range_m[on], 99.9)), float(on.mean())
+
+
+def _rows(sides: list[dict[str, Any]]) -> list[tuple[str, Any, Any, Any]]:
+    return [(name, *_with_ratio(sides[0][name], sides[1][name])) for name in sides[0] if name != "rings"]
+
+
+def _ring_rows(sides: list[dict[str, Any]]) -> list[tuple[str, Any, Any, Any]]:
+    a, b = (side["rings"] for side in sides)
+    rows: list[tuple[str, Any, Any, Any]] = [
+        ("channels with points", *_with_ratio(*(None if one is None else len(one) for one in (a, b))))
+    ]
+    if a and b and len(a) == len(b):
+        rows += [
+            (f"points at {up:.2f} degrees", *_with_ratio(mine, theirs))
+            for (_, mine), (up, theirs) in zip(a, b, strict=True)
+        ]
+    return rows
+
+
+def _with_ratio(a: Any, b: Any) -> tuple[Any, Any, Any]:
+    return a, b, a / b if a is not None and b else None
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, str | int) else f"{value:.4g}"

@@ -1,0 +1,97 @@
+"""Recordings on the command line: `view REC`, `compare A --real REC`, and what is a recording."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+from helpers.command_line import Run
+
+from lidarscene.cli.recordings.options import followed, is_recording
+from lidarscene.recordings.opening import open_recording
+
+
+def room(path: Path, radius_m: float) -> str:
+    """A file of KITTI: a ring of 360 points."""
+    angle = np.radians(np.arange(360.0))
+    rows = np.stack(
+        [radius_m * np.cos(angle), radius_m * np.sin(angle), 0.0 * angle - 1.0, 0.1 + 0.0 * angle], axis=-1
+    )
+    path.write_bytes(rows.astype("<f4").tobytes())
+    return str(path)
+
+
+def test_what_is_a_recording(tmp_path: Path) -> None:
+    ours, other = tmp_path / "ours.ply", tmp_path / "other.ply"
+    small_cloud().save(ours)
+    other.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n")
+    assert [is_recording(path) for path in (ours, other)] == [False, True]
+    assert is_recording(tmp_path / "nothing.pcap")
+    assert not is_recording(tmp_path / "scene.toml")
+    room(tmp_path / "1.bin", 5.0)
+    assert not is_recording(tmp_path)
+    ours.unlink()
+    other.unlink()
+    assert is_recording(tmp_path)
+
+
+def test_view_saves_all_frames_or_one(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "log").mkdir()
+    for number in range(3):
+        room(tmp_path / "log" / f"{number}.bin", 5.0 + number)
+    pages = []
+    for more in ((), ("--frame", "1")):
+        ran = run("view", "log", *more, "--save", "page.html")
+        assert (ran.code, ran.err) == (0, "")
+        pages.append(Path("page.html").read_text(encoding="utf-8"))
+    assert ["frame-2" in page for page in pages] == [True, False]
+
+
+def test_a_terminal_is_told_of_each_frame(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log").mkdir()
+    for number in range(2):
+        room(tmp_path / "log" / f"{number}.bin", 5.0 + number)
+    with open_recording(tmp_path / "log") as recording:
+        assert followed(recording) is recording
+        monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+        assert len(list(followed(recording))) == 2
+    assert capsys.readouterr().err == "\rlog: frame 1 of 2\rlog: frame 2 of 2\n"
+
+
+def test_compare_real(run: Run, tmp_path: Path) -> None:
+    a, b = room(tmp_path / "a.bin", 5.0), room(tmp_path / "b.bin", 10.0)
+    ran = run("compare", a, "--real", b, "-o", "out")
+    assert (ran.code, ran.err) == (0, "")
+    median = next(line for line in ran.out.splitlines() if line.startswith("range, 50 %"))
+    assert median.split()[-3:] == ["5.099", "10.05", "0.5074"]
+    small_cloud().save("ours.ply")
+    assert run("compare", "ours.ply", "--real", b, "-o", "out").code == 0
+
+
+def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
+    a = room(tmp_path / "a.bin", 5.0)
+    (tmp_path / "damaged.bin").write_bytes(bytes(17))
+    small_cloud().save("ours.ply")
+    for arguments, told in (
+        (("view", "nothing.pcap"), "nothing.pcap: no such recording"),
+        (("view", a, "--frame", "4", "--save", "p.html"), "frame must be 0 to 0, got 4"),
+        (("view", a, "ours.ply", "--save", "p.html"), "a recording must come alone, got 2 paths"),
+        (("view", a, "--pose", "0,0,1", "--save", "p.html"), "--pose: goes with a scene or clouds"),
+        (
+            ("view", "ours.ply", "--frame", "1", "--save", "p.html"),
+            "--frame: goes with a recording, got ours.ply",
+        ),
+        (("view", "damaged.bin", "--save", "p.html"), "must be rows of 16 bytes"),
+        (("compare", a, "--real", "damaged.bin", "-o", "o"), "must be rows of 16 bytes"),
+        (
+            ("compare", a, a, "--real", a, "-o", "o"),
+            "--real: must go with one cloud or recording, got 2 files",
+        ),
+        (("compare", a, "--real", a, "--seed", "1", "-o", "o"), "--seed: goes with a scene, not with --real"),
+        (("compare", a, "--frame", "1", "-o", "o"), "--frame: goes with --real"),
+    ):
+        ran = run(*arguments)
+        assert (ran.code, ran.err.count("\n")) == (2, 1), ran.err
+        assert told in ran.err

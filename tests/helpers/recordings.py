@@ -1,0 +1,69 @@
+"""Small recordings, packet by packet as the makers' manuals have them, and pcap files of them."""
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+DATA = Path(__file__).parents[1] / "recordings" / "data"
+OUSTER = DATA / "os0-32-one-packet.pcap"
+"""The first packet of a recording of an OS0-32-U1: 16 of 1024 columns, dual returns."""
+
+VLP16 = 0x22
+STRONGEST = 0x37
+DISTANCE_M = 0.002
+"""A unit of a VLP-16's distances."""
+
+FIRINGS = 24
+"""Of all 16 lasers, in a packet of a VLP-16."""
+
+
+def velodyne_packet(azimuths: Sequence[int], distances: Sequence[Sequence[int]], stamp_us: int = 0) -> bytes:
+    """A packet of a VLP-16: 12 azimuths [0.01 degrees], 24 firings of 16 distances [2 mm], 0 where lost."""
+    blocks = b""
+    for block, azimuth in enumerate(azimuths):
+        both = [*distances[2 * block], *distances[2 * block + 1]]
+        blocks += struct.pack("<HH", 0xEEFF, azimuth)
+        blocks += b"".join(
+            struct.pack("<HB", distance, 50 + laser % 16) for laser, distance in enumerate(both)
+        )
+    return blocks + struct.pack("<IBB", stamp_us, STRONGEST, VLP16)
+
+
+def turns(packets: int, *, lost: tuple[int, int] = (-1, -1), start: int = 0) -> list[bytes]:
+    """Packets of a VLP-16 at 10 Hz in a round room of 10 m; ``lost``: a laser and a firing without return."""
+    made = []
+    for number in range(packets):
+        azimuths = [(start + (12 * number + block) * 40) % 36_000 for block in range(12)]
+        distances = [
+            [0 if (laser, FIRINGS * number + firing) == lost else 5000 for laser in range(16)]
+            for firing in range(FIRINGS)
+        ]
+        made.append(velodyne_packet(azimuths, distances, stamp_us=1327 * number))
+    return made
+
+
+def hesai_packet(azimuth: int, distance: int) -> bytes:
+    """A packet of a PandarXT-32: 8 blocks 0.18 degrees apart, every channel at this distance [4 mm]."""
+    body = b"".join(
+        struct.pack("<H", (azimuth + 18 * block) % 36_000) + struct.pack("<HBB", distance, 30, 0) * 32
+        for block in range(8)
+    )
+    header = struct.pack(">BBBBH", 0xEE, 0xFF, 6, 1, 0) + bytes([32, 8, 1, 4, 1, 0])
+    tail = (
+        bytes(10) + bytes([0x37]) + bytes(2) + bytes([126, 1, 2, 3, 4, 5]) + struct.pack("<I", 250) + bytes(1)
+    )
+    return header + body + tail + bytes(4)
+
+
+def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds: bool = False) -> Path:
+    """A pcap of UDP packets over Ethernet, a millisecond apart."""
+    magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4
+    content = struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
+    for number, payload in enumerate(payloads):
+        udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
+        ip = struct.pack(">BBHHHBBH8s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, bytes(8)) + udp
+        frame = bytes(12) + b"\x08\x00" + ip
+        part = number * (1_000_000 if nanoseconds else 1000)
+        content += struct.pack(order + "IIII", 100, part, len(frame), len(frame)) + frame
+    path.write_bytes(content)
+    return path

@@ -1,0 +1,50 @@
+"""Sweeps as clouds, and what a sweep refuses."""
+
+import numpy as np
+import pytest
+
+from lidarscene.maths.pose import Pose
+from lidarscene.recordings.as_cloud import cloud_of
+from lidarscene.recordings.sweep import Second, Sweep
+
+
+def sweep(**changes: object) -> Sweep:
+    """Two rows, two columns: one pulse is lost, one has two returns."""
+    direction = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [-1, 0, 0]]], float)
+    given: dict[str, object] = {
+        "range_m": [[2.0, np.nan], [4.0, 5.0]], "recorded": [[True, True], [True, False]], "direction": direction,
+        "origin_m": direction * 0.5, "signal": [[9, 8], [7, 6]], "near_ir": [[1, 2], [3, 4]],
+        "ring": [[0, 0], [1, 1]], "start_s": 3.0, "knows_lost": True, "metadata": {"sensor": "OS"},
+        "second": Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), signal=np.full((2, 2), 5.0)),
+        "pose": Pose(position_m=np.array([1.0, 2.0, 3.0])),
+    }  # fmt: skip
+    return Sweep(**(given | changes))  # type: ignore[arg-type]
+
+
+def test_both_returns_are_points() -> None:
+    cloud = cloud_of(sweep())
+    np.testing.assert_allclose(cloud.range_m, [2.0, 4.0, 5.0, 6.0])
+    np.testing.assert_allclose(cloud.xyz_m, [[2.5, 0, 0], [0, 0, 4.5], [-5.5, 0, 0], [0, 0, 6.5]])
+    assert cloud.return_number.tolist() == [1, 1, 1, 2]
+    assert cloud.signal.tolist() == cloud.intensity.tolist() == [9, 7, 6, 5]
+    assert cloud.ambient.tolist() == [1, 3, 4, 3]
+    assert "snr" not in cloud.metadata["recorded"].split()
+    assert {"signal", "ambient"} <= set(cloud.metadata["recorded"].split())
+    assert cloud.frame_start_s == 3.0
+    assert cloud.sensor_to_world is not None
+    np.testing.assert_array_equal(cloud.sensor_to_world.position_m, [1, 2, 3])
+
+
+def test_kept_and_lost() -> None:
+    one = sweep()
+    assert one.kept.tolist() == [[True, False], [True, True]]
+    assert one.lost.tolist() == [[False, True], [False, False]]
+
+
+def test_shapes_are_checked_and_arrays_frozen() -> None:
+    with pytest.raises(ValueError, match=r"Sweep.signal: array must have shape \(2, 2\), got \(3,\)"):
+        sweep(signal=[1, 2, 3])
+    with pytest.raises(ValueError, match=r"Sweep.second.signal: "):
+        sweep(second=Second(range_m=np.ones((2, 2)), signal=np.ones(2)))
+    with pytest.raises(ValueError, match=r"read-only"):
+        sweep().range_m[0, 0] = 1.0

@@ -1,0 +1,137 @@
+"""Files of points: of data sets, of other programs, of ours, and folders of them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+from helpers.formats import need
+
+from lidarscene.errors import InputError
+from lidarscene.recordings.opening import open_recording
+
+ROWS = np.array([[3, 0, 0, 0.5, 2], [0, 4, 0, 0.25, 7], [0, 0, -5, 0, 9]], np.float32)
+RANGES = [3.0, 4.0, 5.0]
+
+PLY = """\
+ply
+format {order} 1.0
+comment of another program
+element vertex 3
+property double x
+property float y
+property float z
+property uchar ring
+element face 0
+property list uchar int vertex_indices
+end_header
+"""
+
+PCD = """\
+VERSION 0.7
+FIELDS x y _ z rgb3
+SIZE 4 4 2 4 1
+TYPE F F U F U
+COUNT 1 1 2 1 3
+WIDTH {width}
+HEIGHT {height}
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS 4
+DATA binary
+"""
+
+
+def test_kitti_and_nuscenes_are_rows_of_float32(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(ROWS[:, :4].tobytes())
+    (tmp_path / "a.pcd.bin").write_bytes(ROWS.tobytes())
+    kitti, nuscenes = (open_recording(tmp_path / name)[0] for name in ("a.bin", "a.pcd.bin"))
+    for sweep in (kitti, nuscenes):
+        np.testing.assert_array_equal(sweep.range_m, RANGES)
+        np.testing.assert_array_equal(sweep.xyz_m, ROWS[:, :3])
+        assert sweep.intensity is not None
+        np.testing.assert_array_equal(sweep.intensity, ROWS[:, 3])
+        assert not sweep.knows_lost
+    assert kitti.ring is None
+    assert nuscenes.ring is not None
+    assert nuscenes.ring.tolist() == [2, 7, 9]
+
+
+def test_ply_of_another_program(tmp_path: Path) -> None:
+    for order, sign in (("binary_little_endian", "<"), ("binary_big_endian", ">"), ("ascii", "")):
+        header = PLY.format(order=order).encode()
+        dtype = np.dtype([("x", f"{sign}f8"), ("y", f"{sign}f4"), ("z", f"{sign}f4"), ("ring", "u1")])
+        rows = np.array([(*row[:3], row[4]) for row in ROWS.tolist()], dtype)
+        text = "".join(f"{x} {y} {z} {ring}\n" for x, y, z, ring in rows.tolist()).encode()
+        body = rows.tobytes() if sign else text
+        path = tmp_path / "a.ply"
+        path.write_bytes(header + body)
+        sweep = open_recording(path)[0]
+        np.testing.assert_array_equal(sweep.xyz_m, ROWS[:, :3])
+        assert sweep.ring is not None
+        assert sweep.ring.tolist() == [2, 7, 9]
+        path.write_bytes(header + body[:-8])
+        with pytest.raises(InputError, match=r"a.ply: cannot be read: "):
+            open_recording(path)[0]
+
+
+def test_pcd_of_another_program_and_its_lost_pulses(tmp_path: Path) -> None:
+    dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("pad", "<u2", 2), ("z", "<f4"), ("rgb", "u1", 3)])
+    rows = np.zeros(4, dtype)
+    for axis, name in enumerate("xyz"):
+        rows[name][:3] = ROWS[:, axis]
+    rows["x"][3] = np.nan
+    path = tmp_path / "a.pcd"
+    path.write_bytes(PCD.format(width=2, height=2).encode() + rows.tobytes())
+    array = open_recording(path)[0]
+    assert array.shape == (2, 2)
+    assert array.lost.tolist() == [[False, False], [False, True]]
+    path.write_bytes(PCD.format(width=4, height=1).encode() + rows.tobytes())
+    assert open_recording(path)[0].range_m.tolist() == RANGES
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"must have 76 bytes of points, got 75"):
+        open_recording(path)[0]
+
+
+@pytest.mark.parametrize("name", ["ply", "pcd", "las", "laz"])
+def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
+    need(name)
+    cloud, path = small_cloud(), tmp_path / f"a.{name}"
+    cloud.save(path)
+    sweep = open_recording(path)[0]
+    # LAS holds positions in steps of 10 um.
+    np.testing.assert_allclose(
+        sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6
+    )
+    assert sweep.ring is not None
+    np.testing.assert_array_equal(sweep.ring, cloud.channel)
+    assert sweep.time_s is not None
+    np.testing.assert_allclose(sweep.time_s + sweep.start_s, cloud.time_s, atol=1e-12)
+
+
+def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> None:
+    for number in (2, 10, 1):
+        (tmp_path / f"{number}.bin").write_bytes((ROWS[:, :4] * number).tobytes())
+    assert [float(sweep.range_m[0]) for sweep in open_recording(tmp_path)] == [3.0, 6.0, 30.0]
+
+
+def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    def told(name: str, content: bytes) -> str:
+        path = tmp_path / name
+        path.write_bytes(content)
+        with pytest.raises(InputError) as caught:
+            open_recording(path)[0]
+        return str(caught.value).removeprefix(f"{path}: ")
+
+    assert told("a.bin", bytes(17)) == (
+        "cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes"
+    )
+    assert told("b.bin", b"") == "must be a recording, got an empty file"
+    assert told("c.bin", bytes(32)) == "must have points, got none"
+    assert told("a.xyz", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
+    assert told("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n").endswith(
+        "must be a PLY whose first element is 'vertex'"
+    )
+    with pytest.raises(InputError, match=r"nothing.bin: no such recording"):
+        open_recording(tmp_path / "nothing.bin")

@@ -1,0 +1,149 @@
+"""Ouster: a packet of a real sensor, and OSF as the maker's own library writes it."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.recordings import OUSTER
+
+from lidarscene.errors import InputError
+from lidarscene.recordings.opening import open_recording
+
+
+@pytest.fixture(autouse=True)
+def core(library: Callable[[str], Any]) -> Any:
+    return library("ouster.sdk.core")
+
+
+def test_one_packet_is_sixteen_columns(core: Any) -> None:
+    with open_recording(OUSTER) as recording:
+        assert (len(recording), recording.metadata["mode"]) == (1, "1024x10")
+        sweep = recording[0]
+    assert sweep.shape == (32, 1024)
+    columns = np.flatnonzero(sweep.recorded.all(axis=0))
+    assert len(columns) == 16
+    assert sweep.recorded.sum() == 32 * 16
+    assert not sweep.kept[~sweep.recorded].any()
+    np.testing.assert_array_equal(sweep.kept | sweep.lost, sweep.recorded)
+    assert sweep.time_s is not None
+    # 1024 columns in 0.1 s; a real head's angle between two of them is off by up to 1.5 mdeg, 4 us.
+    np.testing.assert_allclose(np.diff(sweep.time_s[0, columns]), 0.1 / 1024, atol=5e-6)
+    for values in (sweep.signal, sweep.near_ir):
+        assert values is not None
+        assert np.isfinite(
+            values[sweep.lost]
+        ).all()  # of lost pulses, too, the maker says what light there was
+    assert sweep.second is not None
+    assert np.isfinite(sweep.second.range_m[sweep.lost]).sum() == 0
+    assert (sweep.pose, sweep.knows_lost) == (None, True)
+
+
+def test_points_are_those_of_the_makers_table(core: Any) -> None:
+    """Rationale: the recording's own beams, to 2 um: half a unit of float64 differences over a kilometre is less."""
+    sdk_info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())
+    sweep = open_recording(OUSTER)[0]
+    millimetres = np.rint(1e3 * np.nan_to_num(sweep.range_m)).astype(np.uint32)
+    expected = np.asarray(core.XYZLut(sdk_info, use_extrinsics=False)(millimetres))
+    np.testing.assert_allclose(sweep.xyz_m[sweep.kept], expected[sweep.kept], atol=2e-6)
+    np.testing.assert_allclose(np.linalg.norm(sweep.direction, axis=-1), 1.0, atol=1e-9)
+
+
+def osf(folder: Path, core: Any, library: Callable[[str], Any], frames: int = 2) -> Path:
+    """Frames of the real packet's sensor, with ranges and poses of ours."""
+    info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())
+    path = folder / "a.osf"
+    writer = library("ouster.sdk.osf").Writer(str(path), info)
+    for number in range(frames):
+        frame = core.LidarFrame(info)
+        frame.frame_id = number
+        frame.status[:] = 1
+        frame.timestamp[:] = 10**9 * (5 + number) + np.arange(1024) * 97_656
+        frame.measurement_id[:] = np.arange(1024)
+        frame.field("RANGE")[:] = 4000 + number
+        frame.field("RANGE")[7, 100] = 0
+        frame.field("SIGNAL")[:] = 33
+        poses = np.broadcast_to(np.eye(4), (1024, 4, 4)).copy()
+        poses[:, 0, 3] = 10.0 * number
+        frame.body_to_world[:] = poses
+        writer.save(0, frame)
+    writer.close()
+    return path
+
+
+def test_osf_frames_losses_and_poses(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
+    path = osf(tmp_path, core, library)
+    before = hashlib.sha256(path.read_bytes()).hexdigest()
+    with open_recording(path) as recording:
+        assert len(recording) == 2
+        first, second = recording[0], recording[1]
+    assert np.argwhere(first.lost).tolist() == [[7, 100]]
+    assert np.nanmax(second.range_m) == 4.001
+    assert (first.start_s, second.start_s) == (5.0, 6.0)
+    assert first.pose is None
+    assert second.pose is not None
+    np.testing.assert_array_equal(second.pose.position_m, [10.0, 0.0, 0.0])
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == before  # recordings are read only
+
+
+def test_an_osf_without_index_is_copied_first(
+    tmp_path: Path, core: Any, library: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: ouster-sdk would write the index into the recording itself. It writes none without one, so one is said
+    to be missing here.
+    """
+    path, sdk = osf(tmp_path, core, library), library("ouster.sdk")
+    plain, opened = sdk.open_source, []
+
+    class Bare:
+        is_indexed = False
+
+        def __init__(self, file: str) -> None:
+            assert file == str(path)
+
+        def close(self) -> None:
+            pass
+
+    def open_source(file: str, **options: Any) -> Any:
+        opened.append(Path(file))
+        return plain(file, **options)
+
+    monkeypatch.setattr(library("ouster.sdk.osf"), "OsfFrameSetSource", Bare)
+    monkeypatch.setattr(sdk, "open_source", open_source)
+    with open_recording(path) as recording:
+        assert len(recording) == 2
+        (copy,) = opened
+        assert copy != path
+        assert copy.read_bytes() == path.read_bytes()
+    assert not copy.exists()
+
+
+def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
+    path = tmp_path / "a.pcap"
+    shutil.copy(OUSTER, path)
+
+    def told(*, metadata: Path | None = None) -> str:
+        with pytest.raises(InputError) as caught:
+            open_recording(path, metadata)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    assert "an Ouster's metadata as a.json beside it" in told()
+    assert told(metadata=tmp_path / "b.json").endswith("b.json: no such metadata file")
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    assert told(metadata=other).startswith(f"{other}: cannot be read: ")
+    described = json.loads(OUSTER.with_suffix(".json").read_text())
+    other.write_text(
+        json.dumps(described | {"beam_altitude_angles": [0.0] * 16, "beam_azimuth_angles": [0.0] * 16})
+    )
+    assert str(other) in told(metadata=other)
+    shutil.copy(OUSTER.with_suffix(".json"), path.with_suffix(".json"))
+    path.write_bytes(OUSTER.read_bytes()[:-100])
+    assert told() == f"{path}: cannot be read: truncated: it ends within packet 1"
+    path.write_bytes(OUSTER.read_bytes()[:24])
+    assert "must have packets as" in told()

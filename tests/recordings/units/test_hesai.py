@@ -1,0 +1,53 @@
+"""Tables of angles of Hesais: points of the decoder lie on the written sensor's beams."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.recordings import hesai_packet
+
+from lidarscene.errors import InputError
+from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.sensor.catalogue import load_sensor
+
+
+def table(path: Path, rows: int = 32) -> Path:
+    lines = [f"{n + 1},{15.0 - n * 0.97:.3f},{0.1 * (n % 3) - 1.2:.3f}" for n in range(rows)]
+    path.write_text("\n".join(["Laser id,Elevation,Azimuth", *lines]) + "\n")
+    return path
+
+
+def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    decoders = library("hydra4.decoders")
+    path = table(tmp_path / "angles.csv")
+    decoder = decoders.PandarXT32(path, 0.0, 1000.0)
+    block = next(iter(decoder(SimpleNamespace(data=hesai_packet(4500, 12_500)))))
+    right, ahead, up, _, ring, *_ = np.array(block.points, np.float64).T
+    write_unit(unit_from(path), path, tmp_path / "unit.toml", like="pandar64")
+    lists = unit_from(path).lists
+    elevation = np.radians(np.array(lists["elevation_deg"]))[ring.astype(int)]
+    azimuth = np.radians(np.array(lists["azimuth_offset_deg"]))[ring.astype(int)] - np.radians(45.0)
+    direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    np.testing.assert_allclose(50.0 * np.array(direction), [ahead, -right, up], atol=1e-4)
+    assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 32
+
+
+def test_a_table_of_64_is_a_pandar64(tmp_path: Path) -> None:
+    path = table(tmp_path / "angles.csv", rows=64)
+    assert write_unit(unit_from(path), path, tmp_path / "unit.toml").endswith("64 beams, else as pandar64")
+
+
+def test_what_is_no_table_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    for text, told in (
+        ("", "must have columns Elevation and Azimuth, got none"),
+        ("a,b\n1,2\n", "must have columns Elevation and Azimuth, got a, b"),
+        ("Elevation,Azimuth\n1,x\n", "line 2: must be numbers, got '1,x'"),
+        ("Elevation,Azimuth\n", "must have a line for each channel, got none"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=told):
+            unit_from(path)

@@ -1,0 +1,98 @@
+"""Metadata of Ousters: the written sensor's beams are those of the maker's own table."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.recordings import OUSTER
+
+from lidarscene.errors import InputError
+from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+
+JSON = OUSTER.with_suffix(".json")
+RANGE_M = 50.0
+
+
+def written(folder: Path, source: Path = JSON, mode: str | None = None) -> Sensor:
+    write_unit(unit_from(source, mode), source, folder / "unit.toml")
+    return load_sensor(str(folder / "unit.toml"))
+
+
+@pytest.mark.parametrize("mode", ["512x10", "1024x20", "2048x10"])
+def test_points_are_those_of_the_makers_table(
+    tmp_path: Path, library: Callable[[str], Any], mode: str
+) -> None:
+    """Rationale: 2 mm at 50 m is the acceptance; single precision of the beams is worth 0.02 mm there."""
+    core = library("ouster.sdk.core")
+    scanner = written(tmp_path, mode=mode).scanner
+    content = json.loads(JSON.read_text())
+    wide = int(mode.partition("x")[0])
+    content["data_format"] |= {"columns_per_frame": wide, "column_window": [0, wide - 1]}
+    info = core.SensorInfo(json.dumps(content | {"lidar_mode": mode}))
+    rows, columns = info.format.pixels_per_column, info.format.columns_per_frame
+    expected = np.asarray(
+        core.XYZLut(info, use_extrinsics=False)(np.full((rows, columns), int(1e3 * RANGE_M), np.uint32))
+    )
+    pulse = np.arange(scanner.pulses)
+    beams = np.stack(scanner.angles(pulse), axis=-1)
+    direction = np.stack(
+        [
+            np.cos(beams[:, 1]) * np.cos(beams[:, 0]),
+            np.cos(beams[:, 1]) * np.sin(beams[:, 0]),
+            np.sin(beams[:, 1]),
+        ],
+        axis=-1,
+    )
+    # The maker counts the range from n behind the exit.
+    behind_m = 1e-3 * info.beam_to_lidar_transform[0, 3]
+    ours = np.stack(scanner.offset_m(pulse), axis=-1) + (RANGE_M - behind_m) * direction
+    assert expected.shape == (rows, columns, 3)
+    np.testing.assert_allclose(ours.reshape(columns, rows, 3).transpose(1, 0, 2), expected, atol=1e-4)
+
+
+def test_modes_give_columns_turns_and_the_rate(tmp_path: Path) -> None:
+    sensor = written(tmp_path, mode="512x20")
+    assert (sensor.scanner.pulses, sensor.scanner.frame_s) == (512 * 32, 0.05)
+    assert float(sensor.laser.repetition_rate_hz) == pytest.approx(512 * 32 * 20)
+    assert sensor.name == "OS-0-32-U1 992137000142"
+    assert sensor.sources["scanner"] == "unit-specific: os0-32-one-packet.json"
+    assert written(tmp_path).scanner.pulses == 1024 * 32
+
+
+def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> None:
+    """Rationale: the maker's library takes 27.67 mm for an OS0 then (firmware 1.14)."""
+    old = {key: value for key, value in json.loads(JSON.read_text()).items() if "origin" not in key}
+    old.pop("beam_to_lidar_transform", None)
+    source = tmp_path / "old.json"
+    source.write_text(json.dumps(old))
+    assert unit_from(source).lists["forward_mm"][0] == 27.67
+
+
+def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
+    source = tmp_path / "a.json"
+
+    def told(mode: str | None = None, **changes: object) -> str:
+        source.write_text(json.dumps(json.loads(JSON.read_text()) | changes))
+        with pytest.raises(InputError) as caught:
+            write_unit(unit_from(source, mode), source, tmp_path / "a.toml")
+        assert "\n" not in str(caught.value)
+        assert not (tmp_path / "a.toml").exists()
+        return str(caught.value)
+
+    assert "beam_azimuth_angles: must have 32 entries, as beam_altitude_angles has, got 2" in told(
+        beam_azimuth_angles=[0.0, 1.0]
+    )
+    assert "lidar_mode: must be one of 512x10" in told(lidar_mode="fast")
+    assert "lidar_mode: must be one of 512x10, " in told(mode="10x")
+    assert "must turn about z" in told(
+        lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
+    )
+    assert "no sensor of the catalogue is of this kind (32 beams); --like" in told(prod_line="XX")
+    source.write_text("{")
+    with pytest.raises(InputError, match=r"a.json: cannot be read: "):
+        unit_from(source)

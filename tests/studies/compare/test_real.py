@@ -1,0 +1,80 @@
+"""A cloud beside a recording: what is counted on each side."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.studies.compare.real import Side, compare_real, ground_of, numbers_of, side_of_sweep
+
+HEIGHT_M = 1.8
+RINGS = 24
+
+
+def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep:
+    """A sensor over a tilted plane with a wall around it at 30 m: 24 rings from -25 to -2 degrees."""
+    rng = np.random.default_rng(seed)
+    elevation = np.radians(np.linspace(-25.0, -2.0, RINGS))[:, None]
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)[None, :]
+    direction = np.stack(
+        np.broadcast_arrays(
+            np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+        ),
+        axis=-1,
+    )
+    down = tilt * direction[..., 0] - direction[..., 2]
+    range_m = np.minimum(height_m / np.maximum(down, 1e-9), 30.0 / np.cos(elevation))
+    range_m = range_m + rng.normal(0.0, 0.01, range_m.shape)
+    range_m[0, :30] = np.nan
+    second = np.full_like(range_m, np.nan)
+    second[5, :100] = range_m[5, :100] + 0.85
+    return Sweep(
+        range_m=range_m, recorded=np.ones_like(range_m, bool), direction=direction, knows_lost=True,
+        ring=np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape), signal=400.0 / range_m**2,
+        second=Second(range_m=second),
+    )  # fmt: skip
+
+
+def test_ground_height_and_its_farthest_return() -> None:
+    sweep = flat()
+    found = ground_of(sweep.xyz_m[sweep.kept])
+    assert found is not None
+    height, farthest, share = found
+    # The perpendicular; 7000 points of 1 cm fix it to less than a millimetre, what is near the wall's foot adds some.
+    assert height == pytest.approx(HEIGHT_M / np.hypot(1.0, 0.02), abs=0.005)
+    on = np.abs(sweep.xyz_m[..., 2] + HEIGHT_M - 0.02 * sweep.xyz_m[..., 0]) < 0.1
+    assert farthest == pytest.approx(np.nanpercentile(sweep.range_m[on], 99.9), rel=0.01)
+    assert share == pytest.approx(on.sum() / sweep.kept.sum(), abs=0.01)
+    rng = np.random.default_rng(2)
+    assert ground_of(rng.normal(0.0, 5.0, (50, 3))) is None
+
+
+def test_losses_second_returns_rings_and_strengths() -> None:
+    found = numbers_of(side_of_sweep("real", flat()))
+    pulses = RINGS * 300
+    assert found["points"] == pulses - 30
+    assert found["share of pulses kept"] == pytest.approx((pulses - 30) / pulses)
+    assert found["second returns, 1 % gap [m]"] == pytest.approx(0.85)
+    assert found["second returns, share"] == pytest.approx(100 / (pulses - 30))
+    assert [count for _, count in found["rings"]] == [270] + [300] * (RINGS - 1)
+    assert found["rings"][0][0] == pytest.approx(-25.0)
+    # The signal falls with the square of the range: a quarter from octave to octave, whatever its unit.
+    near, far = found["strength, 4 to 8 m"], found["strength, 16 to 32 m"]
+    assert 6.0 < near / far < 40.0
+    assert found["strength, 64 to 128 m"] is None
+
+
+def test_page_and_numbers(tmp_path: Path) -> None:
+    real = side_of_sweep("real", flat())
+    nothing = Side(
+        name="bare", xyz_m=np.ones((3, 3)), range_m=np.full(3, np.sqrt(3.0)), ring=None, strength=None, kept=None,
+        gap_m=np.zeros(0),
+    )  # fmt: skip
+    text = compare_real(nothing, real, tmp_path)
+    assert f"wrote {tmp_path / 'index.html'}" in text
+    told = {row["quantity"]: row for row in json.loads((tmp_path / "real.json").read_text())["rows"]}
+    assert told["points"] == {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}
+    assert told["sensor above ground [m]"]["bare"] is None
+    assert "channels with points" in (tmp_path / "index.html").read_text()
