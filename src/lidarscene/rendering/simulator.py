@@ -24,6 +24,7 @@ from ..light.echoes import EchoTrain
 from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
+from ..scene.clearance import Clearance
 from ..scene.model import Scene
 from ..sensor.model import Sensor
 from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
@@ -40,7 +41,7 @@ from .options import (
 )
 from .stages import Chain, Stages
 from .summary import Summary as Summary
-from .tiles import PACKET, Tiling
+from .tiles import LANES, PACKET, Tiling
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +87,7 @@ class Simulator:
         keywords.end()
         self.scene, self.sensor = scene, sensor
         self.pose = pose or scene.sensor_pose
+        self._clearance = Clearance.of(scene)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,
@@ -114,9 +116,14 @@ class Simulator:
         return motion_of(self.scene, self.sensor, self.pose)
 
     def check_frames(self, numbers: Sequence[int], *, begin_s: float = 0.0) -> None:
-        """Raises InputError unless every motion lasts for these frames, and there are numbers for their pulses."""
+        """Raises InputError unless every motion lasts for these frames, and there are numbers for their pulses.
+
+        Nor may the sensor be on or in a surface as the first or the last of them begins.
+        """
         for number in (numbers[0], numbers[-1]):
-            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
+            scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
+            start_s = begin_s + scanner_s
+            self._check_clearance(pose_at(self.motion, start_s), start_s)
 
     def render(
         self,
@@ -200,9 +207,10 @@ class Simulator:
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         # The option counts rays, since they take the memory; a chunk counts pulses.
         chunk = max(1, asked.chunk // max(self.trace.rays, self.trace.background_rays or 1))
-        # Whole bands of tiles, so that all chunks but the last are ordered in the same way.
-        if self._tiling is not None and chunk > self._tiling.band:
-            chunk -= chunk % self._tiling.band
+        # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
+        # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
+        step = LANES if self._tiling is None else self._tiling.step
+        chunk = max(step, chunk - chunk % step)
         seed_word = transfer.opaque_uint32(asked.seed)
         placing = Placing.of(now.goal(asked.coordinates))
 
@@ -334,7 +342,15 @@ class Simulator:
         return {name: values[:count] for name, values in transfer.columns(columns).items()}
 
     def _frame(self, asked: FrameOptions) -> Frame:
-        return Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))
+        now = Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))
+        self._check_clearance(now.place, now.start_s)
+        return now
+
+    def _check_clearance(self, place: Pose, start_s: float) -> None:
+        """Raises InputError for a sensor on or in a surface."""
+        self._clearance.check(
+            place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
+        )
 
     def _description(self, now: Frame, asked: FrameOptions) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""

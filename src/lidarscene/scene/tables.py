@@ -29,6 +29,10 @@ Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
 
 
+USUAL_HEIGHT_M = 1.8
+"""Of a sensor on the roof of a car, above a ground at 0."""
+
+
 def _instant(value: object) -> datetime:
     """A time with its offset from UTC, from a TOML date-time or from text."""
     if isinstance(value, str):
@@ -107,6 +111,7 @@ class SceneSensorFile(PoseFile):
     """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
 
     name: Name = "table1-apd"
+    position_m: Vector = (0.0, 0.0, USUAL_HEIGHT_M)
 
 
 class PictureFile(Table[View]):

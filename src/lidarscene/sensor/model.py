@@ -335,6 +335,11 @@ class Sensor:
         return by_samples or self.tdc.timing == "matched_filter"
 
     @property
+    def housing_m(self) -> Lanes:
+        """Radius of what is surely the sensor itself, its receiver's lens: no surface can be nearer."""
+        return self.optics.aperture_radius_m
+
+    @property
     def noise_bandwidth_hz(self) -> Lanes:
         """Of white noise: the amplifier's, less if cells stay for a dead time or samples are far apart."""
         bandwidth: Lanes = self.tdc.bandwidth_hz
