@@ -39,28 +39,33 @@ class Laser:
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
-    peak_power_w: Annotated[Lanes, Quantity(gt=0)]
-    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    repetition_rate_hz: Annotated[float, Quantity("khz", gt=0)]
+    peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6)]
+    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1000)]
+    repetition_rate_hz: Annotated[float, Quantity("khz", ge=1e-4, le=2e4)]
     divergence_rad: Annotated[
         float,
         Quantity(
             "mrad",
             ge=0,
+            le=3000,
+            finest=0.01,
             about="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
         ),
     ] = 0.0
     profile: Annotated[Literal["gaussian", "top_hat"], Key(name="beam_profile")] = "gaussian"
     divergence_elevation_rad: Annotated[
         float | None,
-        Quantity("mrad", gt=0, about="the same on the second axis; a round beam if left out"),
+        Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out"),
     ] = None
     beam_rotation_rad: Annotated[
-        float, Quantity("deg", about="of the beam's two axes about the beam, from the left to the top")
+        float,
+        Quantity(
+            "deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"
+        ),
     ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
-        Quantity("mm", gt=0, about="1/e^2 diameter where the beam leaves; not known if left out"),
+        Quantity("mm", ge=0.05, le=1e4, about="1/e^2 diameter where the beam leaves; not known if left out"),
     ] = None
     source_rad: Annotated[
         float,
@@ -68,6 +73,8 @@ class Laser:
             "mrad",
             name="apparent_source_mrad",
             ge=0,
+            le=3000,
+            finest=0.01,
             about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
         ),
     ] = 0.0
@@ -107,7 +114,7 @@ class Halo:
     """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together."""
 
     share: Annotated[Lanes, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
-    divergence_rad: Annotated[Lanes, Quantity("mrad", gt=0, le=500, about="full angle at 1/e^2")]
+    divergence_rad: Annotated[Lanes, Quantity("mrad", ge=0.1, le=3000, about="full angle at 1/e^2")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +126,8 @@ class Optics:
     halo                 around the spot, or None
     """
 
-    aperture_radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
-    focal_length_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000)]
+    focal_length_m: Annotated[Lanes, Quantity("mm", ge=0.1, le=1e5)]
     efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
     efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
     sun_irradiance_w_m2: Lanes
@@ -152,12 +159,14 @@ class Tdc:
                               how often the noise rises through the threshold (docs/theory.md, section 9)
     """
 
-    window_s: Annotated[Lanes, Quantity("us", gt=0)]
-    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3)]
-    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01)] = None
-    threshold_level: Annotated[Lanes | None, Quantity(ge=1e-15, about="amperes (APD) or cells (SiPM)")] = None
-    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0)] = 0.0
-    jitter_s: Annotated[Lanes, Quantity("ps", ge=0)] = 0.0
+    window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5)]
+    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3, le=1e5)]
+    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1000)] = None
+    threshold_level: Annotated[
+        Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")
+    ] = None
+    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0, le=1e6, finest=1e-3)] = 0.0
+    jitter_s: Annotated[Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
     order: Annotated[
@@ -174,11 +183,18 @@ class Tdc:
     blanking_s: Annotated[
         Lanes,
         Quantity(
-            "ns", ge=0, about="after the pulse leaves, in which crossings go unnoticed: the shortest range"
+            "ns",
+            ge=0,
+            le=1e6,
+            finest=1e-3,
+            about="after the pulse leaves, in which crossings go unnoticed: the shortest range",
         ),
     ] = 0.0
     dead_time_s: Annotated[
-        Lanes, Quantity("ns", ge=0, about="from an echo's crossing to the next that can be taken")
+        Lanes,
+        Quantity(
+            "ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken"
+        ),
     ] = 0.0
     both_edges: bool = False
     walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
@@ -187,7 +203,9 @@ class Tdc:
     )
     ambient_window_s: Annotated[
         Lanes | None,
-        Quantity("us", gt=0, about="time in which the background is counted; the window if left out"),
+        Quantity(
+            "us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"
+        ),
     ] = None
 
     @property
@@ -213,7 +231,12 @@ class Receiver:
     ] = "none"
     ac_coupling_hz: Annotated[
         Lanes | None,
-        Quantity("khz", gt=0, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
+        Quantity(
+            "khz",
+            ge=1e-3,
+            le=5e4,
+            about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out",
+        ),
     ] = None
 
     @property
@@ -240,14 +263,14 @@ class Intensity:
     """
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
-    reference_m: Annotated[Lanes, Quantity(gt=0, about="that range")] = 10.0
+    reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
     white_value: Annotated[
         Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
     ] = 100.0
     retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
-    retro_reflectivity: Annotated[Lanes, Quantity(gt=1, about="that reads 255 on a logarithmic scale")] = (
-        1000.0
-    )
+    retro_reflectivity: Annotated[
+        Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")
+    ] = 1000.0
 
     @property
     def unit(self) -> str:
@@ -277,9 +300,11 @@ class Adc:
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Annotated[Lanes, Quantity("mhz", gt=0)]
+    rate_hz: Annotated[Lanes, Quantity("mhz", ge=0.1, le=1e6)]
     step: Lanes
-    full_scale: Annotated[Lanes, Quantity(gt=0, about="largest sample, amperes (APD) or cells (SiPM)")]
+    full_scale: Annotated[
+        Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")
+    ]
     samples: int
     room: int
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
