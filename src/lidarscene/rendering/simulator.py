@@ -15,7 +15,7 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.points import PointCloud
+from ..cloud.points import NotANumber, PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import transfer
 from ..kernel.rays import columns as collect
@@ -28,6 +28,7 @@ from ..scene.clearance import Clearance
 from ..scene.model import Scene
 from ..sensor.model import Sensor
 from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
+from .extremes import not_a_number
 from .frame import Frame, check_frame, motion_of
 from .metadata import metadata_of
 from .options import (
@@ -141,7 +142,7 @@ class Simulator:
         builder = CloudBuilder(capacity=self.sensor.scanner.pulses * self.sensor.tdc.stops)
         self._hand_out(now, builder.append, "assemble", asked, replace(told, summary=summary))
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**self._description(now, asked)))
+        cloud = self._cloud(builder.fields(**self._description(now, asked)))
         summary.spent("assemble", since)
         return cloud
 
@@ -165,11 +166,18 @@ class Simulator:
         def take(columns: Mapping[str, Any]) -> None:
             nonlocal empty
             empty = False
-            sink(PointCloud(**columns, **description))
+            sink(self._cloud({**columns, **description}))
 
         self._hand_out(now, take, "write", asked, told)
         if empty:
             sink(PointCloud(**CloudBuilder().fields(**description)))
+
+    def _cloud(self, fields: Mapping[str, Any]) -> PointCloud:
+        """Of columns and names. Raises InputError where a number of scene or sensor has made a NaN."""
+        try:
+            return PointCloud(**fields)
+        except NotANumber as error:
+            raise not_a_number(self.scene, self.sensor, str(error)) from None
 
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""

@@ -68,7 +68,7 @@ class Clearance:
             at = ", ".join(f"{x:g}" for x in np.round(place_m, 3) + 0.0)
             must = f"sensor '{sensor}' at ({at}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
-                raise OptionError(_MOVED, must, f"{1e3 * near:.3g} mm off '{body.name}'")
+                raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
             if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed(body.parts, point):
                 raise OptionError(_MOVED, must, f"a place within '{body.name}'")
 
