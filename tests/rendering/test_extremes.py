@@ -1,6 +1,7 @@
 """A frame with NaN is one line that names the most extreme input."""
 
 import dataclasses
+import math
 
 import pytest
 from helpers import chain
@@ -10,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.rendering.extremes import not_a_number
 from lidarscene.scene.model import Air, Scene
 
-COARSE = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
+COARSE = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")
 
 
 def changed(sensor, part, **values):
@@ -22,6 +23,7 @@ def changed(sensor, part, **values):
     [
         ("optics", "focal_length_m", 1e-25, "optics.focal_length_mm = 1e-22"),
         ("detector", "gain", 1e25, "detector.gain = 1e+25"),
+        ("optics", "sun_irradiance_w_m2", math.nan, "optics.sun_irradiance_w_m2 = nan"),
     ],
 )
 def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, named):
@@ -31,7 +33,7 @@ def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, named):
     for call in (lidarscene.render, lambda *of: lidarscene.Simulator(*of).stream(lambda _: None)):
         with pytest.raises(InputError) as error:
             call(scene, sensor)
-        assert "NaN" in str(error.value)
+        assert "of 25 pulses is not a number" in str(error.value)
         assert str(error.value).endswith(f"; the most extreme input is {named}")
 
 
@@ -41,7 +43,7 @@ def test_what_is_farthest_from_usual_is_named(name):
     cases = {
         "laser.pulse_fwhm_ns = 1e-12": ("laser", "pulse_fwhm_s", 1e-21),
         "laser.peak_power_w = 1e+12": ("laser", "peak_power_w", 1e12),
-        "optics.aperture_radius_mm = nan": ("optics", "aperture_radius_m", float("nan")),
+        "optics.aperture_radius_mm = nan": ("optics", "aperture_radius_m", math.nan),
     }
     for named, (part, field, value) in cases.items():
         line = str(not_a_number(Scene(), changed(sensor, part, **{field: value}), "snr: NaN"))

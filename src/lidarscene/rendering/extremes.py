@@ -22,8 +22,8 @@ from ..sensor.model import Sensor
 USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
 """Sensors with every kind of detector."""
 
-_LEAST = 1e-30
-"""In place of 0, for the logarithm."""
+_SHARE = 1e-3
+"""Of its upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
 
 
 def not_a_number(scene: Scene, sensor: Sensor, told: str) -> InputError:
@@ -57,12 +57,10 @@ def _numbers(of: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]
 
 
 def _how_far(value: float, usual: float | None, declared: Quantity) -> float:
-    """Decades from what is usual; of a number that no usual sensor has, from the middle of its bounds."""
+    """Decades from what is usual; of a number that is 0 or left out there, from the middle of its bounds."""
     if not math.isfinite(value):
         return math.inf
-    if usual is None:
-        bounds = [abs(limit) for limit in declared.bounds.values() if limit]
-        usual = math.sqrt(bounds[0] * bounds[-1]) if bounds else value
-    if value == usual or not value:
-        return 0.0
-    return abs(math.log10(max(abs(value), _LEAST) / max(abs(usual), _LEAST))) if usual else 0.0
+    if not usual:
+        bounds = [abs(limit) for limit in declared.bounds.values() if limit] or [1.0]
+        usual = math.sqrt(bounds[0] * bounds[-1]) if len(bounds) > 1 else _SHARE * bounds[0]
+    return abs(math.log10(abs(value) / abs(usual))) if value else 0.0

@@ -172,6 +172,16 @@ class Simulator:
         if empty:
             sink(PointCloud(**CloudBuilder().fields(**description)))
 
+    def _refuse_nan(self, parts: Sequence[Chunk]) -> None:
+        """Raises InputError for pulses whose signal is NaN, which would count as missed."""
+        for one in parts:
+            for name in ("snr", "detection_probability"):
+                values = np.asarray(getattr(one.detection, name).numpy())
+                if values.size and np.isnan(values.min()):  # a minimum hands NaN on, and makes no array
+                    count = int(np.isnan(values).sum())
+                    told = f"{name} of {count:,} pulses is not a number"
+                    raise not_a_number(self.scene, self.sensor, told)
+
     def _cloud(self, fields: Mapping[str, Any]) -> PointCloud:
         """Of columns and names. Raises InputError where a number of scene or sensor has made a NaN."""
         try:
@@ -239,6 +249,7 @@ class Simulator:
             since = time.perf_counter()
             transfer.wait()
             parts = [part, *self._gone_on(now, part, seed_word)]
+            self._refuse_nan(parts)
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, parts, placing)
             outcome = of_every_pulse(parts, first, "outcome", ordered=told.missed is not None)

@@ -130,7 +130,7 @@ class Optics:
     focal_length_m: Annotated[Lanes, Quantity("mm", ge=0.1, le=1e5)]
     efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
     efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
-    sun_irradiance_w_m2: Lanes
+    sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e5)]
     overlap: Overlap | None = None
     halo: Halo | None = None
 

@@ -100,7 +100,7 @@ def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """From the command line it is what the file would say."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
-    Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 0]", "[8.5, 0, 0]"))
+    Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 1.8]", "[8.5, 0, 1.8]"))
     moved = "bodies.wall.position_m=[8.5, 0, 0]"
     assert main.main(["render", "wall.toml", *COARSE, "-o", "a.ply", "--scene-set", moved]) == 0
     assert main.main(["render", "near.toml", *COARSE, "-o", "b.ply"]) == 0
