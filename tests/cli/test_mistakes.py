@@ -102,8 +102,8 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL.replace("[4, 4]", "4"), 'bodies[0 "wall"].size_m: must be a list, got 4'),
         (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane must have 2 numbers, got 1'),
         (WALL.replace("[4, 4]", "[4, 0]"), 'bodies[0 "wall"].size_m[1]: must be > 0, got 0'),
-        (WALL.replace("[10, 0, 0]", "[1, 0]"), 'bodies[0 "wall"].position_m: must be a longer list, got [1, 0]'),
-        (WALL.replace("[10, 0, 0]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: must be <= 1e+08'),
+        (WALL.replace("[10, 0, 1.8]", "[1, 0]"), 'bodies[0 "wall"].position_m: must be a longer list, got [1, 0]'),
+        (WALL.replace("[10, 0, 1.8]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: must be <= 1e+08'),
         (WALL.replace('"concrete"', "3"), 'bodies[0 "wall"].material: must be text, got 3'),
         (WALL.replace("concrete", "concrate"), ('bodies[0 "wall"].material: no material \'concrate\' in the '
          "catalogue; did you mean concrete or")),

@@ -73,7 +73,7 @@ class Clearance:
                 raise OptionError(_MOVED, must, f"a place within '{body.name}'")
 
 
-_MOVED = "{0}, got {1}; {pose} or position_m of [sensor] moves it"
+_MOVED = "{0}, got {1}; {pose} or position_m moves it"
 
 
 def _box(parts: Sequence[Part | Ball]) -> Numbers | None:
