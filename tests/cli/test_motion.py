@@ -93,7 +93,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, drive: str, tmp_path: Path) -> None:
     assert told["beams"] == 2 * BEAMS
     left, right = (PointCloud.load(f"out/{label}.ply") for label in ("left", "right"))
     np.testing.assert_allclose(
-        [left.sensor_position_m, right.sensor_position_m], [[0, 1, 0], [0, -1, 0]], atol=1e-12
+        [left.sensor_position_m, right.sensor_position_m], [[0, 1, 1.8], [0, -1, 1.8]], atol=1e-12
     )
     assert left.metadata["sensor"] == "table1-apd"
     assert right.metadata["sensor"] == "table1-sipm"

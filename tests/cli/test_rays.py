@@ -42,7 +42,9 @@ pitch_deg = {pitch}
 
 
 @pytest.mark.parametrize("sensor", ["table1-apd", "table1-sipm"])
-@pytest.mark.parametrize(("material", "pitch"), [("clear_glass", 90), ("wire_mesh", 90), ("mirror_chrome", 80)])
+@pytest.mark.parametrize(
+    ("material", "pitch"), [("clear_glass", 90), ("wire_mesh", 90), ("mirror_chrome", 80)]
+)
 def test_rays_in_a_scene_without_solid_surfaces(
     run: Run, tmp_path: Path, sensor: str, material: str, pitch: int
 ) -> None:

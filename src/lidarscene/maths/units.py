@@ -93,8 +93,6 @@ class Quantity(Key):
 
     def must_be(self, value: float) -> str | None:
         """The bound that a number of the file breaks, in words; None: none."""
-        if self.finest is not None and 0.0 < abs(value) < self.finest:
-            return f"0 or >= {self.finest:g}" if value > 0.0 else f"0 or <= {-self.finest:g}"
         broken = {
             ">": self.gt is not None and value <= self.gt,
             ">=": self.ge is not None and value < self.ge,
@@ -102,7 +100,11 @@ class Quantity(Key):
             "<=": self.le is not None and value > self.le,
         }
         limits = {">": self.gt, ">=": self.ge, "<": self.lt, "<=": self.le}
-        return next((f"{sign} {limits[sign]:g}" for sign, is_so in broken.items() if is_so), None)
+        for sign in (one for one, is_so in broken.items() if is_so):
+            return f"{sign} {limits[sign]:g}"
+        if self.finest is not None and 0.0 < abs(value) < self.finest:
+            return f"0 or >= {self.finest:g}" if value > 0.0 else f"0 or <= {-self.finest:g}"
+        return None
 
     def meant(self, value: float) -> float | None:
         """What a number outside of the bounds would be if it was written in the SI unit; None: outside all the same."""

@@ -24,6 +24,9 @@ LANES = 16
 LONGEST = 2**20
 """Rays of the longest band: chunks are no shorter, and would no longer bound the memory."""
 
+FEWEST = 2**11
+"""Pulses of a frame that is worth it; a shorter one is done in a moment, in whatever order."""
+
 HEIGHT = 8
 """Lines of a tile, of which a packet takes as many as its width leaves it."""
 
@@ -46,9 +49,9 @@ class Tiling:
 
     @classmethod
     def of(cls, scanner: Scanner) -> Tiling | None:
-        """None where pulses follow no lines that lie side by side, a frame has but one, or lines are too long."""
+        """None where pulses follow no lines that lie side by side, or where these are too few or too long."""
         line = scanner.line_pulses
-        if line is None or scanner.pulses < HEIGHT * line or 2 * HEIGHT * line > LONGEST:
+        if line is None or scanner.pulses < max(HEIGHT * line, FEWEST) or 2 * HEIGHT * line > LONGEST:
             return None
         x, y, z = (np.asarray(c) for c in scanner.direction(np.arange(2 * line, dtype=np.uint32)))
         direction = np.stack([np.broadcast_to(c, 2 * line) for c in (x, y, z)], axis=-1).reshape(2, line, 3)
