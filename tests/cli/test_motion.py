@@ -116,7 +116,7 @@ def test_a_rig_merged_in_several_frames(mi, run: Run, drive: str, tmp_path: Path
         assert set(np.unique(cloud.sensor_index)) == {0, 1}
         assert not cloud.has_truth
     ran(run, drive, "--rig", "two.toml", "--merge", "-o", "one.ply", "--pose", "0,0,1")
-    assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 1]
+    assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 2.8]
 
 
 def test_text_of_many(mi, run: Run, drive: str) -> None:

@@ -239,7 +239,7 @@ class Apd:
     bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]
     excess_noise_index: Annotated[Lanes | None, Quantity(ge=0, le=10)] = None
     ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1)] = None
-    load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e9)]
+    load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e12)]
     temperature_k: Annotated[Lanes, Quantity(ge=1, le=1e4)] = 300.0
     circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
     tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
