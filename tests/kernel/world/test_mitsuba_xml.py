@@ -94,7 +94,8 @@ def test_the_same_seen_from_elsewhere(mi: ModuleType, base: Path) -> None:
 
 def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(
-        'base = "xml/base.xml"\nsensor = { position_m = [0, 0, 0] }\n[base_materials]\ngrey = "concrete"\npaint = "retroreflective_sheeting"\n'
+        'base = "xml/base.xml"\nsensor = { position_m = [0, 0, 0] }\n[base_materials]\n'
+        'grey = "concrete"\npaint = "retroreflective_sheeting"\n'
         '[[bodies]]\nname = "floor"\nclass = "road"\nprimitive = "plane"\nsize_m = [20, 20]\nmaterial = "asphalt"\n'
         "position_m = [10, 0, -1.5]\n"
     )
