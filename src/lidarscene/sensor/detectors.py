@@ -344,7 +344,7 @@ class Sipm:
                  with counts of independent cells ("binomial")
     """
 
-    cells: Annotated[Lanes, Quantity(ge=1, le=1e7, whole=True)]
+    cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True)]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
     pde: Annotated[Lanes, Quantity(gt=0, le=1)]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]

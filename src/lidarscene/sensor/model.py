@@ -130,7 +130,7 @@ class Optics:
     focal_length_m: Annotated[Lanes, Quantity("mm", ge=0.1, le=1e5)]
     efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
     efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
-    sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e5)]
+    sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e9)]
     overlap: Overlap | None = None
     halo: Halo | None = None
 
@@ -161,7 +161,7 @@ class Tdc:
 
     window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5)]
     bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3, le=1e5)]
-    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1000)] = None
+    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1e4)] = None
     threshold_level: Annotated[
         Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")
     ] = None

@@ -129,7 +129,7 @@ def _row(cells: list[str], where: str) -> tuple[float, float]:
 
 
 Distance = Annotated[float, Number(gt=0, le=1e6)]
-Irradiance = Annotated[float, Number(ge=0, le=1e5)]
+Irradiance = Annotated[float, Number(ge=0, le=1e9)]
 Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
 
