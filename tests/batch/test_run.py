@@ -187,7 +187,7 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
     path = write_job(tmp_path)
     wall = (tmp_path / "wall.toml").read_text()
     (tmp_path / "bad.toml").write_text(wall.replace("concrete", "concrate"))
-    (tmp_path / "far.toml").write_text(wall.replace("[10, 0, 0]", "[12, 0, 0]"))
+    (tmp_path / "far.toml").write_text(wall.replace("[10, 0, 1.8]", "[12, 0, 1.8]"))
     path.write_text(path.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml", "far.toml"]'))
     job, out, told = Job.read(path), tmp_path / "out", []
 

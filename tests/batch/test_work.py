@@ -74,7 +74,7 @@ def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
     """Behind a pane, which one interaction goes through."""
     pane = (tmp_path / "wall.toml").read_text().replace("wall", "pane").replace("concrete", "clear_glass")
     with (tmp_path / "wall.toml").open("a") as file:
-        file.write(pane.replace("[10, 0, 0]", "[5, 0, 0]"))
+        file.write(pane.replace("[10, 0, 1.8]", "[5, 0, 1.8]"))
     job_file.write_text("rays = 4\ninteractions = 1\n" + job_file.read_text())
     alone = tmp_path / "alone.ply"
     argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
@@ -186,7 +186,7 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     """Rationale: a result under the name of other inputs would be wrong for ever."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
     scene = tmp_path / "wall.toml"
-    scene.write_text(scene.read_text().replace("[10, 0, 0]", "[11, 0, 0]"))
+    scene.write_text(scene.read_text().replace("[10, 0, 1.8]", "[11, 0, 1.8]"))
     assert "is not the one of which this frame was asked" in work._told(task, store, 1)
     assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
         "lidarscene 0.0.0 gave this"

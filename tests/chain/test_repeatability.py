@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import chain, launches
+from helpers.documentation import ROOT
 
-from lidarscene import Pose, Simulator
+from lidarscene import Pose, Simulator, load_scene, load_sensor
 from lidarscene.detection import returns
 from lidarscene.light import beams, echoes
 from lidarscene.light.hits import Hits
@@ -54,6 +55,13 @@ def test_chunks_do_not_matter(name, stops):
     assert np.count_nonzero(whole.status) > 50
     for chunk in (7919, 60_501, 60_500, 1_000_000):
         same(whole, simulator.render(seed=3, chunk=chunk))
+
+
+def test_chunks_shorter_than_a_tile_do_not_matter(mi):
+    """Rationale: on the edge of two triangles a ray meets the one or the other by the rays that are traced with it."""
+    scene = load_scene(ROOT / "scenes" / "retro.toml")
+    simulator = Simulator(scene, load_sensor("table1-apd"))
+    same(simulator.render(), simulator.render(chunk=4097))
 
 
 def test_threads_do_not_matter(mi):

@@ -169,7 +169,7 @@ def test_nothing_found_at_all(
     mi, run: Run, rough_charts: None, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sensors that see nothing are compared without a word of NaN."""
-    ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-9")
+    ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-6")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
     assert told["sensors"][0]["rate"]["found"] == 0

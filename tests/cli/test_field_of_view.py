@@ -143,7 +143,8 @@ yaw_deg = 180
 def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
     """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
     (tmp_path / "walls.toml").write_text(
-        LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 0]", "[-10, 0, 0]")
+        LABELLED
+        + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 1.8]", "[-10, 0, 1.8]")
     )
     (tmp_path / "rig.toml").write_text(RIG)
     ran = run(

@@ -240,7 +240,7 @@ def test_yaw_turns_left_pitch_up_and_roll_the_left_side_up(
     left side is up, so what is on the right of an upright sensor is up in its own frame.
     Tolerance: half a step of the raster.
     """
-    (tmp_path / "small.toml").write_text(WALL.replace("[4, 4]", "[2, 2]"))
+    (tmp_path / "small.toml").write_text(WALL.replace("[4, 4]", "[2, 2]").replace("10, 0, 1.8", "10, 0, 0"))
     azimuth, elevation = centre_deg(render(run, "small.toml", f"--pose={pose}"))
     assert azimuth == pytest.approx(azimuth_deg, abs=1.0)
     assert elevation == pytest.approx(elevation_deg, abs=1.0)

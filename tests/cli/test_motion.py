@@ -93,7 +93,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, drive: str, tmp_path: Path) -> None:
     assert told["beams"] == 2 * BEAMS
     left, right = (PointCloud.load(f"out/{label}.ply") for label in ("left", "right"))
     np.testing.assert_allclose(
-        [left.sensor_position_m, right.sensor_position_m], [[0, 1, 0], [0, -1, 0]], atol=1e-12
+        [left.sensor_position_m, right.sensor_position_m], [[0, 1, 1.8], [0, -1, 1.8]], atol=1e-12
     )
     assert left.metadata["sensor"] == "table1-apd"
     assert right.metadata["sensor"] == "table1-sipm"
@@ -116,7 +116,7 @@ def test_a_rig_merged_in_several_frames(mi, run: Run, drive: str, tmp_path: Path
         assert set(np.unique(cloud.sensor_index)) == {0, 1}
         assert not cloud.has_truth
     ran(run, drive, "--rig", "two.toml", "--merge", "-o", "one.ply", "--pose", "0,0,1")
-    assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 1]
+    assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 2.8]
 
 
 def test_text_of_many(mi, run: Run, drive: str) -> None:

@@ -249,12 +249,17 @@ def test_models_are_all_found() -> None:
 def bounds_of(schema: dict[str, Any]) -> str:
     """The bounds of a number in words: `300 to 2500`, `above 0, below 255`, `1 or more`."""
     low, above, high, below = (
-        (f"{value:g}" if float(f"{value:g}") == value else str(value)).replace("e+0", "e")
+        (f"{value:g}" if float(f"{value:g}") == value else str(value))
+        .replace("e+0", "e")
+        .replace("e+", "e")
+        .replace("e-0", "e-")
         if (value := schema.get(key)) is not None
         else ""
         for key in ("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum")
     )
     start = f"above {above}" if above else low
+    if finest := schema.get("not", {}).get("exclusiveMaximum"):
+        return f"0, {finest:g} to {high}" if low == "0" else f"{low} to {high}, 0 or from {finest:g} in size"
     if high or below:
         return f"{start} to {high}" if high else f"{start}, below {below}"
     return f"{low} or more" if low else start

@@ -10,8 +10,8 @@ name = "view"
 [sun]
 azimuth_deg = 180.0
 [picture]
-eye_m = [-4, -3, 3]
-target_m = [10, 0, 0]
+eye_m = [-4, -3, 4.8]
+target_m = [10, 0, 1.8]
 fov_deg = 60
 [[bodies]]
 name = "wall"
@@ -19,7 +19,7 @@ class = "building"
 primitive = "plane"
 size_m = [4, 4]
 material = "concrete"
-position_m = [10, 0, 0]
+position_m = [10, 0, 1.8]
 pitch_deg = 90
 [[bodies]]
 name = "pane"
@@ -27,7 +27,7 @@ class = "window"
 primitive = "plane"
 size_m = [1, 1]
 material = "clear_glass"
-position_m = [9, 3, 0]
+position_m = [9, 3, 1.8]
 pitch_deg = 90
 [[bodies]]
 name = "ball"
@@ -35,5 +35,5 @@ class = "ball"
 primitive = "sphere"
 radius_m = 0.8
 material = "target_80"
-position_m = [7, -3, 0]
+position_m = [7, -3, 1.8]
 """

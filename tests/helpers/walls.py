@@ -6,7 +6,7 @@ name = "wall"
 primitive = "plane"
 size_m = [4, 4]
 material = "concrete"
-position_m = [10, 0, 0]
+position_m = [10, 0, 1.8]
 pitch_deg = 90
 """
 
@@ -14,12 +14,12 @@ LEFT_AND_RIGHT = """
 [[sensors]]
 label = "left"
 sensor = "table1-apd"
-position_m = [0, 1, 0]
+position_m = [0, 1, 1.8]
 
 [[sensors]]
 label = "right"
 sensor = "table1-sipm"
-position_m = [0, -1, 0]
+position_m = [0, -1, 1.8]
 """
 
 MOVING = """
@@ -32,7 +32,7 @@ primitive = "box"
 class = "car"
 size_m = [1, 4, 4]
 material = "concrete"
-position_m = [10, 0, 0]
+position_m = [10, 0, 1.8]
 
 [bodies.motion]
 velocity_m_s = [-10, 2, 0]

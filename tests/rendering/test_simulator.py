@@ -15,7 +15,7 @@ from lidarscene.formats.registry import FORMATS
 from lidarscene.rendering.simulator import Simulator, Summary
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
-CHUNK = 2_500
+CHUNK = 10_000
 
 
 def simulator(*, rows: int) -> Simulator:
@@ -26,7 +26,7 @@ def simulator(*, rows: int) -> Simulator:
 
 def test_pieces_are_the_whole() -> None:
     """Also the counts: of chunks and of the cloud itself."""
-    sim, pieces = simulator(rows=20), list[PointCloud]()
+    sim, pieces = simulator(rows=72), list[PointCloud]()
     streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
     sim.stream(
         pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told)
@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_the_frame(tmp_path: Path) -> None:
     Tolerance: the last chunk of a frame is smaller than the others, and more or less of one is kept: half of what a
     chunk takes. The cloud that `render` returns is there to show that the measure sees it.
     """
-    small, large = simulator(rows=10), simulator(rows=80)
+    small, large = simulator(rows=40), simulator(rows=240)
 
     def to_file(sim: Simulator) -> None:
         with FORMATS["ply"].stream(tmp_path / "a.ply") as append:

@@ -196,7 +196,7 @@ def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
     [
         ("response='bessel'", "response: must be 'none', 'gaussian' or 'single_pole', got \"bessel\""),
         ("bandwidth_mhz=0", "bandwidth_mhz: must be >= 0.001, got 0"),
-        ("ac_coupling_khz=0", "ac_coupling_khz: must be > 0, got 0"),
+        ("ac_coupling_khz=0", "ac_coupling_khz: must be >= 0.001, got 0"),
         ("ac_coupling_khz=2e4", "ac_coupling_khz: must be <= 6246, behind which the received pulse "),
     ],
 )  # fmt: skip

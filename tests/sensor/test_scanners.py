@@ -151,7 +151,7 @@ MISTAKES = [
         {},
         "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', 'risley', 'flash',",
     ),
-    ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: must be > 0, got 0.0"),
+    ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: must be >= 0.0002, got 0.0"),
     ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, azimuth_fov_deg,"),
 ]
 

@@ -87,7 +87,7 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
         ({"laser.peak_power_w": "much"}, "laser.peak_power_w: must be a number, got 'much'"),
         ({"laser.peak_power_w": math.inf}, "laser.peak_power_w: must be a number, got inf"),
         ({"laser.peak_power_w": True}, "laser.peak_power_w: must be a number, got True"),
-        ({"laser.peak_power_w": -1}, "must be > 0, got -1"),
+        ({"laser.peak_power_w": -1}, "must be >= 1e-06, got -1"),
         ({"detector.gain": 0.5}, "must be >= 1, got 0.5"),
         ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: must be >= 0, got -1"),
     ],

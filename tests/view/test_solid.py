@@ -46,7 +46,7 @@ def test_solid_of_a_scene(scene_file: Path, mi: Any) -> None:
     round_ = ~clear & ~far
     # 48 segments around and 24 from pole to pole: the surface is 0.4 % too small.
     assert area_m2(solid.vertices_m, faces[round_]) == pytest.approx(4 * math.pi * 0.8**2, rel=5e-3)
-    radius = np.linalg.norm(solid.vertices_m[np.unique(faces[round_])] - (7, -3, 0), axis=1)
+    radius = np.linalg.norm(solid.vertices_m[np.unique(faces[round_])] - (7, -3, 1.8), axis=1)
     np.testing.assert_allclose(radius, 0.8)
     grey = [solid.colours[faces[mask, 0], 0].max() for mask in (far, round_)]
     assert grey[0] < grey[1]

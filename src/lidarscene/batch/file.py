@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
+from ..files.table import Number
 from ..files.toml import FileModel, read_toml, toml_text, validated
 from ..formats.registry import FORMATS
 from ..rendering.options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
@@ -103,7 +104,7 @@ class JobFile(FileModel):
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] = Field(
         default=1, description="of each combination, one after the other"
     )
-    begin_s: float = Field(
+    begin_s: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(
         default=_FRAME.begin_s, description="when frame 0 begins, by the clock of the scene's motions"
     )
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)

@@ -36,6 +36,10 @@ from ..maths.pose import Pose
 from .builder import CloudBuilder
 
 
+class NotANumber(ValueError):
+    """A column of a cloud has a NaN."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud:
     """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
@@ -300,11 +304,11 @@ class PointCloud:
 
 
 def _checked(attribute: str, values: Any, n: int) -> Numbers:
-    """Return `fitted` values. Raises ValueError if there is a NaN."""
+    """Return `fitted` values. Raises NotANumber if there is a NaN."""
     array = fitted(attribute, values, n)
     distinct = array[:1] if is_constant(array) else array
     if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
-        raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
+        raise NotANumber(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
     return array
 
 

@@ -9,17 +9,49 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Container, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ..maths.units import Key, Part, Quantity
-from .toml import FileModel
+from .toml import OUT_OF_BOUNDS, FileModel
 
 Made = TypeVar("Made")
 Note = TypeVar("Note")
+
+
+_BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+
+
+@dataclass(frozen=True, slots=True)
+class Number(Quantity):
+    """A `Quantity` as pydantic takes it: ``Annotated[float, Number("ns", ge=0.01, le=1e3)]`` on a key of a table."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The number, within its bounds."""
+
+        def bounded(value: float) -> float:
+            must = self.must_be(value)
+            if must is None:
+                return value
+            meant = self.meant(value)
+            asked = "" if meant is None else f": did you mean {meant:.6g}?"
+            raise PydanticCustomError(OUT_OF_BOUNDS, "{must}{asked}", {"must": must, "asked": asked})
+
+        return core_schema.no_info_after_validator_function(bounded, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """The same for editors."""
+        told = handler(schema) | {_BOUNDS[name]: limit for name, limit in self.bounds.items()}
+        if self.finest is not None:
+            inner = {"exclusiveMinimum": -self.finest, "exclusiveMaximum": self.finest}
+            told["not"] = {**inner, "not": {"const": 0}}
+        return told
 
 
 class Table(FileModel, Generic[Made]):
@@ -120,7 +152,8 @@ def _type_in_file(hint: Any, key: Key) -> Any:
     options = typing.get_args(hint)
     number: Any = int if key.whole or int in (hint, *options) else float
     if key.bounds:
-        number = Annotated[number, Field(**key.bounds)]
+        own = {one.name: getattr(key, one.name) for one in fields(Quantity)}
+        number = Annotated[number, Number(**own)]
     if typing.get_origin(hint) is tuple:  # of a fixed length
         number = tuple[(number,) * len(options)]  # type: ignore[misc]
     if any(typing.get_origin(one) is Sequence for one in (hint, *options)):

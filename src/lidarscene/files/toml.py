@@ -29,6 +29,9 @@ class FileModel(BaseModel):
 
 Model = TypeVar("Model", bound=BaseModel)
 
+OUT_OF_BOUNDS = "out_of_bounds"
+"""The error of `files.table.Number`."""
+
 # What a value must be, by pydantic's error type; its own texts speak of Python.
 _MUST_BE = {
     "bool_type": "true or false",
@@ -42,6 +45,7 @@ _MUST_BE = {
     "less_than_equal": "<= {le:g}",
     "literal_error": "{expected}",
     "model_type": "a table",
+    OUT_OF_BOUNDS: "{must}",
     "string_too_short": "text that is not empty",
     "string_type": "text",
     "too_long": "a list of at most {max_length}",
@@ -167,7 +171,8 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
         message = str(error["msg"]).removeprefix("Value error, ")
         return f"{key}: {message}" if key else message
     valid = _MUST_BE[kind].format(**context) if kind in _MUST_BE else f"valid ({error['msg']})"
-    return f"{key}: must be {valid}, got {_shown(context.get('tag', error['input']))}"
+    asked = context.get("asked", "")
+    return f"{key}: must be {valid}, got {_shown(context.get('tag', error['input']))}{asked}"
 
 
 def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:

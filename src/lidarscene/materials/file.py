@@ -12,12 +12,13 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from ..files.table import Number
 from ..files.toml import FileModel, read_toml, validated
 from ..maths.units import si
 from .material import Material, Spectrum
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
+Wavelength = Annotated[float, Number("nm", ge=10, le=1e6)]
 
 # What each kind of surface needs beyond its reflectivity, and what it may have besides.
 _NEEDED: dict[str, tuple[str, ...]] = {
@@ -47,7 +48,7 @@ _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) f
 class ReflectivityRow(FileModel):
     """One published reflectivity or transmittance."""
 
-    wavelength_nm: Positive
+    wavelength_nm: Wavelength
     value: UnitInterval
     source: str = ""
 
@@ -55,9 +56,9 @@ class ReflectivityRow(FileModel):
 class IndexRow(FileModel):
     """One published complex refractive index n + i k."""
 
-    wavelength_nm: Positive
-    n: Positive
-    k: Annotated[float, Field(ge=0)] = 0.0
+    wavelength_nm: Wavelength
+    n: Annotated[float, Number(gt=0, le=1000)]
+    k: Annotated[float, Number(ge=0, le=1000)] = 0.0
     source: str = ""
 
 
@@ -90,9 +91,9 @@ class MaterialFile(FileModel):
     roughness: Annotated[float, Field(gt=0, le=1)] | None = None
     roughness_source: str = ""
     index: tuple[IndexRow, ...] | None = None
-    thickness_mm: Positive | None = None
+    thickness_mm: Annotated[float, Number("mm", ge=0.01, le=1e4)] | None = None
     thickness_source: str = ""
-    retro_coefficient_cd_per_lx_m2: Positive | None = None
+    retro_coefficient_cd_per_lx_m2: Annotated[float, Number(ge=1e-3, le=1e7)] | None = None
     retro_source: str = ""
     retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = None
     retro_half_angle_source: str = ""

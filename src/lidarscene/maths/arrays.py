@@ -208,7 +208,8 @@ class DrjitOps:
 
     def column(self, lanes: Any, number: int, columns: int) -> Any:
         """Entry ``number`` of each group of ``columns`` lanes."""
-        if columns == 1:
+        # A single lane is the same for all: where every ray ends at glass, none has an echo.
+        if columns == 1 or self._dr.width(lanes) == 1:
             return lanes
         count = self._dr.width(lanes) // columns
         index = self._dr.arange(self._dr.uint32_array_t(type(lanes)), count) * columns + number

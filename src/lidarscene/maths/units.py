@@ -66,7 +66,10 @@ class Quantity(Key):
     """That a number can be given in a file.
 
     unit            in the file, a key of `UNITS`; None: the field's own
-    gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several
+    gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several. Some hundred times
+                    wider than any device: what is beyond is a mistake, most often of the unit
+    finest          the smallest size of a number that is not 0, in the unit of the file
+    multiple        the file's unit over the SI unit, where the field has the file's: 1e3 of klux
     whole           of an array: the file takes whole numbers only
     least           how many numbers there are at least, where the field has several
     """
@@ -77,6 +80,8 @@ class Quantity(Key):
     ge: float | None = None
     lt: float | None = None
     le: float | None = None
+    finest: float | None = None
+    multiple: float = 1.0
     whole: bool = False
     least: int = 0
 
@@ -85,6 +90,26 @@ class Quantity(Key):
         """Those that there are, by name."""
         limits = {"gt": self.gt, "ge": self.ge, "lt": self.lt, "le": self.le}
         return {name: limit for name, limit in limits.items() if limit is not None}
+
+    def must_be(self, value: float) -> str | None:
+        """The bound that a number of the file breaks, in words; None: none."""
+        broken = {
+            ">": self.gt is not None and value <= self.gt,
+            ">=": self.ge is not None and value < self.ge,
+            "<": self.lt is not None and value >= self.lt,
+            "<=": self.le is not None and value > self.le,
+        }
+        limits = {">": self.gt, ">=": self.ge, "<": self.lt, "<=": self.le}
+        for sign in (one for one, is_so in broken.items() if is_so):
+            return f"{sign} {limits[sign]:g}"
+        if self.finest is not None and 0.0 < abs(value) < self.finest:
+            return f"0 or >= {self.finest:g}" if value > 0.0 else f"0 or <= {-self.finest:g}"
+        return None
+
+    def meant(self, value: float) -> float | None:
+        """What a number outside of the bounds would be if it was written in the SI unit; None: outside all the same."""
+        factor = self.multiple if self.unit is None else UNITS[self.unit][1]
+        return value / factor if factor != 1.0 and value and self.must_be(value / factor) is None else None
 
     def of(self, field: str) -> str:
         """The key in the file: with its unit in place of the field's."""

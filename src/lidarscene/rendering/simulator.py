@@ -16,19 +16,22 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.points import PointCloud
+from ..cloud.points import NotANumber, PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import transfer
 from ..kernel.rays import columns as collect
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Lanes, Numbers
+from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
+from ..scene.clearance import Clearance
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
+from .extremes import not_a_number
 from .frame import Frame, check_frame, motion_of
 from .metadata import metadata_of
 from .options import (
@@ -44,7 +47,7 @@ from .options import (
 )
 from .stages import Chain, Stages
 from .summary import Summary as Summary
-from .tiles import PACKET, Tiling
+from .tiles import LANES, PACKET, Tiling
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +96,7 @@ class Simulator:
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else placed(pose)
+        self._clearance = Clearance.of(scene)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,
@@ -124,9 +128,14 @@ class Simulator:
         return motion_of(self.scene, self.sensor, self.pose)
 
     def check_frames(self, numbers: Sequence[int], *, begin_s: float = 0.0) -> None:
-        """Raises InputError unless every motion lasts for these frames, and there are numbers for their pulses."""
+        """Raises InputError unless every motion lasts for these frames, and there are numbers for their pulses.
+
+        Nor may the sensor be on or in a surface as the first or the last of them begins.
+        """
         for number in (numbers[0], numbers[-1]):
-            check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
+            scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
+            start_s = begin_s + scanner_s
+            self._check_clearance(pose_at(self.motion, start_s), start_s)
 
     def render(
         self,
@@ -144,7 +153,7 @@ class Simulator:
         builder = CloudBuilder(capacity=self.sensor.scanner.pulses * self.sensor.tdc.stops)
         self._hand_out(now, builder.append, "assemble", asked, replace(told, summary=summary))
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**self._description(now, asked)))
+        cloud = self._cloud(builder.fields(**self._description(now, asked)))
         summary.spent("assemble", since)
         return cloud
 
@@ -168,11 +177,28 @@ class Simulator:
         def take(columns: Mapping[str, Any]) -> None:
             nonlocal empty
             empty = False
-            sink(PointCloud(**columns, **description))
+            sink(self._cloud({**columns, **description}))
 
         self._hand_out(now, take, "write", asked, told)
         if empty:
             sink(PointCloud(**CloudBuilder().fields(**description)))
+
+    def _refuse_nan(self, parts: Sequence[Chunk]) -> None:
+        """Raises InputError for pulses whose signal is NaN, which would count as missed."""
+        for one in parts:
+            for name in ("snr", "detection_probability"):
+                values = np.asarray(getattr(one.detection, name).numpy())
+                if values.size and np.isnan(values.min()):  # a minimum hands NaN on, and makes no array
+                    count = int(np.isnan(values).sum())
+                    told = f"{name} of {count:,} pulses is not a number"
+                    raise not_a_number(self.scene, self.sensor, told)
+
+    def _cloud(self, fields: Mapping[str, Any]) -> PointCloud:
+        """Of columns and names. Raises InputError where a number of scene or sensor has made a NaN."""
+        try:
+            return PointCloud(**fields)
+        except NotANumber as error:
+            raise not_a_number(self.scene, self.sensor, str(error)) from None
 
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
@@ -210,9 +236,10 @@ class Simulator:
         begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
         # The option counts rays, since they take the memory; a chunk counts pulses.
         chunk = max(1, asked.chunk // max(self.trace.rays, self.trace.background_rays or 1))
-        # Whole bands of tiles, so that all chunks but the last are ordered in the same way.
-        if self._tiling is not None and chunk > self._tiling.band:
-            chunk -= chunk % self._tiling.band
+        # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
+        # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
+        step = LANES if self._tiling is None else self._tiling.step
+        chunk = max(step, chunk - chunk % step)
         seed_word = transfer.opaque_uint32(asked.seed)
         placing = Placing.of(now.goal(asked.coordinates))
 
@@ -233,6 +260,7 @@ class Simulator:
             since = time.perf_counter()
             transfer.wait()
             parts = [part, *self._gone_on(now, part, seed_word)]
+            self._refuse_nan(parts)
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, parts, placing)
             outcome = of_every_pulse(parts, first, "outcome", ordered=told.missed is not None)
@@ -342,7 +370,15 @@ class Simulator:
         return {name: values[:count] for name, values in transfer.columns(columns).items()}
 
     def _frame(self, asked: FrameOptions) -> Frame:
-        return Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))
+        now = Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))
+        self._check_clearance(now.place, now.start_s)
+        return now
+
+    def _check_clearance(self, place: Pose, start_s: float) -> None:
+        """Raises InputError for a sensor on or in a surface."""
+        self._clearance.check(
+            place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
+        )
 
     def _description(self, now: Frame, asked: FrameOptions) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""

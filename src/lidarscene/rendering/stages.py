@@ -126,7 +126,7 @@ class Stages:
         if self.world.speculars is not None and shape is self.footprint:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         firing = Firing(
-            seed=seed, ray=0 if ray is None else ray, aim=aimed,
+            seed=seed, ray=0 if ray is None else ray, aim=aimed, housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
         )  # fmt: skip
         return rays, trace(

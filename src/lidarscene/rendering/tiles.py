@@ -7,6 +7,7 @@ meet (docs/architecture.md). Only the order in which pulses are computed changes
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,15 @@ from ..scan.base import Scanner
 
 PACKET = 8
 """Rays that the CPU traces together: single precision in 256 bits."""
+
+LANES = 16
+"""The most rays that a CPU traces together, in 512 bits: chunks begin at a multiple of it."""
+
+LONGEST = 2**20
+"""Rays of the longest band: chunks are no shorter, and would no longer bound the memory."""
+
+FEWEST = 2**11
+"""Pulses of a frame that is worth it; a shorter one is done in a moment, in whatever order."""
 
 HEIGHT = 8
 """Lines of a tile, of which a packet takes as many as its width leaves it."""
@@ -39,9 +49,9 @@ class Tiling:
 
     @classmethod
     def of(cls, scanner: Scanner) -> Tiling | None:
-        """None where pulses follow no lines that lie side by side, or a frame has but one."""
+        """None where pulses follow no lines that lie side by side, or where these are too few or too long."""
         line = scanner.line_pulses
-        if line is None or scanner.pulses < HEIGHT * line:
+        if line is None or scanner.pulses < max(HEIGHT * line, FEWEST) or 2 * HEIGHT * line > LONGEST:
             return None
         x, y, z = (np.asarray(c) for c in scanner.direction(np.arange(2 * line, dtype=np.uint32)))
         direction = np.stack([np.broadcast_to(c, 2 * line) for c in (x, y, z)], axis=-1).reshape(2, line, 3)
@@ -60,6 +70,11 @@ class Tiling:
     def band(self) -> int:
         """Pulses of a row of tiles; chunks of a multiple of it are cut alike."""
         return HEIGHT * self.line
+
+    @property
+    def step(self) -> int:
+        """Pulses of whole bands that are whole packets on every CPU: chunks of a multiple of it are traced alike."""
+        return math.lcm(self.band, LANES)
 
     def order(self, count: int) -> Numbers:
         """(count,) uint32 pulses, from the first of a line on, tile by tile; what fills no band stays as it is."""

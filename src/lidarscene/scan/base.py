@@ -70,14 +70,17 @@ class Scanner(Protocol):
 
 Jitter = Annotated[
     Lanes | None,
-    Quantity("mrad", gt=0, about="standard deviation of the pointing on each axis across the beam"),
+    Quantity(
+        "mrad", ge=2e-4, le=3000, about="standard deviation of the pointing on each axis across the beam"
+    ),
 ]
 Encoder = Annotated[
     Lanes | None,
     Quantity(
         "deg",
         name="encoder_step_deg",
-        gt=0,
+        ge=1e-6,
+        le=90,
         about="of the encoders on the mechanism; the reported angles are rounded to it",
     ),
 ]

@@ -51,7 +51,7 @@ class Lissajous(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: Annotated[float, Quantity(gt=0)],
+        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6)],
         mirrors: Mirrors,
         azimuth: Swing,
         elevation: Swing,

@@ -52,7 +52,8 @@ class Facets:
         float | None,
         Quantity(
             "mm",
-            gt=0,
+            ge=0.1,
+            le=1e4,
             about="from the axis to the facets; without it the facets cut nothing off the aperture",
         ),
     ] = None

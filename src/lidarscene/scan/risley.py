@@ -52,7 +52,10 @@ class Wedge:
         index: Annotated[float, Quantity(ge=1, le=4)],
         rotation_hz: Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive from the left to the top")],
         phase_rad: Annotated[
-            float, Quantity("deg", about="of the thick side at the start, from the left to the top")
+            float,
+            Quantity(
+                "deg", ge=-36e3, le=36e3, about="of the thick side at the start, from the left to the top"
+            ),
         ] = 0.0,
         tilted: Annotated[Literal["in", "out"], Key(name="inclined_face", about="out is towards the scene")],
     ) -> Wedge:
@@ -92,7 +95,7 @@ class Risley(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: Annotated[float, Quantity(gt=0)],
+        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6)],
         wedges: Sequence[Wedge],
         beam_elevation_rad: Annotated[
             Sequence[float] | None,

@@ -44,6 +44,8 @@ class Bank:
             "us",
             name="firing_time_us",
             ge=0,
+            le=1e7,
+            finest=1e-3,
             about="after the start of the cycle; all at once if left out",
         ),
     ] = None
@@ -76,7 +78,7 @@ class Spinning(Mechanism):
         *,
         rotation_hz: Rotation,
         cycle_s: Annotated[
-            float | None, Quantity("us", gt=0, about="from cycle to cycle, if clocked by time")
+            float | None, Quantity("us", ge=0.01, le=1e7, about="from cycle to cycle, if clocked by time")
         ] = None,
         cycles_per_turn: Annotated[
             int | None,

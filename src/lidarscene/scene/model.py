@@ -87,9 +87,9 @@ class Sun:
     Azimuth is counter-clockwise from x, seen from above.
     """
 
-    azimuth_rad: Annotated[float, Quantity("deg")] = 0.0
+    azimuth_rad: Annotated[float, Quantity("deg", ge=-36e3, le=36e3)] = 0.0
     elevation_rad: Annotated[float, Quantity("deg", ge=-90, le=90)] = math.radians(45.0)
-    illuminance_klux: Annotated[float, Quantity(ge=0)] = 100.0
+    illuminance_klux: Annotated[float, Quantity(ge=0, le=1e4, multiple=1e3)] = 100.0
 
     @property
     def direction(self) -> Numbers:
@@ -101,7 +101,7 @@ class Sun:
 class Sky:
     """Uniform sky. ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
 
-    diffuse_share: Annotated[float, Quantity(ge=0)] = 0.0
+    diffuse_share: Annotated[float, Quantity(ge=0, le=1000)] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,8 +109,8 @@ class Air:
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
     transmittance: Annotated[float, Quantity(gt=0, le=1)] = 1.0
-    extinction_per_m: Annotated[float, Quantity(ge=0)] = 0.0
-    visibility_m: Annotated[float | None, Quantity("km", gt=0)] = None
+    extinction_per_m: Annotated[float, Quantity(ge=0, le=100)] = 0.0
+    visibility_m: Annotated[float | None, Quantity("km", ge=1e-4, le=1000)] = None
     model: Annotated[Literal["kruse", "kim"], Key()] = "kim"
     weather: Weather = field(default_factory=Weather)
 
@@ -131,9 +131,12 @@ class Interferer:
     spread_db  of ten times the decimal logarithm of the peak
     """
 
-    rate_hz: Annotated[float, Quantity(ge=0, about="mean rate of the pulses that reach the receiver")]
+    rate_hz: Annotated[
+        float, Quantity(ge=0, le=1e12, about="mean rate of the pulses that reach the receiver")
+    ]
     irradiance_w_m2: Annotated[
-        float, Quantity(gt=0, about="median of their peaks, at the receiver's aperture, in its band")
+        float,
+        Quantity(ge=1e-15, le=1e9, about="median of their peaks, at the receiver's aperture, in its band"),
     ]
     spread_db: Annotated[float, Quantity(ge=0.1, le=40, about="standard deviation of the peaks' level")] = 6.0
 

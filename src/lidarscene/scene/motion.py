@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
 from ..sensor.file import PoseFile
@@ -23,7 +23,7 @@ from .poses import read_poses, spline
 class TimedPoseFile(PoseFile):
     """A pose at a time."""
 
-    time_s: float
+    time_s: Annotated[float, Number(ge=-1e12, le=1e12)]
 
 
 class MotionFile(Table[Course]):

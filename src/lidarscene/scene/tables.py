@@ -14,19 +14,22 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..files import pvlib
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..files.toml import FileModel
 from ..materials.file import MaterialFile
 from ..maths.units import si
-from ..sensor.file import PoseFile, Vector
+from ..sensor.file import PoseFile, Turned, Vector
 from .model import Air, Interferer, Sky, Sun, View
 from .motion import BodyMotionFile, EgoFile
 from .weather import Weather
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Irradiance = Annotated[float, Number(ge=0, le=1e5)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
+
+
+USUAL_HEIGHT_M = 1.8
+"""Of a sensor on the roof of a car, above a ground at 0."""
 
 
 def _instant(value: object) -> datetime:
@@ -57,7 +60,7 @@ class SunFile(Table[Sun]):
     time: Annotated[datetime, BeforeValidator(_instant)] | None = Field(
         default=None, description="with its offset from UTC"
     )
-    north_deg: float = Field(
+    north_deg: Turned = Field(
         default=90.0, description="azimuth of north in the scene; at 90 degrees x points east and y north"
     )
 
@@ -107,6 +110,7 @@ class SceneSensorFile(PoseFile):
     """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
 
     name: Name = "table1-apd"
+    position_m: Vector = (0.0, 0.0, USUAL_HEIGHT_M)
 
 
 class PictureFile(Table[View]):
@@ -181,7 +185,7 @@ class LampsFile(FileModel):
     """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
 
     kind: Literal["lamps"]
-    irradiance_w_m2: NotNegative = Field(description="of the surfaces, in the sensor's band")
+    irradiance_w_m2: Irradiance = Field(description="of the surfaces, in the sensor's band")
 
 
 class LidarsFile(Table[Interferer]):

@@ -31,12 +31,14 @@ class Tdc:
                               how often the noise rises through the threshold (docs/theory.md, section 9)
     """
 
-    window_s: Annotated[Lanes, Quantity("us", gt=0)]
-    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3)]
-    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01)] = None
-    threshold_level: Annotated[Lanes | None, Quantity(ge=1e-15, about="amperes (APD) or cells (SiPM)")] = None
-    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0)] = 0.0
-    jitter_s: Annotated[Lanes, Quantity("ps", ge=0)] = 0.0
+    window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5)]
+    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3, le=1e5)]
+    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1e4)] = None
+    threshold_level: Annotated[
+        Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")
+    ] = None
+    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0, le=1e6, finest=1e-3)] = 0.0
+    jitter_s: Annotated[Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
     order: Annotated[
@@ -53,11 +55,18 @@ class Tdc:
     blanking_s: Annotated[
         Lanes,
         Quantity(
-            "ns", ge=0, about="after the pulse leaves, in which crossings go unnoticed: the shortest range"
+            "ns",
+            ge=0,
+            le=1e6,
+            finest=1e-3,
+            about="after the pulse leaves, in which crossings go unnoticed: the shortest range",
         ),
     ] = 0.0
     dead_time_s: Annotated[
-        Lanes, Quantity("ns", ge=0, about="from an echo's crossing to the next that can be taken")
+        Lanes,
+        Quantity(
+            "ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken"
+        ),
     ] = 0.0
     both_edges: bool = False
     walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
@@ -66,7 +75,9 @@ class Tdc:
     )
     ambient_window_s: Annotated[
         Lanes | None,
-        Quantity("us", gt=0, about="time in which the background is counted; the window if left out"),
+        Quantity(
+            "us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"
+        ),
     ] = None
 
     @property
@@ -92,7 +103,12 @@ class Receiver:
     ] = "none"
     ac_coupling_hz: Annotated[
         Lanes | None,
-        Quantity("khz", gt=0, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
+        Quantity(
+            "khz",
+            ge=1e-3,
+            le=5e4,
+            about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out",
+        ),
     ] = None
 
     @property
@@ -119,14 +135,14 @@ class Intensity:
     """
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
-    reference_m: Annotated[Lanes, Quantity(gt=0, about="that range")] = 10.0
+    reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
     white_value: Annotated[
         Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
     ] = 100.0
     retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
-    retro_reflectivity: Annotated[Lanes, Quantity(gt=1, about="that reads 255 on a logarithmic scale")] = (
-        1000.0
-    )
+    retro_reflectivity: Annotated[
+        Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")
+    ] = 1000.0
 
     @property
     def unit(self) -> str:
@@ -156,9 +172,11 @@ class Adc:
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Annotated[Lanes, Quantity("mhz", gt=0)]
+    rate_hz: Annotated[Lanes, Quantity("mhz", ge=0.1, le=1e6)]
     step: Lanes
-    full_scale: Annotated[Lanes, Quantity(gt=0, about="largest sample, amperes (APD) or cells (SiPM)")]
+    full_scale: Annotated[
+        Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")
+    ]
     samples: int
     room: int
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..files.toml import FileModel, read_toml, validated, with_overrides
 from ..maths.pose import Pose
 from ..maths.units import si
@@ -32,6 +32,7 @@ LARGEST_COORDINATE_M = 1e8
 
 Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
 
 
 class LaserFile(Table[Laser]):
@@ -133,7 +134,7 @@ class TdcFile(Table[Tdc]):
 class ReceiverFile(Table[Receiver]):
     """[receiver]: frequency response of the amplifier."""
 
-    bandwidth_mhz: Annotated[float, Field(ge=1e-3)] | None = Field(
+    bandwidth_mhz: Annotated[float, Number("mhz", ge=1e-3, le=1e5)] | None = Field(
         default=None,
         description="-3 dB of the low pass, in place of tdc.bandwidth_mhz, which it follows from if left out",
     )
@@ -150,9 +151,9 @@ class PoseFile(FileModel):
     """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
 
     position_m: Vector = (0.0, 0.0, 0.0)
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
+    yaw_deg: Turned = 0.0
+    pitch_deg: Turned = 0.0
+    roll_deg: Turned = 0.0
 
     def pose(self) -> Pose:
         """As a rotation and a position."""

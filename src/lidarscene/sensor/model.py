@@ -38,28 +38,33 @@ class Laser:
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
-    peak_power_w: Annotated[Lanes, Quantity(gt=0)]
-    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    repetition_rate_hz: Annotated[float, Quantity("khz", gt=0)]
+    peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6)]
+    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1000)]
+    repetition_rate_hz: Annotated[float, Quantity("khz", ge=1e-4, le=2e4)]
     divergence_rad: Annotated[
         float,
         Quantity(
             "mrad",
             ge=0,
+            le=3000,
+            finest=0.01,
             about="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
         ),
     ] = 0.0
     profile: Annotated[Literal["gaussian", "top_hat"], Key(name="beam_profile")] = "gaussian"
     divergence_elevation_rad: Annotated[
         float | None,
-        Quantity("mrad", gt=0, about="the same on the second axis; a round beam if left out"),
+        Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out"),
     ] = None
     beam_rotation_rad: Annotated[
-        float, Quantity("deg", about="of the beam's two axes about the beam, from the left to the top")
+        float,
+        Quantity(
+            "deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"
+        ),
     ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
-        Quantity("mm", gt=0, about="1/e^2 diameter where the beam leaves; not known if left out"),
+        Quantity("mm", ge=0.05, le=1e4, about="1/e^2 diameter where the beam leaves; not known if left out"),
     ] = None
     source_rad: Annotated[
         float,
@@ -67,6 +72,8 @@ class Laser:
             "mrad",
             name="apparent_source_mrad",
             ge=0,
+            le=3000,
+            finest=0.01,
             about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
         ),
     ] = 0.0
@@ -106,7 +113,7 @@ class Halo:
     """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together."""
 
     share: Annotated[Lanes, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
-    divergence_rad: Annotated[Lanes, Quantity("mrad", gt=0, le=500, about="full angle at 1/e^2")]
+    divergence_rad: Annotated[Lanes, Quantity("mrad", ge=0.1, le=3000, about="full angle at 1/e^2")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,11 +125,11 @@ class Optics:
     halo                 around the spot, or None
     """
 
-    aperture_radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
-    focal_length_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000)]
+    focal_length_m: Annotated[Lanes, Quantity("mm", ge=0.1, le=1e5)]
     efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
     efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
-    sun_irradiance_w_m2: Lanes
+    sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e9)]
     overlap: Overlap | None = None
     halo: Halo | None = None
 
@@ -194,6 +201,11 @@ class Sensor:
             return False  # behind a filter no whole cells are counted
         by_samples = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
         return by_samples or self.tdc.timing == "matched_filter"
+
+    @property
+    def housing_m(self) -> Lanes:
+        """Radius of what is surely the sensor itself, its receiver's lens: no surface can be nearer."""
+        return self.optics.aperture_radius_m
 
     @property
     def noise_bandwidth_hz(self) -> Lanes:

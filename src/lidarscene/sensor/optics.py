@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files import pvlib
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
 from ..physics.optics.solar_spectrum import (
@@ -28,7 +28,7 @@ from ..physics.optics.solar_spectrum import (
 from .model import Halo, Laser, Optics
 from .overlap import Overlap
 
-Wavelength = Annotated[float, Field(ge=300, le=2500)]
+Wavelength = Annotated[float, Number("nm", ge=300, le=2500)]
 COLUMNS = ("wavelength_nm", "transmittance")
 
 
@@ -36,7 +36,7 @@ class FilterFile(FileModel):
     """[optics.filter]: what the receiver lets through, by shape or from a CSV file, and of which sunlight."""
 
     centre_nm: Wavelength | None = None
-    width_nm: Annotated[float, Field(ge=0.01, le=1000)] | None = Field(
+    width_nm: Annotated[float, Number("nm", ge=0.01, le=1000)] | None = Field(
         default=None, description="full width at half of the peak, which is 1"
     )
     shape: Literal["box", "gaussian", "super_gaussian"] = "box"
@@ -128,9 +128,9 @@ def _row(cells: list[str], where: str) -> tuple[float, float]:
     return wavelength_nm, transmittance
 
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Distance = Annotated[float, Number(gt=0, le=1e6)]
+Irradiance = Annotated[float, Number(ge=0, le=1e9)]
+Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
 
 class OverlapFile(FileModel):
@@ -139,10 +139,10 @@ class OverlapFile(FileModel):
     transmitter_offset_mm: tuple[Millimetres, Millimetres] = Field(
         default=(0.0, 0.0), description="to the left and up from the receiver's axis, where the beam leaves"
     )
-    parallax_free_at_m: Positive | None = Field(
+    parallax_free_at_m: Distance | None = Field(
         default=None, description="range at which the two axes meet; side by side if left out"
     )
-    focus_at_m: Positive | None = Field(
+    focus_at_m: Distance | None = Field(
         default=None, description="range that is in focus; infinity if left out"
     )
 
@@ -165,7 +165,7 @@ class HaloFile(Table[Halo]):
 class OpticsFile(Table[Optics]):
     """[optics]: the receiver."""
 
-    sun_irradiance_w_m2: NotNegative | None = Field(
+    sun_irradiance_w_m2: Irradiance | None = Field(
         default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
     )
     filter: FilterFile | None = None

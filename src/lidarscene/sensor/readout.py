@@ -9,20 +9,20 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..files.toml import FileModel, read_toml, validated
 from .electronics import Adc, Intensity, MultiLevel
 
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Number(gt=0, le=1e9)]
 
 
 class MultiLevelFile(FileModel):
     """[sampler] type = "multi_level_tdc"."""
 
     type: Literal["multi_level_tdc"]
-    levels: Annotated[tuple[Annotated[float, Field(gt=1)], ...], Field(min_length=1, max_length=8)] = Field(
-        description="above the threshold, in thresholds, rising"
-    )
+    levels: Annotated[
+        tuple[Annotated[float, Number(gt=1, le=1e6)], ...], Field(min_length=1, max_length=8)
+    ] = Field(description="above the threshold, in thresholds, rising")
 
     @model_validator(mode="after")
     def _rising(self) -> MultiLevelFile:
@@ -83,7 +83,7 @@ class ReflectivityFile(Table[Intensity], only=("kind", "white_value", "retro", "
 AnyIntensityFile = Annotated[RangeCorrectedFile | ReflectivityFile, Field(discriminator="kind")]
 
 
-NotNegative = Annotated[float, Field(ge=0)]
+Illuminance = Annotated[float, Number(ge=0, le=1e4, multiple=1e3)]
 Share = Annotated[float, Field(gt=0, le=1)]
 
 
@@ -94,7 +94,7 @@ class RepeatabilityFile(FileModel):
     snr: Positive | None = Field(default=None, description="at which, or")
     at_m: Positive | None = Field(default=None, description="range of the target, with its reflectivity")
     reflectivity: Share | None = Field(default=None, description="of that target")
-    illuminance_klux: NotNegative | None = Field(
+    illuminance_klux: Illuminance | None = Field(
         default=None, description="there; if left out that of [published]"
     )
     at_most: bool = Field(default=False, description="an upper bound")
@@ -123,7 +123,7 @@ class PublishedFile(FileModel):
 
     range_m: Positive | None = None
     reflectivity: Share | None = Field(default=None, description="of the target at that range")
-    illuminance_klux: NotNegative | None = Field(default=None, description="at that range")
+    illuminance_klux: Illuminance | None = Field(default=None, description="at that range")
     also: tuple[tuple[Share, Positive], ...] = Field(
         default=(), description="further reflectivities and ranges, at the same illuminance"
     )

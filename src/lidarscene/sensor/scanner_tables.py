@@ -13,11 +13,12 @@ from typing import Annotated, Generic, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
-from ..files.table import Made, Table
+from ..files.table import Made, Number, Table
 from ..maths.units import si
 from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner, Swing
 
-Positive = Annotated[float, Field(gt=0)]
+Frequency = Annotated[float, Number(ge=1e-4, le=1e7)]
+Phase = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
 Turn = Annotated[float, Field(ge=0, le=45)]
 
 
@@ -62,7 +63,7 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
     outer: Literal["azimuth", "elevation"] = Field(
         default="elevation", description="axis that stands still, or that of the last of two mirrors"
     )
-    mirror_radius_mm: Positive | None = Field(
+    mirror_radius_mm: Annotated[float, Number("mm", ge=0.05, le=1e4)] | None = Field(
         default=None,
         description="of one round mirror before the receiver's lens; the mirror is the stop if left out",
     )
@@ -122,10 +123,10 @@ class LissajousFile(_MirrorsFile[Lissajous]):
     """[scanner] type = "lissajous": both turns are sines."""
 
     type: Literal["lissajous"]
-    azimuth_hz: Positive
-    elevation_hz: Positive
-    azimuth_phase_deg: float = 0.0
-    elevation_phase_deg: float = 0.0
+    azimuth_hz: Frequency
+    elevation_hz: Frequency
+    azimuth_phase_deg: Phase = 0.0
+    elevation_phase_deg: Phase = 0.0
 
     def build(self, around: Surroundings) -> Lissajous:
         """In SI units. By hand: two swings of one class, told apart by their keys."""

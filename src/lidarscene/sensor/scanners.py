@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Table
+from ..files.table import Number, Table
 from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
@@ -21,13 +21,12 @@ from .pattern import read_pattern
 from .scanner_tables import (
     LissajousFile,
     MirrorFile,
-    Positive,
     ScannerFile,
     Surroundings,
     require_fewer,
 )
 
-Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
 
 class RasterFile(ScannerFile[Raster]):
@@ -182,7 +181,7 @@ class FlashFile(ScannerFile[Flash]):
     """[scanner] type = "flash": all pixels at once; the laser's rate is that of the flashes."""
 
     type: Literal["flash"]
-    pixel_pitch_um: Positive
+    pixel_pitch_um: Annotated[float, Number("um", ge=0.01, le=1e4)]
 
     @model_validator(mode="after")
     def _nothing_turns(self) -> FlashFile:
@@ -211,7 +210,7 @@ class TableFile(ScannerFile[Pattern]):
     file: Annotated[str, Field(min_length=1)] = Field(
         description="with columns azimuth_deg, elevation_deg, time_s (or _rad, _ms, _us) and, if wanted, channel"
     )
-    frame_ms: Positive | None = Field(
+    frame_ms: Annotated[float, Number("ms", ge=1e-3, le=1e7)] | None = Field(
         default=None, description="length of a frame; from the times if left out"
     )
 

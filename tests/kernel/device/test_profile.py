@@ -73,7 +73,7 @@ def test_render_prints_it(
 def test_texts_of_kernels_do_not_gather(
     mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A frame of very many chunks would hold gigabytes of them: 51 chunks of 100 pulses, counted in four pieces."""
+    """A frame of very many chunks would hold gigabytes of them: 41 chunks of 48 pulses, counted in three pieces."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
     take, lengths = KernelHistory.take, []
@@ -84,13 +84,12 @@ def test_texts_of_kernels_do_not_gather(
         lengths.append(history.launched - before)
 
     monkeypatch.setattr(KernelHistory, "take", counted)
-    steps = ("--set=scanner.azimuth_step_deg=1", "--set=scanner.elevation_step_deg=0.6")
+    steps = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=0.8")
     assert (
-        main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "100"])
-        == 0
+        main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "48"]) == 0
     )
     told = json.loads(capsys.readouterr().out)
-    chunks = -(-told["beams"] // 100)
+    chunks = -(-told["beams"] // 48)
     assert len(lengths) == chunks // 16 + 1 >= 3
     assert sum(lengths) == told["profile"]["kernels"]["launched"] >= chunks
     assert max(lengths) < 0.5 * sum(lengths)
@@ -100,9 +99,9 @@ def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """From the command line it is what the file would say."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
-    Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 0]", "[8.5, 0, 0]"))
-    moved = "bodies.wall.position_m=[8.5, 0, 0]"
+    Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 1.8]", "[8.5, 0, 1.8]"))
+    moved = "bodies.wall.position_m=[8.5, 0, 1.8]"
     assert main.main(["render", "wall.toml", *COARSE, "-o", "a.ply", "--scene-set", moved]) == 0
     assert main.main(["render", "near.toml", *COARSE, "-o", "b.ply"]) == 0
     assert Path("a.ply").read_bytes() == Path("b.ply").read_bytes()
-    assert load_scene("wall.toml", overrides=[moved]).bodies[0].pose.position_m.tolist() == [8.5, 0.0, 0.0]
+    assert load_scene("wall.toml", overrides=[moved]).bodies[0].pose.position_m.tolist() == [8.5, 0.0, 1.8]

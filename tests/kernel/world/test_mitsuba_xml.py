@@ -1,5 +1,8 @@
 """Mitsuba XML scenes: names, materials, paths, and nothing left in Mitsuba afterwards."""
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -91,7 +94,8 @@ def test_the_same_seen_from_elsewhere(mi: ModuleType, base: Path) -> None:
 
 def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(
-        'base = "xml/base.xml"\n[base_materials]\ngrey = "concrete"\npaint = "retroreflective_sheeting"\n'
+        'base = "xml/base.xml"\nsensor = { position_m = [0, 0, 0] }\n[base_materials]\n'
+        'grey = "concrete"\npaint = "retroreflective_sheeting"\n'
         '[[bodies]]\nname = "floor"\nclass = "road"\nprimitive = "plane"\nsize_m = [20, 20]\nmaterial = "asphalt"\n'
         "position_m = [10, 0, -1.5]\n"
     )
@@ -181,3 +185,69 @@ def test_any_bsdf_of_mitsuba_is_used_as_it_is(mi: ModuleType, base: Path, name: 
     cloud = lidarscene.render(base, overrides=(*COARSE, "tdc.threshold_to_noise=1"))
     assert "own" in cloud.material_names
     assert np.isfinite(cloud.intensity).all()
+
+
+# --- native code beside a scene -----------------------------------------------------------------------
+
+PLANTED = """
+#include <stdio.h>
+__attribute__((constructor)) static void run(void) { FILE *f = fopen("%s", "w"); if (f) fclose(f); }
+"""
+
+WITH_PLUGIN = """
+<scene version="3.0.0">{more}
+    <default name="kind" value="{kind}"/>
+    <bsdf type="{written}" id="plaster"/>
+    <shape type="rectangle"><ref id="plaster"/></shape>
+</scene>
+"""
+
+
+@pytest.fixture
+def planted(tmp_path: Path) -> Path:
+    """A folder with `plugins/` whose libraries leave a mark when they are loaded; the file that is the mark."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler")
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "planted.c").write_text(PLANTED % (tmp_path / "mark"))
+    library = tmp_path / "plugins" / "evil.so"
+    subprocess.run(
+        [compiler, "-shared", "-fPIC", "-o", str(library), str(tmp_path / "planted.c")], check=True
+    )
+    for name in ("diffuse", "thindielectric", "rectangle"):
+        shutil.copy(library, library.with_stem(name))
+    return tmp_path / "mark"
+
+
+@pytest.mark.parametrize("where", ["scene", "current", "path", "climbing", "absolute", "parameter"])
+def test_a_library_beside_a_scene_does_not_run(
+    mi: ModuleType, planted: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """Rationale: Mitsuba loads plugins from `plugins/` of each folder of its search path, and by paths as names."""
+    folder, scenes = planted.parent, planted.parent / ("." if where == "scene" else "scenes")
+    scenes.mkdir(exist_ok=True)
+    if where == "current":
+        monkeypatch.chdir(folder)
+    kind = {
+        "climbing": "../" * 30 + str(folder / "plugins" / "evil").lstrip("/"),
+        "absolute": str(folder / "plugins" / "evil"),
+    }.get(where, "evil")
+    more = f'<path value="{folder}"/>' if where == "path" else ""
+    written = "$kind" if where == "parameter" else kind
+    (scenes / "own.xml").write_text(WITH_PLUGIN.format(kind=kind, written=written, more=more))
+    with pytest.raises(InputError, match="bsdf type: must be one of Mitsuba's own plugins, got"):
+        load_shapes(scenes / "own.xml", {}, {})
+    assert not planted.exists()
+
+
+def test_plugins_of_a_known_name_are_mitsubas_own(planted: Path) -> None:
+    """In a process of its own: Mitsuba keeps the plugins that it has loaded."""
+    wall = planted.parent / "wall.xml"
+    wall.write_text(WITH_PLUGIN.format(kind="diffuse", written="diffuse", more=""))
+    code = f"import lidarscene; print(len(lidarscene.render({str(wall)!r}, overrides={COARSE!r})))"
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=planted.parent, capture_output=True, text=True, timeout=300
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert not planted.exists()

@@ -113,7 +113,8 @@ def test_exponents_in_the_background_limit():
 
 def test_exponents_in_the_noise_of_the_amplifier():
     """Fixed noise: SNR goes as P_r, so everything in the echo has half its own exponent."""
-    noisy = load_sensor("table1-apd", overrides=["detector.circuit_noise_na=1e9"])
+    apd = load_sensor("table1-apd")
+    noisy = dataclasses.replace(apd, detector=dataclasses.replace(apd.detector, circuit_noise_a=1.0))
     bright = dataclasses.replace(noisy, laser=dataclasses.replace(noisy.laser, peak_power_w=1e12))
     slopes = elasticities(bright, Target())
     expected = {

@@ -10,7 +10,9 @@ import contextlib
 import functools
 import os
 import sys
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -80,6 +82,38 @@ def variant() -> str:
 def is_cuda() -> bool:
     """True where rays are traced on a GPU."""
     return variant().startswith("cuda")
+
+
+@functools.cache
+def own_plugins() -> frozenset[str]:
+    """Names of the plugins in Mitsuba's own folder."""
+    return frozenset(file.stem for file in (_folder(mitsuba()) / "plugins").iterdir())
+
+
+@contextlib.contextmanager
+def only_own_files() -> Iterator[None]:
+    """Let Mitsuba look for files and plugins in its own folder only, within the block."""
+    mi = mitsuba()
+    before = mi.file_resolver()
+    mi.set_file_resolver(_resolver(mi, []))
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(before)
+
+
+def _resolver(mi: ModuleType, folders: Iterable[str]) -> Any:
+    """A search path of Mitsuba's own folder, and then these."""
+    resolver = mi.FileResolver()
+    resolver.clear()
+    for folder in (str(_folder(mi)), *folders):
+        resolver.append(folder)
+    return resolver
+
+
+def _folder(mi: ModuleType) -> Path:
+    """Where Mitsuba is installed."""
+    return Path(str(mi.__file__)).parent
 
 
 def trace_one_ray(mi: ModuleType | None = None) -> tuple[float, float]:
@@ -166,7 +200,7 @@ def _users_own(mi: ModuleType, current: str) -> ModuleType:
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
-    return mi
+    return _imported()
 
 
 def _imported() -> Any:
@@ -181,6 +215,12 @@ def _imported() -> Any:
         import mitsuba as mi
     except ImportError as error:
         raise BackendError(f"Mitsuba cannot be imported ({error}); try: pip install mitsuba") from error
+    # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
+    # current folder there. What lies beside a user's files must not run.
+    kept = [
+        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))
+    ]
+    mi.set_file_resolver(_resolver(mi, kept))
     if mi.variant() is None:
         dr.set_log_level(dr.LogLevel.Error)
         mi.set_log_level(mi.LogLevel.Error)

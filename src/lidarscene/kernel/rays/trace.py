@@ -43,10 +43,12 @@ class Firing:
     ray           (n,) number of each ray within its pulse, for the same; 0 if it is the only one
     velocity_m_s  of the point from which each ray leaves; None: it stands still
     aim           axes and widths of the beams, for specular returns; None: there are none
+    housing_m     radius of the sensor itself: what is nearer is no hit
     """
 
     seed: Lanes = 0
     ray: Lanes = 0
+    housing_m: Lanes = 0.0
     velocity_m_s: Vector | None = None
     aim: Aim | None = None
 
@@ -89,16 +91,16 @@ def trace(
     if world.speculars is None:
         survey = False
     if survey:
-        return (_surveyed(moment, first, moment.meet(ray)),)
+        return (_surveyed(moment, first, moment.meet(ray), firing.housing_m),)
     ways = _ways(moment, first, interactions)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
-    return tuple(_ended(moment, way, met, sunshine) for way, met in ways)
+    return tuple(_ended(moment, way, met, sunshine, firing.housing_m) for way, met in ways)
 
 
-def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
+def _surveyed(moment: Moment, way: Way, met: Meeting, housing_m: Lanes) -> Hits:
     """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)
@@ -110,7 +112,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting) -> Hits:
         through_glass = moment.glazed(ray, lit)
         return lit, 1.0
 
-    hits = _ended(moment, way, met, sunshine)
+    hits = _ended(moment, way, met, sunshine, housing_m)
     goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
     return dataclasses.replace(hits, goes_on=goes_on)
 
@@ -200,7 +202,11 @@ def _a_step_on(
 
 
 def _ended(
-    moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]]
+    moment: Moment,
+    way: Way,
+    met: Meeting,
+    sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]],
+    housing_m: Lanes,
 ) -> Hits:
     """Return the Hits at the end of a path.
 
@@ -209,7 +215,9 @@ def _ended(
     import drjit as dr
 
     mi = mitsuba()
-    world, surface, found = moment.world, met.surface, met.found
+    world, surface, length_m = moment.world, met.surface, way.length_m + met.t
+    # A sensor that drives into a wall has the wall in its housing: the echo at no distance would have no bounds.
+    found = met.found & (length_m >= housing_m)
     # Two-sided: meshes from elsewhere are rarely wound consistently, so a normal may point inwards. Everything here
     # happens on the side from which the ray came: the normal is turned against the ray.
     facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
@@ -236,7 +244,7 @@ def _ended(
     face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
     return Hits(
         found=found,
-        range_m=dr.select(found, way.length_m + met.t, 1.0),  # not infinity: later stages divide by it
+        range_m=dr.select(found, length_m, 1.0),  # not infinity: later stages divide by it
         cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
         backscatter_per_sr=back + way.glint_per_sr,
         sun_scatter_per_sr=towards_sun * share,

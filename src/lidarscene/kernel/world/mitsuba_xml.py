@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ..device.backend import mitsuba
+from ..device.backend import mitsuba, only_own_files, own_plugins
 from ..device.types import Bsdf, Shape
 from .bsdfs import bsdf_dict, diffuse_share
 
@@ -48,6 +47,7 @@ def load_shapes(
     """
     root = _parsed(path)
     _insert_included(root, path.parent)
+    _keep_to_mitsuba(root, path)
     _replace_bsdfs(root, path, replaced, materials)
     shapes = _loaded(root, path).shapes()
     if not shapes:
@@ -120,13 +120,10 @@ def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
 
     As in Mitsuba, paths are relative to the first file, and names may hold parameters of <default>.
     """
-    # Longer names first: $scene_dir is not $scene followed by "_dir". From the last child to the first: an insertion
-    # does not shift the positions that are still to come.
-    defaults = {str(one.get("name")): str(one.get("value")) for one in element.iter("default")}
+    # From the last child to the first: an insertion does not shift the positions that are still to come.
+    defaults = _defaults(element)
     for position, child in reversed(list(enumerate(element))):
-        name = child.get("filename") if child.tag == "include" else None
-        for parameter in sorted(defaults, key=len, reverse=True):
-            name = name and name.replace(f"${parameter}", defaults[parameter])
+        name = _filled_in(child.get("filename") or "", defaults) if child.tag == "include" else ""
         if not name or "$" in name:
             continue
         if depth > 15:
@@ -136,11 +133,51 @@ def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
         element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
 
 
+def _defaults(element: Element) -> dict[str, str]:
+    """Return the values of parameters by name."""
+    return {str(one.get("name")): str(one.get("value")) for one in element.iter("default")}
+
+
+def _filled_in(text: str, parameters: Mapping[str, str]) -> str:
+    """Return a text of the file with the values of its parameters in place of $name."""
+    # Longer names first: $scene_dir is not $scene followed by "_dir".
+    for name in sorted(parameters, key=len, reverse=True):
+        text = text.replace(f"${name}", parameters[name])
+    return text
+
+
+def _keep_to_mitsuba(root: Element, path: Path) -> None:
+    """Name all files by absolute paths, and raise InputError for a plugin that is not Mitsuba's own.
+
+    Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder that it
+    was told of, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
+    """
+    parameters, known = _defaults(root), own_plugins()
+    folders = [path.parent.resolve()]
+    for parent in list(root.iter()):
+        # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
+        for one in [child for child in parent if child.tag in ("path", "integrator")]:
+            if one.tag == "path":
+                folders.append(folders[0] / _filled_in(one.get("value") or "", parameters))
+            parent.remove(one)
+    for element in root.iter():
+        kind = element.get("type")
+        if kind is not None and _filled_in(kind, parameters) not in known:
+            raise InputError(
+                f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'"
+            )
+        key = "value" if element.tag == "string" and element.get("name") == "filename" else "filename"
+        name = _filled_in(element.get(key) or "", parameters)
+        found = next((folder / name for folder in (*folders, Path.cwd()) if (folder / name).is_file()), None)
+        if name and found is not None:
+            element.set(key, str(found))
+
+
 def _loaded(root: Element, path: Path) -> Any:
-    """Return the Mitsuba scene; paths in it are relative to the file."""
+    """Return the Mitsuba scene; files in it are named by absolute paths."""
     mi = mitsuba()
     try:
-        with _paths_from(path.parent):
+        with only_own_files():
             return mi.load_string(ElementTree.tostring(root, encoding="unicode"), optimize=False)
     except Exception as error:
         # Mitsuba raises RuntimeError and others, with its own source line and our line numbers in front.
@@ -148,20 +185,6 @@ def _loaded(root: Element, path: Path) -> Any:
             r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split())
         )
         raise InputError(f"{path}: not a Mitsuba scene: {reason}") from None
-
-
-@contextmanager
-def _paths_from(folder: Path) -> Iterator[None]:
-    """Let Mitsuba look for files in a folder first, within the block."""
-    mi = mitsuba()
-    before = mi.file_resolver()
-    here = mi.FileResolver(before)
-    here.prepend(str(folder.resolve()))
-    mi.set_file_resolver(here)
-    try:
-        yield
-    finally:
-        mi.set_file_resolver(before)
 
 
 def _replace_bsdfs(

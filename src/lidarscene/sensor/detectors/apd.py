@@ -21,26 +21,31 @@ class Apd:
     saturation_a  at the amplifier's input (`physics.electronics.saturation`)
     """
 
-    gain: Annotated[Lanes, Quantity(ge=1)]
-    radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    gain: Annotated[Lanes, Quantity(ge=1, le=1e5)]
+    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
     quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
-    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
-    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0)]
-    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0)] = None
+    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]
+    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]
+    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0, le=10)] = None
     ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1)] = None
-    load_resistance_ohm: Annotated[Lanes, Quantity(gt=0)]
-    temperature_k: Annotated[Lanes, Quantity(gt=0)] = 300.0
-    circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0)] = 0.0
+    load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e12)]
+    temperature_k: Annotated[Lanes, Quantity(ge=1, le=1e4)] = 300.0
+    circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
     tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
     saturation_a: Annotated[
         Lanes | None,
         Quantity(
-            "ua", gt=0, about="current at which the amplifier clips, after multiplication; never if left out"
+            "ua",
+            ge=0.01,
+            le=1e6,
+            about="current at which the amplifier clips, after multiplication; never if left out",
         ),
     ] = None
     recovery_s: Annotated[
         Lanes | None,
-        Quantity("ns", gt=0, about="with saturation_ua: time constant with which a clipped pulse drains"),
+        Quantity(
+            "ns", ge=0.01, le=1e5, about="with saturation_ua: time constant with which a clipped pulse drains"
+        ),
     ] = None
 
     @property

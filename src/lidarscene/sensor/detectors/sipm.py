@@ -27,12 +27,12 @@ class Sipm:
                  with counts of independent cells ("binomial")
     """
 
-    cells: Annotated[Lanes, Quantity(ge=1, whole=True)]
-    radius_m: Annotated[Lanes, Quantity("mm", gt=0)]
+    cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True)]
+    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
     pde: Annotated[Lanes, Quantity(gt=0, le=1)]
-    dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each cell")]
-    cell_floor: Annotated[Lanes, Quantity(ge=0)] = 1.0
+    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
+    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each cell")]
+    cell_floor: Annotated[Lanes, Quantity(ge=0, le=1e5)] = 1.0
     statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "time_domain"
     counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
     crosstalk: Annotated[
@@ -49,7 +49,7 @@ class Sipm:
     ] = None
     afterpulse_s: Annotated[
         Lanes | None,
-        Quantity("ns", gt=0, about="with afterpulse: mean delay of afterpulses, exponential"),
+        Quantity("ns", ge=0.01, le=1e5, about="with afterpulse: mean delay of afterpulses, exponential"),
     ] = None
 
     @property

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ...errors import InputError
-from ...files.table import Table
+from ...files.table import Number, Table
 from ...maths.units import si
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..electronics import MOST_STOPS, Tdc
@@ -41,27 +41,29 @@ class HistogramFile(
     shots: Annotated[int, Field(ge=1, le=10_000_000)] | None = Field(
         default=None, description="added up for one point; as many as the pulse period allows if left out"
     )
-    pulse_period_us: Annotated[float, Field(gt=0)] | None = Field(
+    pulse_period_us: Annotated[float, Number("us", ge=0.01, le=1e6)] | None = Field(
         default=None,
         description="between the laser's pulses of one point, at multiplier 1; later light folds back onto the next",
     )
     multiplier: Annotated[float, Field(gt=0, le=16)] = Field(
         default=1.0, description="of the number of shots; above 1 the pulse period is shorter by it"
     )
-    window_us: Annotated[float, Field(gt=0)] | None = Field(
+    window_us: Annotated[float, Number("us", ge=1e-3, le=1e5)] | None = Field(
         default=None, description="of the histogram, after each pulse; the pulse period if left out"
     )
-    ambient_window_us: Annotated[float, Field(gt=0)] | None = Field(
+    ambient_window_us: Annotated[float, Number("us", ge=1e-3, le=1e6)] | None = Field(
         default=None,
         description="time of each shot in which the background is counted; the window if left out",
     )
-    blanking_ns: Annotated[float, Field(ge=0)] = Field(
+    blanking_ns: Annotated[float, Number("ns", ge=0, le=1e6, finest=1e-3)] = Field(
         default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
     )
-    separation_ns: Annotated[float, Field(ge=0)] = Field(
+    separation_ns: Annotated[float, Number("ns", ge=0, le=1e6, finest=1e-3)] = Field(
         default=0.0, description="least distance of two returns; of nearer ones the first is kept"
     )
-    lsb_ps: Annotated[float, Field(ge=0)] = Field(default=0.0, description="step of the reported time")
+    lsb_ps: Annotated[float, Number("ps", ge=0, le=1e6, finest=1e-3)] = Field(
+        default=0.0, description="step of the reported time"
+    )
     stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = Field(default=1, description="returns for each point")
     keep: Literal["first", "last", "strongest"] = Field(
         default="strongest", description="which peaks, if there are more than stops"

@@ -39,12 +39,16 @@ class Spad:
     coincidence  1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs fire
     """
 
-    spads: Annotated[Lanes, Quantity(ge=1, whole=True, about="SPADs of one pixel")]
-    radius_m: Annotated[Lanes, Quantity("mm", gt=0, about="of a disc of the pixel's area: the field of view")]
+    spads: Annotated[Lanes, Quantity(ge=1, le=1e6, whole=True, about="SPADs of one pixel")]
+    radius_m: Annotated[
+        Lanes, Quantity("mm", ge=1e-3, le=100, about="of a disc of the pixel's area: the field of view")
+    ]
     pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor")]
-    dead_time_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, about="of each SPAD")]
-    jitter_s: Annotated[Lanes, Quantity("ps", ge=0, about="standard deviation of a time stamp")] = 0.0
+    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
+    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each SPAD")]
+    jitter_s: Annotated[
+        Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of a time stamp")
+    ] = 0.0
     stamps: Annotated[
         Literal["all", "first"],
         Key(about='time stamps of a SPAD in a shot: "all" that its dead time allows, or the "first"'),
@@ -71,10 +75,11 @@ class Histogram:
 
     shots: Lanes
     period_s: Lanes | None
-    bin_s: Annotated[Lanes, Quantity("ns", gt=0)]
-    threshold_floor: Annotated[Lanes, Quantity(ge=0, about="photons, without background")]
+    bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
+    threshold_floor: Annotated[Lanes, Quantity(ge=0, le=1e7, about="photons, without background")]
     threshold_slope: Annotated[
-        Lanes, Quantity(ge=0, about="photons for the square root of the background counts of all shots")
+        Lanes,
+        Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots"),
     ]
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
     coates: Annotated[bool, Key(about="whether counts are corrected for pile-up before the filter")] = False

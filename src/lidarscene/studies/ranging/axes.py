@@ -173,7 +173,7 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
         elif (float in types or int in types) and not isinstance(value, (list, tuple, str, bool, Mapping)):
             value = info.default if value is None else value
             limits = {slot: float(getattr(rule, slot)) for rule in info.metadata
-                      for slot in ("gt", "ge", "lt", "le") if hasattr(rule, slot)}  # fmt: skip
+                      for slot in ("gt", "ge", "lt", "le") if getattr(rule, slot, None) is not None}  # fmt: skip
             yield (
                 key,
                 Key(

@@ -1,0 +1,66 @@
+"""Extremes: of a frame that came out as NaN, the number of the sensor or the scene that is farthest from usual.
+
+Bounds of single numbers keep most of these out (`maths.units.Quantity`), but products of two numbers can still leave
+single precision.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from collections.abc import Iterator
+from numbers import Real
+from typing import Any
+
+from ..errors import InputError
+from ..maths.units import Quantity
+from ..scene.model import Scene
+from ..sensor.catalogue import load_sensor
+from ..sensor.model import Sensor
+
+USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
+"""Sensors with every kind of detector."""
+
+_SHARE = 1e-3
+"""Of its upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
+
+
+def not_a_number(scene: Scene, sensor: Sensor, told: str) -> InputError:
+    """The one line for a frame with NaN.
+
+    told  what is NaN, and at how many places
+    """
+    usual: dict[str, float] = {}
+    for name in USUAL:
+        usual = {key: value for key, value, _ in _numbers(load_sensor(name))} | usual
+    usual |= {key: value for key, value, _ in _numbers(Scene())}
+    given = [*_numbers(sensor), *_numbers(scene)]
+    key, value, _ = max(given, key=lambda one: _how_far(one[1], usual.get(one[0]), one[2]))
+    return InputError(
+        f"scene '{scene.name}', sensor '{sensor.name}': {told}; the most extreme input is {key} = {value:.6g}"
+    )
+
+
+def _numbers(of: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]:
+    """Every declared number of a sensor or scene: its dotted key in the file, its value there, how it is declared."""
+    hints = typing.get_type_hints(type(of), include_extras=True)
+    for field in dataclasses.fields(of):
+        value = getattr(of, field.name)
+        declared = next(
+            (one for one in getattr(hints[field.name], "__metadata__", ()) if isinstance(one, Quantity)), None
+        )
+        if declared is not None and isinstance(value, Real):
+            yield before + declared.of(field.name), float(declared.in_file(value)), declared
+        elif dataclasses.is_dataclass(value):
+            yield from _numbers(value, f"{before}{field.name}.")
+
+
+def _how_far(value: float, usual: float | None, declared: Quantity) -> float:
+    """Decades from what is usual; of a number that is 0 or left out there, from the middle of its bounds."""
+    if not math.isfinite(value):
+        return math.inf
+    if not usual:
+        bounds = [abs(limit) for limit in declared.bounds.values() if limit] or [1.0]
+        usual = math.sqrt(bounds[0] * bounds[-1]) if len(bounds) > 1 else _SHARE * bounds[0]
+    return abs(math.log10(abs(value) / abs(usual))) if value else 0.0

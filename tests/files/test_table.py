@@ -1,0 +1,136 @@
+"""Every number of every table has bounds, by which a value in SI units is known as one."""
+
+import math
+import tomllib
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import pytest
+
+from lidarscene import catalog
+from lidarscene.batch.file import JobFile
+from lidarscene.errors import InputError
+from lidarscene.files.table import Number
+from lidarscene.files.toml import FileModel, validated
+from lidarscene.materials.file import MaterialFile
+from lidarscene.maths.units import UNITS
+from lidarscene.scene.tables import SceneFile
+from lidarscene.sensor.file import SensorFile
+from lidarscene.sensor.rig_file import RigFile
+
+FILES = {"sensor": SensorFile, "scene": SceneFile, "rig": RigFile, "material": MaterialFile, "job": JobFile}
+
+LOW, HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
+
+
+def numbers(schema: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every number in a JSON Schema, with where it is."""
+    if isinstance(schema, list):
+        for one in schema:
+            yield from numbers(one, place)
+    elif isinstance(schema, dict):
+        if schema.get("type") in ("number", "integer"):
+            yield place, schema
+        for key, inner in schema.items():
+            if key not in ("default", "not", "examples", "enum", "const"):
+                yield from numbers(inner, f"{place}/{key}")
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_every_number_has_bounds(kind: str) -> None:
+    """Rationale: what has none lets 1e300 and the wrong unit pass, and the frame ends in NaN."""
+    found = list(numbers(FILES[kind].model_json_schema()))
+    assert len(found) >= {"sensor": 120, "scene": 50, "rig": 3, "material": 12, "job": 10}[kind]
+    open_ended = [place for place, one in found if not (LOW & set(one) and HIGH & set(one))]
+    assert open_ended == []
+
+
+# --- values in SI units -----------------------------------------------------------------------------
+
+TOO_NEAR = {
+    "deg": "a degree is 57 times less than a radian: no bound that lets all devices pass lies between them",
+    "sony-spad-189x600 laser.repetition_rate_khz": "20 Hz: heads at 20 kHz are real",
+    "hdl-64e scanner.height_mm": "all exits are 200 mm up, and 0.2 mm is not finer than a calibration",
+}
+"""Why a value in SI units may pass."""
+
+
+def units_of(kind: str, name: str) -> list[tuple[str, float | list[float], float]]:
+    """Numbers of a catalogue file whose unit is not SI: dotted key, value, factor to SI."""
+    tables = tomllib.loads(catalog.path_of(kind, name).read_text(encoding="utf-8"))
+
+    def walk(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any, float]]:
+        for key, value in table.items():
+            if isinstance(value, dict):
+                if key != "sources":
+                    yield from walk(value, f"{before}{key}.")
+            else:
+                many = value if isinstance(value, list) else [value]
+                unit = key.rpartition("_")[2]
+                factor = UNITS[unit][1] if unit in UNITS else 1e3 if unit == "klux" else None
+                if factor and all(isinstance(one, (int, float)) for one in many) and any(many):
+                    yield f"{before}{key}", value, factor
+
+    return list(walk(tables, ""))
+
+
+def in_si(value: float | list[float], factor: float) -> float | list[float]:
+    return [one * factor for one in value] if isinstance(value, list) else value * factor
+
+
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_values_in_si_units_are_refused(name: str) -> None:
+    """Each number of each sensor of the catalogue, in its SI unit: one line, with the number that was meant."""
+    path = catalog.path_of("sensors", name)
+    seen = 0
+    for key, value, factor in units_of("sensors", name):
+        place = key.split(".")
+        if key.rpartition("_")[2] in TOO_NEAR or f"{name} {key}" in TOO_NEAR:
+            continue
+        changed = tomllib.loads(path.read_text(encoding="utf-8"))
+        inner = changed
+        for part in place[:-1]:
+            inner = inner[part]
+        inner[place[-1]] = in_si(value, factor)
+        with pytest.raises(InputError) as error:
+            validated(SensorFile, changed, name)
+        told = str(error.value)
+        assert told.startswith(f"{name}: {key}"), told
+        meant = float(told.partition("did you mean ")[2].partition("?")[0])
+        one = value if isinstance(value, (int, float)) else min(value, key=lambda x: abs(x - meant))
+        assert math.isclose(meant, one, rel_tol=1e-5), told
+        seen += 1
+    assert seen >= 9
+
+
+def test_the_line_of_a_pulse_in_seconds() -> None:
+    """Reference: the example of the issue."""
+    tables = tomllib.loads(catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8"))
+    tables["laser"]["pulse_fwhm_ns"] = 6e-9
+    with pytest.raises(InputError) as error:
+        validated(SensorFile, tables, "own.toml")
+    assert str(error.value) == "own.toml: laser.pulse_fwhm_ns: must be >= 0.01, got 6e-09: did you mean 6?"
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (0.0, None),
+        (5.0, None),
+        (-5.0, None),
+        (0.05, "must be 0 or >= 0.1, got 0.05: did you mean 50?"),
+        (-0.03, "must be 0 or <= -0.1, got -0.03: did you mean -30?"),
+        (2e4, "must be <= 10000, got 20000.0"),
+        (1e-9, "must be 0 or >= 0.1, got 1e-09"),  # 1e-6 mm would be outside as well
+    ],
+)
+def test_a_number_is_nought_or_no_finer_than(value: float, told: str | None) -> None:
+    class Place(FileModel):
+        x_mm: Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
+
+    if told is None:
+        assert validated(Place, {"x_mm": value}, "file").x_mm == value
+        return
+    with pytest.raises(InputError) as error:
+        validated(Place, {"x_mm": value}, "file")
+    assert str(error.value) == f"file: x_mm: {told}"

@@ -1,0 +1,137 @@
+"""A sensor on or in a surface: one line, before anything is traced."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import chain
+
+from lidarscene import Scene, Simulator, load_scene
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course
+from lidarscene.scene.clearance import Clearance
+from lidarscene.scene.meshes import box_mesh, cylinder_mesh, plane_mesh
+from lidarscene.scene.model import Ball, Body, Part
+
+GROUND = """
+[[bodies]]
+name = "ground"
+primitive = "plane"
+size_m = [100.0, 100.0]
+material = "asphalt"
+"""
+
+
+def body(name, mesh, pose=None, motion=None):
+    parts = (mesh,) if isinstance(mesh, Ball) else (Part(vertices_m=mesh[0], faces=mesh[1], material="grey"),)
+    return Body(name=name, class_name=name, parts=parts, pose=pose or Pose(), motion=motion)
+
+
+def at(x, y, z, **turns):
+    return Pose.from_degrees(position_m=(x, y, z), **turns)
+
+
+def told(place_m, *bodies, radius_m=0.025, time_s=0.0):
+    """The line, or None."""
+    try:
+        clearance = Clearance.of(Scene(bodies=bodies))
+        clearance.check(np.asarray(place_m), radius_m=radius_m, time_s=time_s, sensor="own")
+    except InputError as error:
+        return str(error)
+    return None
+
+
+PANES = [body(f"pane {x}", plane_mesh(size_m=(2, 2)), at(x, 0, 0, pitch_deg=90)) for x in (0.0, 0.016)]
+WALL = body("wall", box_mesh(size_m=(0.2, 4, 3)), at(5, 0, 1.5, yaw_deg=30))
+ROOM = body("room", box_mesh(size_m=(6, 4, 2.5)), at(0, 0, 1.25))
+LAMP = body("lamp", Ball(radius_m=0.4, material="grey"), at(0, 0, 3))
+POST = body("post", cylinder_mesh(radius_m=0.1, height_m=2.0), at(1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("place_m", "bodies", "expected"),
+    [
+        ((0.008, 0, 0), PANES, "8 mm off 'pane 0.0'"),
+        ((0.030, 0, 0), PANES, "14 mm off 'pane 0.016'"),
+        ((5, 0, 1.5), [WALL], "a place within 'wall'"),
+        ((5 + 0.09 * math.cos(math.pi / 6), 0.045, 1.5), [WALL], "10 mm off 'wall'"),
+        ((0, 0, 3.1), [LAMP], "a place within 'lamp'"),
+        ((0, 0, 2.59), [LAMP], "10 mm off 'lamp'"),
+        ((1, 1, 1), [POST], "a place within 'post'"),
+        ((0, 0, 0.02), [ROOM], "20 mm off 'room'"),
+        # Clear of them: beside a wall, in a room, over the edge of a pane.
+        ((5.3, 0, 1.5), [WALL], None),
+        ((0, 0, 0.05), [ROOM], None),
+        ((0.008, 1.03, 0), PANES, None),
+        ((0, 0, 2.5), [LAMP], None),
+        ((1, 1, 2.03), [POST], None),
+    ],
+)
+def test_on_in_and_clear_of_surfaces(place_m, bodies, expected):
+    """Reference: distances by hand."""
+    line = told(place_m, *bodies)
+    if expected is None:
+        assert line is None
+    else:
+        assert line is not None
+        assert line.startswith("sensor 'own' at (")
+        assert f": must stand at least 25 mm off every surface, got {expected}; " in line
+
+
+def test_a_moving_body_is_where_it_is_then():
+    car = body("car", box_mesh(size_m=(4, 2, 0.8)), motion=Course(start=at(0, 0, 1), speed_m_s=10.0))
+    assert "within 'car'" in told((10, 0, 1), car, time_s=1.0)
+    assert told((10, 0, 1), car, time_s=0.0) is None
+
+
+@pytest.mark.parametrize("corner", range(3))
+def test_the_distance_to_a_triangle(corner):
+    """Reference: the nearest of 300 x 300 points of it, which are 8 mm apart."""
+    rng = np.random.default_rng(corner)
+    corners = rng.normal(size=(3, 3))
+    share = np.stack(np.meshgrid(*[np.linspace(0, 1, 300)] * 2), axis=-1).reshape(-1, 2)
+    share = share[share.sum(axis=1) <= 1.0]
+    points = corners[0] + share @ (corners[1:] - corners[0])
+    triangle = body("one", (corners, np.array([[0, 1, 2]])))
+    for place in rng.normal(size=(20, 3)):
+        nearest = np.linalg.norm(points - place, axis=1).min()
+        assert told(place, triangle, radius_m=nearest + 1e-9) is not None
+        assert told(place, triangle, radius_m=nearest - 0.02) is None
+
+
+def test_a_scene_file_without_a_place_stands_above_its_ground(tmp_path):
+    """The first scene that a newcomer writes."""
+    (tmp_path / "first.toml").write_text(GROUND)
+    scene = load_scene(tmp_path / "first.toml")
+    np.testing.assert_array_equal(scene.sensor_pose.position_m, (0.0, 0.0, 1.8))
+    (tmp_path / "turned.toml").write_text('[sensor]\nname = "table1-sipm"\nyaw_deg = 90\n' + GROUND)
+    np.testing.assert_array_equal(
+        load_scene(tmp_path / "turned.toml").sensor_pose.position_m, (0.0, 0.0, 1.8)
+    )
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_a_sensor_on_the_ground_is_told_of(mi, tmp_path, name):
+    """Rationale: with an APD this was a traceback of NaN, with a SiPM 75,726 echoes at the origin."""
+    (tmp_path / "first.toml").write_text("[sensor]\nposition_m = [0, 0, 0]\n" + GROUND)
+    simulator = Simulator(load_scene(tmp_path / "first.toml"), chain.sensor(name))
+    for call in (simulator.render, lambda: simulator.check_frames([0])):
+        with pytest.raises(InputError, match=r"at \(0, 0, 0\): must stand .* got 0 mm off 'ground'"):
+            call()
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+def test_no_hit_is_nearer_than_the_housing(mi, name):
+    """A sensor that drives into a wall within a frame: what is nearer than its lens is no hit, and nothing is NaN."""
+    sensor = chain.sensor(
+        name, "scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=1", "laser.repetition_rate_khz=1",
+    )  # fmt: skip
+    seconds = sensor.scanner.pulses / sensor.scanner.rate_hz
+    wall = chain.facing(range_m=1.0, size_m=20.0)
+    ego = Course(speed_m_s=1.2 / seconds)  # 1.2 m in the frame: the last sixth of it is behind the wall
+    scene = Scene(bodies=(wall,), materials={"grey": chain.diffuse()}, ego=ego)
+    cloud = Simulator(scene, sensor).render()
+    echoes = cloud.true_range_m[cloud.status == 0]
+    assert len(echoes) > 0.6 * sensor.scanner.pulses
+    assert echoes.min() >= float(sensor.housing_m)
