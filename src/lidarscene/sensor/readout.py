@@ -128,7 +128,8 @@ class PublishedFile(FileModel):
         default=(), description="further reflectivities and ranges, at the same illuminance"
     )
     settings: tuple[str, ...] = Field(
-        default=(), description="the sensor's mode in which ranges, scatter and false points hold, as for --set"
+        default=(),
+        description="the sensor's mode in which ranges, scatter and false points hold, as for --set",
     )
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(

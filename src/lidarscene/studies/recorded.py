@@ -1,7 +1,7 @@
 """Catalogue sensors compared with recordings of real ones, by statistics that need not know what stood there.
 
-A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow from
-them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. Of the Velodynes the scatter near
+A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow
+from them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. Of other sensors the scatter at
 some ranges is known (`[[published.repeatability]]` with `recording = true`).
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,7 +45,8 @@ class _Curves(FileModel):
     def _as_long(self) -> _Curves:
         lengths = {key: len(getattr(self, key)) for key in type(self).model_fields}
         if len(set(lengths.values())) > 1:
-            raise ValueError(f"lists must be equally long, got {lengths}")
+            told = ", ".join(f"{key} {length}" for key, length in lengths.items())
+            raise ValueError(f"lists must be equally long, got {told}")
         return self
 
 
@@ -123,7 +124,9 @@ def compared(name: str) -> list[Row]:
     curves = recorded(name)
     rows = [] if curves is None else list(against(name, curves, load_sensor(name, overrides=curves.settings)))
     published = catalogue_published(name)
-    for one in () if published is None else published.repeatability:
+    if published is None:
+        return rows
+    for one in published.repeatability:
         if one.recording:
             found = repeatability(load_sensor(name), published, one)
             rows.append(
@@ -218,8 +221,8 @@ def as_dict(row: Row) -> dict[str, Any]:
 
 def as_text(rows: Sequence[Row]) -> str:
     """A table for people."""
-    lines = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"]
-    before = ""
+    heads = f"{'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"
+    lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""
     for row in rows:
         name, before = ("" if row.sensor == before else row.sensor), row.sensor
         simulated, ratio = (
