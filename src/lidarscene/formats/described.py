@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import InputError, LidarSceneError
 from ..files.atomic import atomic_output
+from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
 
@@ -63,6 +64,7 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn every error in the block into an InputError of one line that names the file."""
     # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
+    require_file(path, "a point cloud")
     try:
         yield
     except LidarSceneError:

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from .columns import Cloud, Column, Fields
@@ -152,6 +153,11 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
+        with laspy.open(file, closefd=False) as opened:
+            header = opened.header
+            points = header.point_count * header.point_format.size
+        require_unpacked(os.fstat(file.fileno()).st_size, points)
+        file.seek(0)
         las = laspy.read(file, closefd=False)
         ours = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
         if not ours:

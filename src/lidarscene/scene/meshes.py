@@ -9,15 +9,16 @@ from __future__ import annotations
 import io
 import logging
 import math
-import os
 import re
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..files.inputs import require_archive, require_file
 from ..materials.material import Material, Spectrum
 from ..maths.arrays import Numbers
 from .mesh_cache import SubMesh, cached
@@ -32,10 +33,7 @@ MOST_CUTS = 512
 
 def read_mesh(path: Path) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
-    if not os.path.isfile(path):
-        raise InputError(
-            f"{path}: {'must be a mesh file, got a folder' if os.path.isdir(path) else 'no such file'}"
-        )
+    require_file(path, "a mesh file")
     return checked(cached(path, lambda: _pieces(path)), str(path))
 
 
@@ -79,6 +77,11 @@ def _loaded(path: Path) -> Any:
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    with path.open("rb") as file:
+        if zipfile.is_zipfile(file):
+            require_archive(file)
+    if path.suffix.lower() in (".gz", ".bz2", ".xz", ".tar"):
+        raise ValueError(f"'{path.suffix}' must be unpacked first")
     if path.suffix.lower() != ".obj":
         return trimesh.load_scene(str(path), process=False)
     data = path.read_bytes()
