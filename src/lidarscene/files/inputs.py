@@ -6,6 +6,7 @@ these is what a user means, and each would stop the program without a word.
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import zipfile
@@ -22,6 +23,8 @@ MOST_UNPACKED = 100
 FREE_UNPACKED = 1 << 30
 """Bytes that may be unpacked whatever the packed size, since they do no harm."""
 
+NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
+
 
 def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest: int | None = None) -> None:
     """Raise InputError, in one line, unless this is a regular file of at most ``largest`` bytes.
@@ -30,11 +33,11 @@ def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest:
     """
     try:
         about = os.stat(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except ValueError:
         raise InputError(f"{path}: must be the name of a file, got one with a NUL character") from None
     except OSError as error:
+        if error.errno in NOT_THERE:
+            raise InputError(f"{path}: no such file") from None
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if stat.S_ISDIR(about.st_mode):
         raise InputError(f"{path}: must be {what}, got a folder")
@@ -50,7 +53,8 @@ def require_unpacked(packed: int, unpacked: int) -> None:
     """Raise ValueError for data that unpack to so many times their packed size, in bytes, that they are no data."""
     if unpacked > max(FREE_UNPACKED, MOST_UNPACKED * packed):
         raise ValueError(
-            f"must unpack to at most {MOST_UNPACKED} times its size, got {unpacked / 1e9:.3g} GB out of {packed / 1e6:.3g} MB"
+            f"must unpack to at most {MOST_UNPACKED} times its size, got {unpacked / 1e9:.3g} GB out of "
+            f"{packed / 1e6:.3g} MB"
         )
 
 
