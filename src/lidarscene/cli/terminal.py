@@ -6,6 +6,7 @@ Names of files may hold letters that a terminal lacks, and a reader may be gone:
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Iterator
@@ -63,6 +64,19 @@ def told(error: LidarSceneError) -> str:
 def printable(text: str) -> str:
     """In one line, whatever a file's name or a value holds."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def end_cleanly() -> None:
+    """Let SIGTERM, of `timeout`, a cluster or a system that goes down, end the program as Ctrl-C does.
+
+    Else Python ends at once, and leaves what is written only in part.
+    """
+
+    def end(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        sys.exit(128 + number)
+
+    signal.signal(signal.SIGTERM, end)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..errors import InputError, LidarSceneError
+from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
@@ -74,6 +74,18 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{os.fspath(path)}: cannot be read: {reason}") from error
+
+
+@contextmanager
+def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what a library raises while it writes, on a full disk too, into an OutputError of one line."""
+    try:
+        yield
+    except (LidarSceneError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise OutputError(f"{os.fspath(path)}: cannot be written: {reason}") from error
 
 
 @contextmanager
