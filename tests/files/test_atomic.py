@@ -179,16 +179,25 @@ def test_a_folder_that_fails_leaves_nothing(tmp_path: Path, error: BaseException
         write(folder / "a", "old")
     before = sorted(tmp_path.rglob("*"))
     expected = OutputError if isinstance(error, OSError) else type(error)
-    with pytest.raises(expected), atomic_folder(folder) as temporary:
-        write(temporary / "a")
-        raise error
+
+    def fail() -> None:
+        with atomic_folder(folder) as temporary:
+            write(temporary / "a")
+            raise error
+
+    with pytest.raises(expected):
+        fail()
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_errors_name_the_folder_that_was_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(OutputError) as error, atomic_folder(tmp_path / "out") as temporary:
-        (temporary / "a").mkdir()
-        write(temporary / "a")
+    def fail() -> None:
+        with atomic_folder(tmp_path / "out") as temporary:
+            (temporary / "a").mkdir()
+            write(temporary / "a")
+
+    with pytest.raises(OutputError) as error:
+        fail()
     assert (
         str(error.value)
         == f"{tmp_path / 'out'}/a: cannot be written: must be the name of a file, got a folder"

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
 
 VERSION = 1
+NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
 LARGEST = np.finfo(np.float32).max
 
 
@@ -84,7 +87,10 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except (LidarSceneError, OSError, MemoryError):
         raise
     except Exception as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        # Libraries tell of a full disk in words of their own: "read() failed", with a page of details.
+        reason = " ".join(str(error).partition("****")[0].split())[:200] or type(error).__name__
+        if shutil.disk_usage(Path(path).parent).free < NO_ROOM:
+            reason = f"No space left on device ({reason})"
         raise OutputError(f"{os.fspath(path)}: cannot be written: {reason}") from error
 
 
