@@ -10,6 +10,7 @@ has another field of that name). The `described.description` is in a VLR of the 
 from __future__ import annotations
 
 import os
+import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -37,6 +38,10 @@ MOST_RETURNS = 15
 BLOCK_POINTS = 1 << 18
 PIECE_POINTS = 1 << 20
 """Records that are made at a time, and the points of the last pulse that go with them."""
+
+LONGEST_HEADER = 375  # bytes, of LAS 1.4
+COUNTED = ((100, 54), (243, 60))
+"""Where a header counts its records, short and extended ones, and the bytes that each has at least."""
 
 
 def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
@@ -153,6 +158,7 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
+        _require_counts(file)
         with laspy.open(file, closefd=False) as opened:
             header = opened.header
             points = header.point_count * header.point_format.size
@@ -166,6 +172,17 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
         columns = {column: extra.pop(name) for column, name in LAS_NAMES.items() if name in extra}
         columns |= extra | {axis: np.asarray(las[axis]) for axis in "xyz"}
         return described_fields(columns, ours[0].record_data_bytes().decode())
+
+
+def _require_counts(file: IO[bytes]) -> None:
+    """Raise ValueError for more records than the file has room for: laspy would look for each of 4,000,000,000."""
+    start, size = file.read(LONGEST_HEADER), os.fstat(file.fileno()).st_size
+    for offset, least in COUNTED:
+        if len(start) >= offset + 4:
+            (count,) = struct.unpack_from("<I", start, offset)
+            if count * least > size:
+                raise ValueError(f"the header must count records that the file has room for, got {count}")
+    file.seek(0)
 
 
 def _header(laspy: Any, cloud: Cloud) -> Any:

@@ -56,7 +56,7 @@ class Plan:
                 raise OptionError(
                     "{merge}: must go with {coordinates} world or vehicle, which all sensors share, got sensor"
                 )
-        if self.is_folder and (place.name.lower().endswith(SUFFIXES) or place.is_file()):
+        if self.is_folder and (place.name.lower().endswith(SUFFIXES) or os.path.isfile(place)):
             asked = {
                 "frames": self.frames is not None,
                 "rig": self.rig,
