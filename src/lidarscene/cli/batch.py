@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import Whole
-from .terminal import Answer
+from .terminal import Answer, Lines
 from .words import whole
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ class _Followed:
         self._bar = Progress(
             *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
         )
+        self._lines = Lines("frames to render")
         self._task = self._bar.add_task("frames", total=frames)
 
     def __enter__(self) -> _Followed:
@@ -135,6 +136,9 @@ class _Followed:
     def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """One more frame is done, or has failed."""
         self._bar.update(self._task, completed=progress.done)
+        if self._bar.disable:
+            # What was there already says nothing of the time that is left.
+            self._lines(progress.done - progress.reused, progress.frames - progress.reused)
         # A job with a mistake in it fails a million times: the first lines tell enough.
         if task is not None and len(progress.failed) <= MOST_LINES:
             self._console.print(f"failed        {_frame(task)}: {cause}")
