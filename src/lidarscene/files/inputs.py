@@ -41,7 +41,8 @@ def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if stat.S_ISDIR(about.st_mode):
         raise InputError(f"{path}: must be {what}, got a folder")
-    if not stat.S_ISREG(about.st_mode):
+    # What the system makes up is a device in all but name: /proc/kmsg waits for the kernel to say something.
+    if not stat.S_ISREG(about.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
         raise InputError(f"{path}: must be {what}, got a device or pipe")
     if largest is not None and about.st_size > largest:
         raise InputError(
