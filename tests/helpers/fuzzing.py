@@ -12,6 +12,7 @@ import io
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import struct
@@ -90,14 +91,22 @@ def toml_value(rng: random.Random, depth: int = 0) -> str:
     return "{" + ", ".join(f"k{number} = {one}" for number, one in enumerate(inner)) + "}"
 
 
+def scaled(line: str, factor: float) -> str:
+    """The first number of a line times a factor."""
+    return re.sub(r"\d+(\.\d+)?", lambda found: f"{float(found[0][:300]) * factor:g}", line, count=1)
+
+
 def spoilt_lines(rng: random.Random, whole: str) -> str:
     """Text of lines KEY = VALUE, CSV, OBJ, XML: values, lines and letters are changed."""
     lines = whole.split("\n")
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
         at = rng.randrange(len(lines))
-        kind = rng.randint(0, 9)
+        kind = rng.randint(0, 14)
         key, equals, _ = lines[at].partition("=")
-        if kind <= 3 and equals:
+        if kind >= 10:
+            factor = rng.choice((0.0, -1.0, 0.5, 2.0, 10.0 ** rng.randint(-9, 9)))
+            lines[at] = scaled(lines[at], factor)
+        elif kind <= 3 and equals:
             lines[at] = f"{key}= {toml_value(rng)}"
         elif kind == 4:
             del lines[at]
@@ -181,7 +190,7 @@ MESHES = {"a.obj": OBJ, "a.stl": STL, "a.ply": PLY, "a.off": OFF}
 PATTERN = "azimuth_deg,elevation_deg,time_us,channel\n" + "".join(
     f"{n % 5 - 2},{n // 5 - 2},{n},0\n" for n in range(25)
 )
-POSES = "time_s,x,y,z,yaw_deg\n0,0,0,0,0\n1,2,0,0,5\n2,4,1,0,9\n3,6,2,0,0\n"
+POSES = "time_s,x_m,y_m,z_m,yaw_deg\n0,0,0,0,0\n1,2,0,0,5\n2,4,1,0,9\n3,6,2,0,0\n"
 TUM = "0 0 0 0 0 0 0 1\n1 2 0 0 0 0 0 1\n2 4 1 0 0 0 0.1 0.995\n3 6 1 0 0 0 0 1\n"
 FILTER = "wavelength_nm,transmittance\n880,0\n895,0.9\n915,0.9\n930,0\n"
 BODY = '[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh = "in/{}"\n'
@@ -240,14 +249,14 @@ class Workshop:
         path = self.put("s.toml", spoilt(rng, whole))
         commands = (
             ("range", path, "--json"), ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
-            ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path), ("range", path, "--over", "range"),
+            ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path), ("range", path, "--over", "distance"),
         )  # fmt: skip
         return called(f"sensor {name}", *rng.choice(commands))
 
     def scene(self, rng: random.Random) -> Input:
         wholes = [WALL, MOVING, *(one.read_text() for one in sorted((ROOT / "scenes").glob("*.toml")))]
         whole = rng.choice([one for one in wholes if "[[bodies]]" in one])
-        path = self.put("s.toml", spoilt(rng, whole.replace('mesh = "', 'mesh = "../').encode()))
+        path = self.put("s.toml", spoilt(rng, whole.replace('mesh = "', f'mesh = "{ROOT}/scenes/').encode()))
         return called("scene", "render", path, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
 
     def rig(self, rng: random.Random) -> Input:
@@ -282,8 +291,8 @@ class Workshop:
         if kind.startswith("p."):
             self.put(kind, spoilt(rng, self.pattern if kind == "p.npz" else PATTERN.encode()))
             text = (
-                f'{_without_scanner()}[scanner]\ntype = "pattern"\n{kind[2:]} = "{kind}"\n'
-                'frame_ms = 1\npulses_per_second = 1000000\n'
+                f'{_without_scanner()}[scanner]\ntype = "table"\nfile = "{kind}"\n'
+                'frame_ms = 1\n'
             )  # fmt: skip
             return called(kind, "range", self.put("s.toml", text.encode()), "--json")
         if kind == "filter.csv":
@@ -387,16 +396,20 @@ class Workshop:
         return called("line", name, *(one.replace("\0", "0") for one in given))
 
     def value(self, rng: random.Random, action: argparse.Action) -> str:
-        kind = rng.randint(0, 6)
+        kind = rng.randint(0, 14)
         if kind == 0:
             return text(rng)
-        if kind == 1 and action.choices:
+        if kind >= 10:  # what may well be meant
+            return rng.choice(
+                ("1", "2", "0.5", "4", "0.1,0.2", "0,0,1", "detector.gain=60", "sun.illuminance_klux=1")
+            )
+        if kind >= 7 and action.choices:
             return str(rng.choice(list(action.choices)))
         if kind == 2:
             return ",".join(number(rng) for _ in range(rng.randint(1, 7)))
         if kind == 3:
             return f"{rng.choice(KEYS)}={rng.choice((number, text, toml_value))(rng)}"
-        if kind == 4:
+        if kind in (1, 4):
             return rng.choice(
                 ("in/none.npz", "out/a.png", "out/a.npz", "out/o.ply", "wall.toml", "rig.toml", "in/pipe")
             )
