@@ -196,7 +196,7 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
         "lidarscene 0.0.0 gave this"
     )
-    assert not store.folder.exists()
+    assert [one.name for one in store.folder.iterdir()] == [".claims"]
 
 
 def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
