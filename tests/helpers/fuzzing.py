@@ -257,7 +257,7 @@ class Workshop:
         wholes = [WALL, MOVING, *(one.read_text() for one in sorted((ROOT / "scenes").glob("*.toml")))]
         # Those of the project have hundreds of bodies, which take their time.
         whole = rng.choice(
-            wholes[:2] if rng.random() < 0.8 else [one for one in wholes if "[[bodies]]" in one]
+            wholes[:2] if rng.random() < 0.9 else [one for one in wholes if "[[bodies]]" in one]
         )
         path = self.put("s.toml", spoilt(rng, whole.replace('mesh = "', f'mesh = "{ROOT}/scenes/').encode()))
         return called("scene", "render", path, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
