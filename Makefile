@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test quick test-all lint docs format bench bench-check lock clean
+.PHONY: car test quick fuzz test-all lint docs format bench bench-check lock clean
 .DELETE_ON_ERROR:
 
 # Without what Python keeps of a compiled module, each of some 200 starts compiles all libraries anew.
@@ -26,7 +26,14 @@ quick: $(READY)
 	$(BIN)/pytest -n 2 --dist load -q -x -m "not slow" tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
 	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py $(PYTEST_ARGS)
 
+# Spoilt files and command lines: thousands, from any seed, with the frames of those that can be traced.
+N ?= 5000
+SEED ?= 1
+fuzz: $(READY)
+	FUZZ_INPUTS=$(N) FUZZ_SEED=$(SEED) FUZZ_PARTS=10 FUZZ_TRACED=1 $(BIN)/pytest -n 2 -q tests/fuzz/test_fuzz.py
+
 test-all: test
+	ENDURANCE=1 $(BIN)/pytest -n 0 tests/fuzz/test_endurance.py
 	$(BIN)/python tools/environments.py wheel lowest newest
 
 lint: $(READY)

@@ -4,6 +4,17 @@ import string
 from collections.abc import Callable, Mapping
 from typing import Any
 
+LONGEST = 1000
+"""Letters of a message. A user's text may be in it, of any length; a line that fills the screen tells nothing."""
+
+
+def shortened(text: str) -> str:
+    """A message without its middle if it is longer than LONGEST: its ends say what is wrong, and what was expected."""
+    if len(text) <= LONGEST:
+        return text
+    end = LONGEST // 4
+    return f"{text[: LONGEST - end - 5]} ... {text[-end:]}"
+
 
 class LidarSceneError(Exception):
     """A mistake of the user or the machine: what, where (file and key), what came, what was expected.
@@ -13,6 +24,9 @@ class LidarSceneError(Exception):
     """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
 
 
 class InputError(LidarSceneError):
@@ -32,6 +46,9 @@ class BackendError(LidarSceneError):
 
     exit_code = 3
 
+    def __str__(self) -> str:
+        return Exception.__str__(self)
+
 
 class _Named(Exception):
     """A message that names options: in a template `{seed}` is an option and `{0}` is the first of the values.
@@ -45,7 +62,7 @@ class _Named(Exception):
 
     def told(self, name_of: Callable[[str], str]) -> str:
         """The message with the names that ``name_of`` gives to the options."""
-        return string.Formatter().vformat(self.template, self.values, _Names(name_of))
+        return shortened(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.template, *self.values)

@@ -59,7 +59,7 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
     future = SimpleNamespace(key="render-1", cancelled=lambda: False, status="finished")
     given = SimpleNamespace(
         bundles={"render-1": ["a", "b", "c"]}, _waiting=iter([(future, (["", "broken", ""], 0.6))]),
-        _frame_s=1.0, _count=lambda: 4,
+        _frame_s=1.0, _count=lambda: 4, _futures={},
     )  # fmt: skip
     assert _Given.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
     assert given.bundles == {}

@@ -2,7 +2,10 @@
 
 import dataclasses
 import errno
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -143,7 +146,7 @@ def test_a_frame_that_is_there_is_not_rendered_again(job: Job, tmp_path: Path) -
     assert done(task, store).stat().st_mtime_ns == before
 
 
-@pytest.mark.parametrize("spoil", ["shorter", "longer", "gone", "row", "empty row"])
+@pytest.mark.parametrize("spoil", ["shorter", "longer", "gone", "flipped", "row", "empty row"])
 def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) -> None:
     """What a dying machine may leave, or a careless user; the whole file comes back."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
@@ -151,6 +154,8 @@ def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) 
     whole, (row,) = cloud.read_bytes(), store.folder.glob("rows/*/*.json")
     if spoil == "gone":
         cloud.unlink()
+    elif spoil == "flipped":
+        cloud.write_bytes(whole[:-7] + bytes([whole[-7] ^ 1]) + whole[-6:])
     elif spoil == "row":
         row.write_bytes(row.read_bytes()[:-5])
     elif spoil == "empty row":
@@ -191,7 +196,7 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
         "lidarscene 0.0.0 gave this"
     )
-    assert not store.folder.exists()
+    assert [one.name for one in store.folder.iterdir()] == [".claims"]
 
 
 def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
@@ -200,3 +205,32 @@ def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
     task = next(Job.read(job_file).tasks())
     (tmp_path / "own.toml").write_text((tmp_path / "own.toml").read_text() + "\n")
     assert "own.toml: it, or a file" in work._told(task, Store(tmp_path / "out"), 1)
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from lidarscene.batch.store import Store
+with Store(Path(sys.argv[1])).claimed(sys.argv[2]) as is_ours:
+    print(is_ours, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
+def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) -> None:
+    """And no longer: a run that is killed lets go of it."""
+    (task, other, *_), store = list(job.tasks()), Store(tmp_path / "out")
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(store.folder), task.key], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2] / "src")},
+    )  # fmt: skip
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == b"True\n"
+    assert work._told(task, store, 1) == work.ELSEWHERE
+    assert store.row(task.key) is None
+    assert work._told(other, store, 1) == ""
+    holder.kill()
+    holder.communicate()
+    assert work._told(task, store, 1) == ""
+    assert work._told(task, store, 1) == work.THERE

@@ -9,7 +9,7 @@ import pytest
 
 from lidarscene.errors import OutputError
 from lidarscene.files import atomic
-from lidarscene.files.atomic import atomic_output, require_writable
+from lidarscene.files.atomic import atomic_folder, atomic_output, require_writable
 
 
 def write(path: Path | str, text: str = "new") -> None:
@@ -153,3 +153,70 @@ def test_require_writable_changes_nothing(tmp_path: Path) -> None:
     write(target, "old")
     require_writable(target)
     assert target.read_text() == "old"
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "new" / "out") as temporary:
+        write(temporary / "a")
+        assert not (tmp_path / "new" / "out").exists()
+    assert names(tmp_path / "new") == ["out"]
+    (tmp_path / "new" / "out" / "other").touch()
+    with atomic_folder(tmp_path / "new" / "out") as temporary:
+        write(temporary / "a", "again")
+        write(temporary / "b")
+        assert (tmp_path / "new" / "out" / "a").read_text() == "new"
+    assert names(tmp_path / "new" / "out") == ["a", "b", "other"]
+    assert (tmp_path / "new" / "out" / "a").read_text() == "again"
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")]
+)
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_folder_that_fails_leaves_nothing(tmp_path: Path, error: BaseException, is_there: bool) -> None:
+    folder = tmp_path / "new" / "out"
+    if is_there:
+        write(folder / "a", "old")
+    before = sorted(tmp_path.rglob("*"))
+    expected = OutputError if isinstance(error, OSError) else type(error)
+
+    def fail() -> None:
+        with atomic_folder(folder) as temporary:
+            write(temporary / "a")
+            raise error
+
+    with pytest.raises(expected):
+        fail()
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_errors_name_the_folder_that_was_asked_for(tmp_path: Path) -> None:
+    def fail() -> None:
+        with atomic_folder(tmp_path / "out") as temporary:
+            (temporary / "a").mkdir()
+            write(temporary / "a")
+
+    with pytest.raises(OutputError) as error:
+        fail()
+    assert (
+        str(error.value)
+        == f"{tmp_path / 'out'}/a: cannot be written: must be the name of a file, got a folder"
+    )
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_folders_of_dead_processes_go(tmp_path: Path, is_there: bool) -> None:
+    folder = tmp_path / "out"
+    place = folder if is_there else tmp_path
+    for name in (".out.999999999.part", ".out.folder.999999999.part"):
+        (place / name).mkdir(parents=True)
+        (place / name / "a").touch()
+    with atomic_folder(folder) as temporary:
+        write(temporary / "b")
+    assert names(tmp_path) == ["out"]
+    assert names(folder) == ["b"]
+
+
+def test_a_name_with_nul(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="its name has a NUL character"):
+        require_writable(tmp_path / "a\0b")

@@ -160,7 +160,7 @@ def test_truncated_and_foreign_files_are_refused(tmp_path: Path, name: str) -> N
     broken.write_bytes(b"something else entirely\n" * 100)
     with pytest.raises(InputError, match=r"cannot be read: [^\n]+$"):
         PointCloud.load(broken, format=name)
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         PointCloud.load(tmp_path / "none", format=name)
 
 

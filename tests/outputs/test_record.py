@@ -183,3 +183,24 @@ def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> No
     assert len(streamed) == 3
     np.testing.assert_array_equal(np.concatenate(streamed), np.concatenate(whole))
     assert sum(map(len, clouds)) == len(whole[0]) > 0
+
+
+@pytest.mark.parametrize(
+    ("option", "files"),
+    [
+        ("ambient", {"path": "o.ply", "missed": "a.npz", "ambient": "a.npz"}),
+        ("missed", {"path": "a.npz", "missed": "b/../a.npz"}),
+        ("waveforms", {"path": "a.npz", "waveforms": "link.npz"}),
+        ("picture", {"path": "o.ply", "range_image": "r.png", "picture": "r.status.png"}),
+        ("range_image", {"path": "o.ply", "ambient": "r.intensity.png", "range_image": "r.png"}),
+    ],
+)
+def test_two_outputs_of_one_name(
+    run: Run, wall: str, tmp_path: Path, option: str, files: dict[str, str]
+) -> None:
+    """Rationale: the second would be written over the first, without a word."""
+    (tmp_path / "link.npz").symlink_to("a.npz")
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match=r": must be another name, got one of two outputs$"):
+        record(wall, outputs=Outputs(**files))  # type: ignore[arg-type]
+    assert contents(tmp_path) == before

@@ -89,7 +89,7 @@ def test_table_that_is_not_text(tmp_path: Path) -> None:
     (tmp_path / "filter.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not UTF-8 text"):
         read_transmittance(tmp_path / "filter.csv")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="must be a CSV file, got a folder"):
         read_transmittance(tmp_path)
 
 

@@ -66,7 +66,7 @@ def test_what_it_refuses(mi: Any, scene_file: Path) -> None:
             assert status == 400
             assert told in answer
             assert b"\n" not in answer
-        assert view.get("render", b"{}", **{"Content-Length": "x"})[0] == 404
+        assert view.get("render", b"{}", **{"Content-Length": "x"})[0] == 400
         assert view.get("frame-0")[0] == 200
 
 

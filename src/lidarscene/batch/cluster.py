@@ -7,13 +7,16 @@ import importlib.util
 import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ..errors import LidarSceneError
+from ..errors import LidarSceneError, shortened
 
 PATIENCE_S = 30
 """How long a scheduler may take to answer: as long as Dask itself waits for it."""
+
+STARTS = 3
+"""How often the processes of this machine are started, if some of them die before they are ready."""
 
 LOCAL = {
     # What scheduler and workers do beside the work takes 7 % of two cores if they look so often as by default.
@@ -51,9 +54,25 @@ def usable_cores() -> int:
 def local_client(workers: int) -> Iterator[Any]:
     """A client of so many processes of this machine, which end with it, also when it is killed."""
     import dask
+
+    with dask.config.set(LOCAL), ExitStack() as opened:
+        for start in range(STARTS):
+            try:
+                client = opened.enter_context(_started(workers))
+                break
+            except Exception as error:  # a worker that dies while it starts is told in many ways
+                if start == STARTS - 1:
+                    raise LidarSceneError(
+                        f"--workers {workers}: the processes could not be started: {shortened(_reason(error))}"
+                    ) from error
+        yield client
+
+
+@contextmanager
+def _started(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
-    with dask.config.set(LOCAL), LocalCluster(
+    with LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         processes=True,

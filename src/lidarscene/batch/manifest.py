@@ -64,7 +64,7 @@ def _row(
     }  # fmt: skip
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
-    told = store.row(task.key)
+    told = store.row(task.key, read=False)
     if told is None:
         return row | {"error": failed.get(task.key, "not rendered")}
     row |= {name: told[name] for name in (*COUNTS, "file", "bytes")}

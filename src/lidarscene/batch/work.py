@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..errors import InputError, LidarSceneError
+from ..errors import InputError, LidarSceneError, shortened
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
 from ..outputs import report
@@ -27,6 +27,9 @@ from ..sensor.rig_file import load_rig
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 
+ELSEWHERE, THERE = "(elsewhere)", "(there)"
+"""In place of a cause: another run is at this frame now, or has done it."""
+
 KEPT = 4
 """Worlds, scenes and sensors of each process: few, since each shape that is alive costs time in every trace."""
 
@@ -35,7 +38,7 @@ def render_frames(tasks: Sequence[FrameTask], folder: str, threads: int | None) 
     """Render frames into the job's folder unless they are there.
 
     threads  of Dr.Jit; as many as the Dask worker has if None
-    Returns "" for each, or what went wrong in one line; and the seconds that it took.
+    Returns "" for each, THERE, ELSEWHERE, or what went wrong in one line; and the seconds that it took.
     """
     since = time.monotonic()
     store, used = Store(Path(folder)), threads or _threads_of_worker()
@@ -66,19 +69,26 @@ def _told(task: FrameTask, store: Store, threads: int) -> str:
     """A failure of one frame is a line in a list: whatever it is, the others go on."""
     try:
         transfer.use_threads(threads)
-        _render(task, store)
+        return _render(task, store)
     except LidarSceneError as error:
         return " ".join(str(error).split())
     except Exception as error:
-        return " ".join(f"{type(error).__name__}: {error}".split())
+        return " ".join(shortened(f"{type(error).__name__}: {error}").split())
+
+
+def _render(task: FrameTask, store: Store) -> str:
+    if task.version != __version__:
+        raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
+    with store.claimed(task.key) as is_ours:
+        if not is_ours:
+            return ELSEWHERE
+        if store.row(task.key) is not None:  # another worker was faster
+            return THERE
+        _save(task, store)
     return ""
 
 
-def _render(task: FrameTask, store: Store) -> None:
-    if task.version != __version__:
-        raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
-    if store.row(task.key) is not None:  # another worker was faster
-        return
+def _save(task: FrameTask, store: Store) -> None:
     simulator = _simulator(task)
     summary = Summary()
     cloud = simulator.render(task.frame, summary=summary)

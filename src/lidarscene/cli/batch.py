@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import Whole
-from .terminal import Answer
+from .terminal import Answer, Lines
 from .words import whole
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
     cluster.require_packages()
     job = Job.read(arguments.job)
-    if arguments.output.exists() and not arguments.output.is_dir():
+    if os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
         raise InputError(f"--output {arguments.output}: must be a folder, got a file")
     manifest = Store(arguments.output).manifest
     require_writable(manifest)
@@ -76,16 +78,17 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
         # Each worker renders with its share of the cores, so that workers do not fight over them.
         workers = arguments.workers or cluster.usable_cores()
         threads = max(1, cluster.usable_cores() // workers)
-        connection = cluster.local_client(workers)
+        connection = partial(cluster.local_client, workers)
     else:
-        connection = cluster.remote_client(arguments.scheduler)
+        connection = partial(cluster.remote_client, arguments.scheduler)
     with _Followed(len(job)) as shown:
         progress = run_job(
             job,
             arguments.output,
-            connect=lambda: shown.connected(connection),
+            connect=lambda: shown.connected(connection()),
             threads=threads,
             told=shown.told,
+            waiting=shown.waiting,
         )
     text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
     return Answer(text, 1 if progress.failed else 0)
@@ -104,6 +107,7 @@ class _Followed:
         self._bar = Progress(
             *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
         )
+        self._lines = Lines("frames to render")
         self._task = self._bar.add_task("frames", total=frames)
 
     def __enter__(self) -> _Followed:
@@ -125,9 +129,16 @@ class _Followed:
                 self._console.print("the scheduler has no workers yet; waiting for them")
             yield client
 
+    def waiting(self) -> None:
+        """There has been no worker for a while."""
+        self._console.print("there are no workers; waiting for them")
+
     def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """One more frame is done, or has failed."""
         self._bar.update(self._task, completed=progress.done)
+        if self._bar.disable:
+            # What was there already says nothing of the time that is left.
+            self._lines(progress.done - progress.reused, progress.frames - progress.reused)
         # A job with a mistake in it fails a million times: the first lines tell enough.
         if task is not None and len(progress.failed) <= MOST_LINES:
             self._console.print(f"failed        {_frame(task)}: {cause}")

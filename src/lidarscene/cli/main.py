@@ -20,13 +20,15 @@ from .field_of_view import add_fov
 from .ranging import add_commands
 from .recordings.sensor import add_sensor
 from .render import add_render
-from .terminal import Answer, complain, notes, say, told
+from .terminal import Answer, complain, end_cleanly, notes, say, told
 from .view import add_view
 from .words import with_joined_pose
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is 0, 2 for usage, input and output mistakes, 3 without a back end."""
+    if argv is None:
+        end_cleanly()
     try:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         with notes():

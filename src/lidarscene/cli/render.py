@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..outputs.options import FRAMES, Outputs
 from ..rendering.options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .outputs import add_output_options
+from .terminal import Lines
 from .words import number as seconds
 from .words import pose, whole
 
@@ -188,16 +189,20 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
 
 @contextmanager
 def _progress(history: KernelHistory | None) -> Iterator[Callable[[int, int], None]]:
-    """Who is told how far a run is: a bar on the terminal's error stream if it is long, and the count of kernels.
+    """Who is told how far a run is: a bar on the terminal's error stream if it is long, or lines where that is a file,
+    and the count of kernels.
 
     Until Dr.Jit's history is taken it keeps the text of every kernel.
     """
     chunks, shown = itertools.count(1), ExitStack()
     bars: list[Callable[[int], None]] = []
+    lines = None if sys.stderr.isatty() else Lines("pulses")
 
     def told(done: int, pulses: int) -> None:
-        # Only where someone watches, and where it is worth watching; the bar's package is loaded no earlier.
-        if pulses >= LONG and sys.stderr.isatty() and not bars:
+        # Only where it is worth watching; the bar's package is loaded no earlier.
+        if pulses >= LONG and lines is not None:
+            lines(done, pulses)
+        elif pulses >= LONG and not bars:
             bars.append(shown.enter_context(_bar(pulses)))
         for bar in bars:
             bar(done)

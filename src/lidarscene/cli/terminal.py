@@ -6,9 +6,11 @@ Names of files may hold letters that a terminal lacks, and a reader may be gone:
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -19,6 +21,9 @@ OPTIONS = {
     "scene_overrides": "--scene-set",
 }  # fmt: skip
 """Options by their names in Python, where it is not the same with dashes."""
+
+
+FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
 
 
 class Answer(NamedTuple):
@@ -63,6 +68,42 @@ def told(error: LidarSceneError) -> str:
 def printable(text: str) -> str:
     """In one line, whatever a file's name or a value holds."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def end_cleanly() -> None:
+    """Let SIGTERM, of `timeout`, a cluster or a system that goes down, end the program as Ctrl-C does.
+
+    Else Python ends at once, and leaves what is written only in part.
+    """
+
+    def end(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_IGN)
+        sys.exit(128 + number)
+
+    signal.signal(signal.SIGTERM, end)
+
+
+class Lines:
+    """How far a run is, as plain lines in a log: the first after ten seconds, then fewer and fewer."""
+
+    def __init__(self, of: str, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._of, self._clock = of, clock
+        self._since = clock()
+        self._next_s = FIRST_LINE_S
+
+    def __call__(self, done: int, total: int) -> None:
+        """So many of so many are done."""
+        from ..outputs.size import in_words
+
+        seconds = self._clock() - self._since
+        if seconds < self._next_s or not 0 < done < total:
+            return
+        self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
+        left = in_words(seconds * (total - done) / done)
+        sys.stderr.write(
+            f"lidarscene: {done:,} of {total:,} {self._of} ({done / total:.1%}), some {left} left\n"
+        )
+        sys.stderr.flush()
 
 
 @contextmanager

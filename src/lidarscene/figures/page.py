@@ -50,7 +50,7 @@ class Page:
 
     def heading(self, text: str) -> None:
         """A heading of the second level."""
-        self.markdown.append(f"## {text}")
+        self.markdown.append(f"## {_escaped(text)}")
         self.body.append(f"<h2>{html.escape(text)}</h2>")
 
     def paragraph(self, text: str) -> None:
@@ -96,7 +96,8 @@ class Page:
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """A table of plain text."""
-        lines = [header, ["---"] * len(header), *([_escaped(cell) for cell in row] for row in rows)]
+        first, *others = ([_escaped(cell) for cell in row] for row in (header, *rows))
+        lines = [first, ["---"] * len(header), *others]
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
         body = "".join(
@@ -108,7 +109,7 @@ class Page:
 
     def as_markdown(self) -> str:
         """The page in Markdown."""
-        return "\n\n".join([f"# {self.title}", *self.markdown]) + "\n"
+        return "\n\n".join([f"# {_escaped(self.title)}", *self.markdown]) + "\n"
 
     def as_html(self) -> str:
         """The page in HTML, including its style."""
@@ -139,6 +140,7 @@ def put_text(path: Path, text: str) -> None:
 
 def _escaped(text: str) -> str:
     """Text with Markdown's special characters escaped, also for tables."""
-    for letter in "\\|*_<":
+    # The backslash first; brackets make links, and a line break would end the table, heading or paragraph.
+    for letter in "\\|*_<`[]":
         text = text.replace(letter, "\\" + letter)
-    return text
+    return " ".join(text.split())

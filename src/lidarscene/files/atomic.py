@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import glob
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -57,6 +58,60 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
         _ours.discard(temporary)
 
 
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield the path of an empty temporary folder; its files move to ``path`` when the block ends without error.
+
+    Other files of ``path`` stay. A new folder appears whole; into one that is there each file moves whole. If anything
+    goes wrong, ``path`` is what it was, and the error names it. What a killed process leaves is removed by the next
+    write.
+    """
+    target = _folder_target(path)
+    # Inside a folder that is there: it may be a disk of its own, onto which nothing can be renamed.
+    beside = target / target.name if target.exists() else target
+    temporary = beside.with_name(f".{target.name}.{os.getpid()}.part")
+    made: list[Path] = []
+    try:
+        made = _make_folders(temporary.parent)
+        _remove_stale(beside)
+        temporary.mkdir()
+        yield temporary
+        if not target.exists():
+            os.replace(temporary, target)
+        for file in sorted(temporary.iterdir()) if temporary.exists() else ():
+            os.replace(file, target / file.name)
+    except OSError as error:
+        _remove(temporary, made)
+        raise _unwritable(path, error) from error
+    except OutputError as error:
+        _remove(temporary, made)
+        raise OutputError(str(error).replace(str(temporary), os.fspath(path))) from error
+    except BaseException:
+        _remove(temporary, made)
+        raise
+    _remove(temporary, [])
+
+
+@contextmanager
+def folder_beside(temporary: Path) -> Iterator[Path]:
+    """Yield a folder beside a temporary of `atomic_output`, for a library that writes nothing else; then remove it."""
+    end = f".{os.getpid()}.part"
+    folder = temporary.with_name(f"{temporary.name.removesuffix(end)}.folder{end}")
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        _remove(folder, [])
+
+
+def _folder_target(path: str | os.PathLike[str]) -> Path:
+    """The folder that this path names or would make, links followed."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_dir():
+        raise OutputError(f"{path}: cannot be written: must be a folder, got a file")
+    return target
+
+
 def named(path: str | os.PathLike[str], take: Callable[..., None]) -> Callable[..., None]:
     """Wrap a function so that its OSError becomes an OutputError that names this path.
 
@@ -93,9 +148,11 @@ def require_writable(path: str | os.PathLike[str]) -> None:
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the regular file that this path names or would make, links followed."""
-    target = Path(os.path.realpath(path))
     try:
+        target = Path(os.path.realpath(path))
         reason = _obstacle(target)
+    except ValueError:
+        raise OutputError(f"{path}: cannot be written: its name has a NUL character") from None
     except OSError as error:
         reason = error.strerror or str(error)
     if reason:
@@ -130,10 +187,9 @@ def _remove_stale(target: Path) -> None:
     """Remove what dead processes of this machine left of earlier writes to this name."""
     prefix, suffix = f".{target.name}.", ".part"
     for name in glob.glob(glob.escape(prefix) + "*" + suffix, root_dir=target.parent, include_hidden=True):
-        pid = name[len(prefix) : -len(suffix)]
+        pid = name[len(prefix) : -len(suffix)].rpartition(".")[2]
         if pid.isdecimal() and not _is_alive(int(pid)):
-            with suppress(OSError):
-                (target.parent / name).unlink()
+            _remove(target.parent / name, [])
 
 
 def _is_alive(pid: int) -> bool:
@@ -162,7 +218,10 @@ def _remove(temporary: Path | None, folders: list[Path]) -> None:
     """Leave no trace of a write that failed."""
     if temporary is not None:
         with suppress(OSError):
-            temporary.unlink()
+            if temporary.is_dir() and not temporary.is_symlink():
+                shutil.rmtree(temporary)
+            else:
+                temporary.unlink()
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()

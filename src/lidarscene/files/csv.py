@@ -14,10 +14,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..maths.arrays import Numbers
+from .inputs import require_file
 
 
 def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbers]:
     """(n,) float64 values of each known column by name; n may be 0. Raises InputError."""
+    require_file(path, "a CSV file")
     try:
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
@@ -27,8 +29,6 @@ def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbe
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of an empty table: the caller has a better message
                 values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}"

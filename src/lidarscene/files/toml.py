@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
+from .inputs import LARGEST_TEXT, require_file
 
 
 class FileModel(BaseModel):
@@ -57,13 +58,12 @@ _MUST_BE = {
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
+    require_file(path, "a TOML file", largest=LARGEST_TEXT)
     try:
         # Windows editors write a byte-order mark first, which TOML does not know.
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: must be a TOML file, got a folder") from None
+        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        _require_shallow(tables)
+        return tables
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: not UTF-8 text (at line {line})") from None
@@ -73,6 +73,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid TOML: nested too deeply") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+DEEPEST = 50
+"""Tables and lists within each other; the deepest file model has six."""
+
+
+def _require_shallow(value: Any) -> None:
+    """Raise RecursionError before functions that follow the nesting do, in whatever they are at."""
+    level = [value]
+    for _ in range(DEEPEST):
+        level = [
+            inner
+            for one in level
+            if isinstance(one, (dict, list))
+            for inner in (one.values() if isinstance(one, dict) else one)
+        ]
+        if not level:
+            return
+    raise RecursionError
 
 
 def validated(

@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from ..errors import InputError, LidarSceneError
+from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
+from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
 
 VERSION = 1
+NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
 LARGEST = np.finfo(np.float32).max
 
 
@@ -63,6 +67,7 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn every error in the block into an InputError of one line that names the file."""
     # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
+    require_file(path, "a point cloud")
     try:
         yield
     except LidarSceneError:
@@ -72,6 +77,21 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{os.fspath(path)}: cannot be read: {reason}") from error
+
+
+@contextmanager
+def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what a library raises while it writes, on a full disk too, into an OutputError of one line."""
+    try:
+        yield
+    except (LidarSceneError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        # Libraries tell of a full disk in words of their own: "read() failed", with a page of details.
+        reason = " ".join(str(error).partition("****")[0].split())[:200] or type(error).__name__
+        if shutil.disk_usage(Path(path).parent).free < NO_ROOM:
+            reason = f"No space left on device ({reason})"
+        raise OutputError(f"{os.fspath(path)}: cannot be written: {reason}") from error
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .columns import Cloud
-from .described import LARGEST, description
+from .described import LARGEST, description, library_errors
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {
@@ -34,12 +34,14 @@ LARGEST_ROW = 2**31 - 1
 def write_e57(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write the cloud as one scan."""
     e57 = optional("pye57.libe57", extra="e57")
-    with atomic_output(path) as temporary:
+    with atomic_output(path) as temporary, library_errors(path):
         file = e57.ImageFile(str(temporary), "w")
         try:
             _write(e57, file, cloud)
-        finally:
-            file.close()
+        except BaseException:
+            file.cancel()  # closing would write the rest, and fail with another message
+            raise
+        file.close()
 
 
 def _write(e57: Any, file: Any, cloud: Cloud) -> None:

@@ -10,6 +10,7 @@ has another field of that name). The `described.description` is in a VLR of the 
 from __future__ import annotations
 
 import os
+import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,6 +20,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from .columns import Cloud, Column, Fields
@@ -36,6 +38,10 @@ MOST_RETURNS = 15
 BLOCK_POINTS = 1 << 18
 PIECE_POINTS = 1 << 20
 """Records that are made at a time, and the points of the last pulse that go with them."""
+
+LONGEST_HEADER = 375  # bytes, of LAS 1.4
+COUNTED = ((100, 54), (243, 60))
+"""Where a header counts its records, short and extended ones, and the bytes that each has at least."""
 
 
 def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
@@ -152,6 +158,12 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
+        _require_counts(file)
+        with laspy.open(file, closefd=False) as opened:
+            header = opened.header
+            points = header.point_count * header.point_format.size
+        require_unpacked(os.fstat(file.fileno()).st_size, points)
+        file.seek(0)
         las = laspy.read(file, closefd=False)
         ours = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
         if not ours:
@@ -166,11 +178,23 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
+        _require_counts(file)
         las = laspy.read(file, closefd=False)
         names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
         ours = {file_name: column for column, file_name in LAS_NAMES.items()}
         columns = {ours.get(name, name): np.ascontiguousarray(las[name]) for name in names}
         return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
+
+
+def _require_counts(file: IO[bytes]) -> None:
+    """Raise ValueError for more records than the file has room for: laspy would look for each of 4,000,000,000."""
+    start, size = file.read(LONGEST_HEADER), os.fstat(file.fileno()).st_size
+    for offset, least in COUNTED:
+        if len(start) >= offset + 4:
+            (count,) = struct.unpack_from("<I", start, offset)
+            if count * least > size:
+                raise ValueError(f"the header must count records that the file has room for, got {count}")
+    file.seek(0)
 
 
 def _header(laspy: Any, cloud: Cloud) -> Any:

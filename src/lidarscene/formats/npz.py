@@ -10,6 +10,7 @@ import os
 import numpy as np
 
 from ..files.atomic import atomic_output
+from ..files.inputs import require_archive
 from .columns import Cloud, Fields
 from .described import described_fields, description, reading
 
@@ -25,7 +26,9 @@ def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 def read_npz(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_npz`. Raises InputError, in one line."""
-    with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+    with reading(path), open(path, "rb") as file:
+        require_archive(file)
+        archive = np.load(file, allow_pickle=False)
         if DESCRIPTION not in archive:
             raise ValueError("not a point cloud of lidarscene: there is no description in it")
         columns = {name: archive[name] for name in archive.files if name != DESCRIPTION}

@@ -11,11 +11,13 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..files.atomic import atomic_output
+from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from .columns import Cloud, Fields
 from .described import described_fields, description, reading, unit_of
 
 KEY = b"lidarscene"
+WIDEST = 8  # bytes of a number
 GROUP_POINTS = 1 << 20  # rows of a row group: some 100 MB
 
 
@@ -77,6 +79,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_parquet`. Raises InputError, in one line."""
     _, parquet = _arrow()
     with reading(path), open(path, "rb") as file:
+        about = parquet.read_metadata(file)
+        # By rows too: a column that repeats one value has next to no bytes before it is unpacked.
+        groups = sum(about.row_group(number).total_byte_size for number in range(about.num_row_groups))
+        rows = about.num_rows * about.num_columns * WIDEST
+        require_unpacked(os.fstat(file.fileno()).st_size, max(groups, rows))
+        file.seek(0)
         table = parquet.read_table(file)
         metadata = table.schema.metadata or {}
         if KEY not in metadata:

@@ -17,6 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..files.atomic import atomic_output
+from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
@@ -191,6 +192,7 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
         packed, size = struct.unpack_from("<II", content)
         if len(content) != 8 + packed:
             raise ValueError(f"must have {8 + packed} bytes of points, got {len(content)}")
+        require_unpacked(len(content), size)
         content = optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
     if len(content) != points * dtype.itemsize:
         raise ValueError(f"must have {points * dtype.itemsize} bytes of points, got {len(content)}")

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .columns import COLUMNS, NAMES, Cloud, Fields
 from .described import counted_stream, reading
@@ -65,6 +66,7 @@ def read_ply(path: str | os.PathLike[str]) -> Fields:
 
     Raises InputError, in one line, for a file that is missing, truncated or by another program.
     """
+    require_file(path, "a point cloud")
     try:
         with open(path, "rb") as file:
             header = _read_header(file)

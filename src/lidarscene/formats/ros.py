@@ -8,19 +8,18 @@ that the layout names come first, with its offsets and types; all other columns 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from ..files.atomic import atomic_output
+from ..files.atomic import atomic_output, folder_beside
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .columns import Cloud
-from .described import description
+from .described import description, library_errors
 
 POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
 BAG_VERSION = 8
@@ -65,13 +64,11 @@ def write_ros(
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
     plugin = rosbag2.StoragePlugin[storage.upper()]
-    # A bag is a folder with one file of the folder's name, which the file's own metadata repeat.
-    with (
-        atomic_output(path) as temporary,
-        tempfile.TemporaryDirectory(dir=temporary.parent, prefix=".") as folder,
-    ):
-        bag = Path(folder) / Path(path).stem
-        with rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin) as writer:
+    # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
+    # killed process leaves its unfinished files, so that the next write removes it.
+    with atomic_output(path) as temporary, folder_beside(temporary) as folder:
+        bag = folder / Path(path).stem
+        with library_errors(path), rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin) as writer:
             _write_frames(writer, store, frames, layout)
         os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
 

@@ -17,6 +17,7 @@ from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
 from .options import ENDINGS, Outputs
+from .range_image import all_range_image_paths
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class Plan:
                 raise OptionError(
                     "{merge}: must go with {coordinates} world or vehicle, which all sensors share, got sensor"
                 )
-        if self.is_folder and (place.name.lower().endswith(SUFFIXES) or place.is_file()):
+        if self.is_folder and (place.name.lower().endswith(SUFFIXES) or os.path.isfile(place)):
             asked = {
                 "frames": self.frames is not None,
                 "rig": self.rig,
@@ -108,10 +109,27 @@ class Plan:
 
 
 def check_writable(wanted: Sequence[Mapping[str, Path]]) -> None:
-    """Refuse what could not be written, before any work goes into it. Raises OutputError."""
+    """Refuse what could not be written, before any work goes into it. Raises OutputError.
+
+    Two files of one name too: the second would be written over the first. Raises InputError.
+    """
+    taken: set[str] = set()
     for files in wanted:
-        for path in files.values():
+        for key, path in files.items():
             require_writable(path)
+            # By the file that a name leads to; a range image has others beside it.
+            for file in all_range_image_paths(path) if key == "range_image" else (path,):
+                real = os.path.realpath(file)
+                if real in taken:
+                    raise OptionError(
+                        f"{{{_option(key)}}} {{0}}: must be another name, got one of two outputs", file
+                    )
+                taken.add(real)
+
+
+def _option(key: str) -> str:
+    """The option that names a file of `Plan.files`."""
+    return key if key in ENDINGS else "path"
 
 
 def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:
@@ -120,5 +138,6 @@ def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) ->
         for key, path in files.items():
             # By identity of the file, not by name: links and ../ lead to the same one.
             if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
-                option = key if key in ENDINGS else "path"
-                raise OptionError(f"{{{option}}} {{0}}: must be another name, got an input of this run", path)
+                raise OptionError(
+                    f"{{{_option(key)}}} {{0}}: must be another name, got an input of this run", path
+                )

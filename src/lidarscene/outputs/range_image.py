@@ -88,6 +88,13 @@ def range_image_paths(path: str | os.PathLike[str], cloud: PointCloud | None = N
     return (file, *(file.with_name(f"{file.stem}.{name}{file.suffix}") for name in others))
 
 
+def all_range_image_paths(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """The files that `write_range_image` may write, whatever columns the cloud has."""
+    file, *beside = range_image_paths(path)
+    others = [file.with_name(f"{file.stem}.{name}{file.suffix}") for name in OPTIONAL] if beside else []
+    return (file, *beside, *others)
+
+
 def _shown(cloud: PointCloud) -> PointCloud:
     """The same points; columns that no image needs are one number, repeated."""
     needed = {"azimuth", "elevation", "return_number", "range", "intensity", "status", *OPTIONAL}

@@ -27,6 +27,7 @@ from ..sensor.rig import Mounted, Rig
 from .frame_files import FrameFiles
 from .options import FRAMES, File, Outputs
 from .plan import Plan, check_writable, keep_inputs
+from .size import warn_of_size
 from .streams import pulses_of_waveforms
 
 Told = Callable[[int, int], object]
@@ -128,6 +129,7 @@ def record(
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(one.sensor for one in sensors)
+    warn_of_size(plan, sensors, trace, frame.chunk)
     keep_inputs(wanted, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers are told now, not after an hour of tracing.
     if outputs.waveforms is not None:

@@ -5,12 +5,12 @@ They describe shapes but neither materials in the infrared nor sensors, so both 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials import catalogue
 from ..materials.material import Material
 from .mesh_cache import SubMesh
@@ -110,9 +110,10 @@ def is_xml(path: Path) -> bool:
 
 def xml_file(path: Path, where: str = "") -> Path:
     """The path, if it is an XML file that exists. Raises InputError."""
-    if not os.path.isfile(path):
-        what = "must be a Mitsuba XML scene, got a folder" if os.path.isdir(path) else "no such file"
-        raise InputError(f"{where}{path}: {what}")
+    try:
+        require_file(path, "a Mitsuba XML scene", largest=LARGEST_TEXT)
+    except InputError as error:
+        raise InputError(f"{where}{error}") from None
     if not is_xml(path):
         raise InputError(f"{where}{path}: the name of a Mitsuba scene must end in .xml")
     return path

@@ -9,9 +9,9 @@ from __future__ import annotations
 import io
 import logging
 import math
-import os
 import re
 import warnings
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files.inputs import require_archive, require_file
 from ..materials.material import Material, Spectrum
 from ..maths.arrays import Numbers
 from . import patterns
@@ -37,10 +38,7 @@ def read_mesh(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]
 
     pattern  how reflectivity varies over it, to be read too; such a file is read anew each time
     """
-    if not os.path.isfile(path):
-        raise InputError(
-            f"{path}: {'must be a mesh file, got a folder' if os.path.isdir(path) else 'no such file'}"
-        )
+    require_file(path, "a mesh file")
     if pattern is not None:
         return checked(_pieces(path, pattern), str(path))
     return checked(cached(path, lambda: _pieces(path)), str(path))
@@ -96,6 +94,11 @@ def _loaded(path: Path) -> Any:
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    with path.open("rb") as file:
+        if zipfile.is_zipfile(file):
+            require_archive(file)
+    if path.suffix.lower() in (".gz", ".bz2", ".xz", ".tar"):
+        raise ValueError(f"'{path.suffix}' must be unpacked first")
     if path.suffix.lower() != ".obj":
         return trimesh.load_scene(str(path), process=False)
     data = path.read_bytes()

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.csv import read_columns
+from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose, rotation_numbers
 from ..maths.trajectory import Spline
@@ -57,12 +58,11 @@ def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
 
 
 def _read_tum(path: Path) -> dict[str, Numbers]:
+    require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about missing rows, which the caller reports
             values = np.loadtxt(file, ndmin=2, dtype=np.float64)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if values.size and values.shape[1] != len(TUM):

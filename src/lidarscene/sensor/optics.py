@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files import pvlib
+from ..files.inputs import LARGEST_TEXT, require_file
 from ..files.table import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
@@ -107,9 +108,11 @@ def read_transmittance(path: Path) -> Curve:
 
 def _lines(path: Path, where: str) -> list[str]:
     try:
+        require_file(path, "a CSV file", largest=LARGEST_TEXT)
+    except InputError as error:
+        raise InputError(f"{where.removesuffix(str(path))}{error}") from None
+    try:
         return path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{where}: no such file") from None
     except UnicodeDecodeError:
         raise InputError(f"{where}: not UTF-8 text") from None
     except OSError as error:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.csv import read_columns
+from ..files.inputs import require_archive, require_file
 from ..maths.arrays import Numbers
 from ..scan import Pattern
 
@@ -76,11 +77,12 @@ def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
 
 
 def _read_npz(path: Path) -> dict[str, Numbers]:
+    require_file(path, "an npz file")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw:
+            require_archive(raw)
+            file = np.load(raw, allow_pickle=False)
             return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if _known(name)}
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
     except Exception as error:  # zipfile, numpy and the disk each have their own
         raise InputError(f"{path}: cannot be read as npz: {error}") from None
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, shortened
 from ..scene.model import Scene, Sun
 from ..sensor.catalogue import load_sensor
 from ..sensor.detectors import Apd
@@ -79,7 +79,7 @@ class Equipment:
     def _chosen(self, settings: Settings) -> str:
         """Catalogue name of the detector's sensor; "" for its own."""
         choice = settings.get(DETECTOR, next(iter(self.detectors)))
-        if choice not in self.detectors:
+        if not isinstance(choice, str) or choice not in self.detectors:
             raise InputError(f"{DETECTOR}: must be one of {', '.join(self.detectors)}, got {choice}")
         return self.detectors[str(choice)]
 
@@ -156,8 +156,8 @@ def _sun_values(sun: Sun) -> dict[str, float]:
 
 
 def _number(key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
-        raise InputError(f"{key}: must be a number, got {value!r}")
+    if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
+        raise InputError(f"{key}: must be a number, got {shortened(repr(value))}")
     if key == "sun.illuminance_klux" and value < 0:
         raise InputError(f"{key}: must be >= 0, got {value:g}")
     return float(value)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import re
+import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -22,6 +24,20 @@ from .sources import Source, settings_from
 
 HOST = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
+MOST_CONNECTIONS = 32
+"""At once: a browser opens six. Each has a thread, and a script that opens thousands would have as many."""
+
+PATIENCE_S = 10.0
+"""How long a request may take to arrive, and an answer to be taken: half a request would hold its thread for ever."""
+
+SECURITY = {
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""Headers of every answer: no other site may show the page in a frame or read what it is made of."""
+
 POLL_S = 0.5  # a wait without end cannot be interrupted on Windows
 
 Job = Callable[[], bytes]
@@ -36,6 +52,7 @@ class Server(ThreadingHTTPServer):
     def __init__(self, port: int) -> None:
         """Port 0 takes any free one. Raises InputError where the port cannot be had."""
         self.jobs: queue.SimpleQueue[tuple[Job, Future[bytes]]] = queue.SimpleQueue()
+        self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -63,9 +80,31 @@ class Server(ThreadingHTTPServer):
         finally:
             self.shutdown()
 
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, unless there are as many as there may be."""
+        if not self._free.acquire(blocking=False):
+            with contextlib.suppress(OSError):
+                request.sendall(
+                    b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+                )
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """All requests of one connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A page that is closed breaks its connections; anything else is told in the terminal."""
-        if not isinstance(sys.exc_info()[1], ConnectionError):
+        if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
     def done(self, job: Job) -> bytes:
@@ -88,6 +127,27 @@ class _Handler(BaseHTTPRequestHandler):
     server: Server
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
+    timeout = PATIENCE_S  # of each read and write; all reads of a request together have as long
+
+    def handle_one_request(self) -> None:
+        """One request, whose arrival has an end: byte after byte, each in time, would go on for hours."""
+        self._arrival = threading.Timer(PATIENCE_S, self._hang_up)
+        self._arrival.daemon = True
+        self._arrival.start()
+        try:
+            super().handle_one_request()
+        finally:
+            self._arrival.cancel()
+
+    def _hang_up(self) -> None:
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RDWR)
+
+    def end_headers(self) -> None:
+        """Those of every answer too, also of the errors that the base class sends."""
+        for name, value in SECURITY.items():
+            self.send_header(name, value)
+        super().end_headers()
 
     def do_GET(self) -> None:
         source, name = self.server.source, self.path.partition("?")[0]
@@ -101,15 +161,40 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
 
     def do_POST(self) -> None:
-        length = self.headers.get("Content-Length", "")
-        if self.path != "/render" or not length.isdecimal() or int(length) > LARGEST_REQUEST:
-            self.close_connection = True
-            self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
+        # What is left of a request that is refused would be read as the next one.
+        if self.path != "/render":
+            self._refuse(HTTPStatus.NOT_FOUND, b"not found")
             return
-        body = self.rfile.read(int(length))
+        # A form of another site can send a request here, though it cannot read the answer.
+        origin = self.headers.get("Origin")
+        if origin is not None and origin not in [f"http://{name}" for name in self.server.names]:
+            self._refuse(HTTPStatus.FORBIDDEN, b"the origin must be this viewer's own page, got another")
+            return
+        lengths = self.headers.get_all("Content-Length", [])
+        if (
+            len(lengths) != 1
+            or not re.fullmatch("[0-9]{1,9}", lengths[0])
+            or "Transfer-Encoding" in self.headers
+        ):
+            self._refuse(HTTPStatus.BAD_REQUEST, b"the request must have one Content-Length")
+            return
+        length = int(lengths[0])
+        if length > LARGEST_REQUEST:
+            told = b"the request must have at most %d bytes" % LARGEST_REQUEST
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, told)
+            return
+        body = self.rfile.read(length)
+        if len(body) < length:
+            self._refuse(HTTPStatus.BAD_REQUEST, b"the request ended before its Content-Length")
+            return
         self._answer(lambda: self.server.source.rendered(settings_from(body)))
 
+    def _refuse(self, status: HTTPStatus, told: bytes) -> None:
+        self.close_connection = True
+        self._send(status, told, "text/plain")
+
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
+        self._arrival.cancel()  # the request is whole; its answer may take minutes
         # Another site's name that was made to lead here is not ours: it must not read our answers.
         if self.headers.get("Host") not in self.server.names:
             self._send(HTTPStatus.FORBIDDEN, b"the host must be this viewer's own, got another", "text/plain")
@@ -123,13 +208,15 @@ class _Handler(BaseHTTPRequestHandler):
             raise
 
     def _send(self, status: HTTPStatus, body: bytes, kind: str) -> None:
-        with contextlib.suppress(ConnectionError):  # the page was closed meanwhile
+        try:
             self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
             self.wfile.write(body)
+        except (ConnectionError, TimeoutError):  # the page was closed meanwhile, or takes nothing
+            self.close_connection = True
 
     def log_message(self, format: str, *arguments: object) -> None:
         """Nothing: the terminal is the user's."""
@@ -137,4 +224,5 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _frame_number(name: str, count: int) -> int | None:
     text = name.removeprefix("/frame-")
-    return int(text) if name != text and text.isdecimal() and int(text) < count else None
+    is_number = name != text and re.fullmatch("[0-9]{1,9}", text)
+    return int(text) if is_number and int(text) < count else None

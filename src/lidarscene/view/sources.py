@@ -274,7 +274,7 @@ def settings_from(body: bytes) -> Settings:
     """Settings as the page sends them. Raises InputError for what is none."""
     try:
         settings = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         settings = None
     if not isinstance(settings, dict):
         raise InputError("settings: must be a JSON object")

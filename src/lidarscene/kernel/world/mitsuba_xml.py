@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
+from ...files.inputs import LARGEST_TEXT, require_file
 from ..device.backend import mitsuba, only_own_files, own_plugins
 from ..device.types import Bsdf, Shape
 from .bsdfs import bsdf_dict, diffuse_share
@@ -46,7 +47,7 @@ def load_shapes(
     Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
     """
     root = _parsed(path)
-    _insert_included(root, path.parent)
+    _insert_included(root, path.parent, [])
     _keep_to_mitsuba(root, path)
     _replace_bsdfs(root, path, replaced, materials)
     shapes = _loaded(root, path).shapes()
@@ -105,20 +106,38 @@ def _plain(identity: str, fallback: str) -> str:
 
 
 def _parsed(path: Path) -> Element:
+    require_file(path, "a Mitsuba XML scene", largest=LARGEST_TEXT)
     try:
-        return ElementTree.parse(path).getroot()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        return _shallow(ElementTree.parse(path).getroot())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise InputError(f"{path}: not valid XML: {error}") from None
 
 
-def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
+DEEPEST = 100
+"""Elements within each other: Mitsuba follows them with its stack, and ends the program where that is full."""
+
+MOST_INCLUDED = 1000
+"""Files in all: ten that each include ten are a million after six steps."""
+
+
+def _shallow(root: Element) -> Element:
+    """The same element. Raises ValueError if the nesting is too deep."""
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+        if not level:
+            return root
+    raise ValueError(f"must be nested {DEEPEST} deep at most, got more")
+
+
+def _insert_included(element: Element, folder: Path, files: list[Path], depth: int = 0) -> None:
     """Replace each <include> by the content of its file, so that BSDFs in there can be replaced too.
 
     As in Mitsuba, paths are relative to the first file, and names may hold parameters of <default>.
+
+    files  that were included so far
     """
     # From the last child to the first: an insertion does not shift the positions that are still to come.
     defaults = _defaults(element)
@@ -126,10 +145,11 @@ def _insert_included(element: Element, folder: Path, depth: int = 0) -> None:
         name = _filled_in(child.get("filename") or "", defaults) if child.tag == "include" else ""
         if not name or "$" in name:
             continue
-        if depth > 15:
+        files.append(folder / name)
+        if depth > 15 or len(files) > MOST_INCLUDED:
             raise InputError(f"{folder / name}: files include each other")  # Mitsuba's own limit is 15, too
         inner = _parsed(folder / name)
-        _insert_included(inner, folder, depth + 1)
+        _insert_included(inner, folder, files, depth + 1)
         element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
 
 

@@ -17,7 +17,7 @@ from ...cloud import pixels
 from ...cloud.points import PointCloud
 from ...figures import pictures as plots
 from ...figures.page import Page, csv_text, put_text
-from ...files.atomic import require_writable
+from ...files.atomic import atomic_folder, require_writable
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
 from ...scene.model import View
@@ -75,6 +75,14 @@ def require_files(folder: Path, names: Sequence[str]) -> None:
 
 def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> str:
     """Write all files; returns the text to print. Raises OutputError."""
+    with atomic_folder(output.folder) as temporary:
+        numbers = _write(comparison, dataclasses.replace(output, folder=temporary))
+    page = output.folder / PAGE
+    return numbers if as_json else f"{report.as_text(comparison)}\nwrote {page} and the files beside it"
+
+
+def _write(comparison: Comparison, output: Output) -> str:
+    """All files; returns the numbers as JSON."""
     folder, own = output.folder, slugs([one.name for one in comparison.everything])
     page = Page(comparison.title, folder=folder)
     for note in (*comparison.notes, *comparison.windows):
@@ -108,9 +116,7 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
     numbers = json.dumps(as_dict(comparison), indent=2, allow_nan=False)
     put_text(folder / NUMBERS, numbers + "\n")
     put_text(folder / PAGE, page.as_html())
-    return (
-        numbers if as_json else f"{report.as_text(comparison)}\nwrote {folder / PAGE} and the files beside it"
-    )
+    return numbers
 
 
 def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...figures.page import Page, csv_text, put_text
-from ...files.atomic import require_writable
+from ...files.atomic import atomic_folder, require_writable
 from ...sensor.model import Sensor
 from . import figures as figures
 from .pattern import DWELL_S, rate_hz
@@ -61,10 +61,24 @@ def write(
     vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
     """
     names = [name for name, _ in sensors]
-    on_vehicle = any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
-    files = file_names(names, with_ground=on_vehicle, with_scene=scene is not None)
+    files = file_names(names, with_ground=_on_vehicle(sensors), with_scene=scene is not None)
     for name in files:
         require_writable(folder / name)
+    with atomic_folder(folder) as temporary:
+        everything = _write(temporary, sensors, study, scene, vehicle)
+    return _printed(folder, everything, study, files, as_json=as_json)
+
+
+def _write(
+    folder: Path,
+    sensors: Sequence[tuple[str, Sensor]],
+    study: Study,
+    scene: Scene | None,
+    vehicle: Pose | None,
+) -> list[Seen]:
+    """All files into a folder; returns what was seen."""
+    names = [name for name, _ in sensors]
+    on_vehicle = _on_vehicle(sensors)
     everything = [
         seen(name, slug, sensor, study) for (name, sensor), slug in zip(sensors, slugs(names), strict=True)
     ]
@@ -100,7 +114,12 @@ def write(
             show(*made(one))
     put_text(folder / PAGES[0], page.as_markdown())
     put_text(folder / PAGES[1], page.as_html())
-    return _printed(folder, everything, study, files, as_json=as_json)
+    return everything
+
+
+def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
+    """Whether any sensor stands above the vehicle's ground."""
+    return any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
 
 
 def _ground(everything: Sequence[Seen], study: Study) -> Ground:

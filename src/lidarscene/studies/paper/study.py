@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ...figures import lines as charts
 from ...figures.page import Page, put_text
-from ...files.atomic import require_writable
+from ...files.atomic import atomic_folder, require_writable
 from .claims_model import HOLDS, Claim, claims_of_the_model
 from .claims_results import claims_of_the_results
 from .errata import Erratum, errata
@@ -53,12 +53,13 @@ def write(folder: Path, *, as_json: bool = False) -> str:
     for name in file_names():
         require_writable(folder / name)
     drawn, claims, mistakes = figures(), [*claims_of_the_model(), *claims_of_the_results()], errata()
-    for one in drawn:
-        charts.save(one.chart, [folder / f"{one.file}.png", folder / f"{one.file}.svg"])
-        put_text(folder / f"{one.file}.csv", _csv(one))
     page = _page(drawn, claims, mistakes)
-    put_text(folder / PAGES[0], page.as_markdown())
-    put_text(folder / PAGES[1], page.as_html())
+    with atomic_folder(folder) as temporary:
+        for one in drawn:
+            charts.save(one.chart, [temporary / f"{one.file}.png", temporary / f"{one.file}.svg"])
+            put_text(temporary / f"{one.file}.csv", _csv(one))
+        put_text(temporary / PAGES[0], page.as_markdown())
+        put_text(temporary / PAGES[1], page.as_html())
     if as_json:
         return json.dumps({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
                            "files": [str(folder / name) for name in file_names()]})  # fmt: skip

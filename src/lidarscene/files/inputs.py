@@ -1,0 +1,67 @@
+"""Doors to files that are read: what is no file, or unpacks to far more than it is, is refused before it is read.
+
+Who opens a pipe waits until someone writes into it, /dev/zero has no end, and an archive of 6 MB may hold 6 GB. None of
+these is what a user means, and each would stop the program without a word.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import zipfile
+from typing import IO
+
+from ..errors import InputError
+
+LARGEST_TEXT = 1 << 26
+"""Bytes of a text file that is read whole, 64 MiB: a thousand times a scene of 400 bodies."""
+
+MOST_UNPACKED = 100
+"""Times its packed size that data may have: measured columns are noise, which packs to a tenth at best."""
+
+FREE_UNPACKED = 1 << 30
+"""Bytes that may be unpacked whatever the packed size, since they do no harm."""
+
+NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
+
+
+def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest: int | None = None) -> None:
+    """Raise InputError, in one line, unless this is a regular file of at most ``largest`` bytes.
+
+    what  the kind of file that was expected, for the message: "a TOML file"
+    """
+    try:
+        about = os.stat(path)
+    except ValueError:
+        raise InputError(f"{path}: must be the name of a file, got one with a NUL character") from None
+    except OSError as error:
+        if error.errno in NOT_THERE:
+            raise InputError(f"{path}: no such file") from None
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if stat.S_ISDIR(about.st_mode):
+        raise InputError(f"{path}: must be {what}, got a folder")
+    # What the system makes up is a device in all but name: /proc/kmsg waits for the kernel to say something.
+    if not stat.S_ISREG(about.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
+        raise InputError(f"{path}: must be {what}, got a device or pipe")
+    if largest is not None and about.st_size > largest:
+        raise InputError(
+            f"{path}: must be {what} of at most {largest / 2**20:.0f} MiB, got {about.st_size / 2**20:.0f} MiB"
+        )
+
+
+def require_unpacked(packed: int, unpacked: int) -> None:
+    """Raise ValueError for data that unpack to so many times their packed size, in bytes, that they are no data."""
+    if unpacked > max(FREE_UNPACKED, MOST_UNPACKED * packed):
+        raise ValueError(
+            f"must unpack to at most {MOST_UNPACKED} times its size, got {unpacked / 1e9:.3g} GB out of "
+            f"{packed / 1e6:.3g} MB"
+        )
+
+
+def require_archive(file: IO[bytes]) -> None:
+    """The same of a zip archive, such as NPZ: by the sizes in its directory, which the reader keeps to."""
+    with zipfile.ZipFile(file) as archive:
+        unpacked = sum(one.file_size for one in archive.infolist())
+    require_unpacked(os.fstat(file.fileno()).st_size, unpacked)
+    file.seek(0)

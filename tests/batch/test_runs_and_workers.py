@@ -1,0 +1,93 @@
+"""Runs that share a folder, and workers that are gone: nothing is waited for without end. Workers are threads here."""
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarscene.batch import cluster, run, work
+from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch.tasks import FrameTask, Job
+from lidarscene.errors import LidarSceneError
+
+
+def test_two_runs_share_a_folder(
+    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames that another run has, at first or until the end, are no failures nor done twice: they are waited for."""
+    first, second, third, fourth = (task.key for task in job.tasks())
+    answers = {first: ["", ""], second: [work.ELSEWHERE, work.ELSEWHERE, work.THERE], third: [work.THERE],
+               fourth: [work.ELSEWHERE, ""]}  # fmt: skip
+    monkeypatch.setattr(work, "_told", lambda task, *_: answers[task.key].pop(0))
+    monkeypatch.setattr(run, "AGAIN_EVERY_S", 0.0)
+    progress = run_job(job, tmp_path / "out", connect=threads)
+    assert (progress.rendered, progress.reused, progress.failed, progress.done) == (2, 2, {}, 4)
+    assert answers == {first: [""], second: [], third: [], fourth: []}
+
+
+def test_workers_that_are_all_gone(
+    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: a worker that is killed while it starts is not started anew, and a job without workers waited without
+    end. What was done is not done again.
+    """
+    clusters, rendered = [], []
+
+    @contextlib.contextmanager
+    def connect() -> Any:
+        with threads() as client:
+            clusters.append(client.cluster)
+            yield client
+
+    def lose(task: FrameTask, *_: object) -> str:
+        rendered.append(task.key)
+        return ""
+
+    def kill(progress: Progress, *_: object) -> None:
+        if progress.rendered == 1:
+            clusters[0].scale(0)
+
+    monkeypatch.setattr(work, "_told", lose)
+    monkeypatch.setattr(run, "WITHOUT_WORKERS_S", 0.4)
+    monkeypatch.setattr(run, "BUNDLES_FOR_EACH", 1)
+    monkeypatch.setattr(run, "MOST_IN_BUNDLE", 1)
+    waited: list[int] = []
+    progress = run_job(job, tmp_path / "out", connect=connect, told=kill, waiting=lambda: waited.append(1))
+    assert (progress.rendered, progress.reused, progress.failed) == (4, 0, {})
+    assert len(clusters) == 2
+    assert waited == [1]
+
+
+def test_workers_that_never_come(
+    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    @contextlib.contextmanager
+    def connect() -> Any:
+        with threads() as client:
+            client.cluster.scale(0)
+            tried.append(1)
+            yield client
+
+    monkeypatch.setattr(run, "WITHOUT_WORKERS_S", 0.2)
+    told = "^the workers of this machine are gone; 0 of 4 frames were done, and the same command goes on from there$"
+    with pytest.raises(LidarSceneError, match=told):
+        run_job(job, tmp_path / "out", connect=connect)
+    assert len(tried) == run.STARTS
+
+
+def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: a worker that dies while the pool starts ended in a traceback of Dask."""
+    tried = []
+
+    def dies(workers: int) -> Any:
+        tried.append(workers)
+        raise RuntimeError("Nanny failed\nto start")
+
+    monkeypatch.setattr(cluster, "_started", dies)
+    told = "^--workers 2: the processes could not be started: Nanny failed to start$"
+    with pytest.raises(LidarSceneError, match=told), cluster.local_client(2):
+        pass
+    assert len(tried) == cluster.STARTS

@@ -1,0 +1,152 @@
+"""Files that are none, that unpack to far more than they are, or are nested beyond measure: one short line each."""
+
+import os
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+from helpers.formats import need
+
+from lidarscene import PointCloud, load_scene
+from lidarscene.errors import LONGEST, InputError
+from lidarscene.files import inputs
+from lidarscene.files.inputs import require_file
+from lidarscene.files.toml import read_toml
+from lidarscene.kernel.world.mitsuba_xml import load_shapes
+from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.poses import read_poses
+from lidarscene.sensor.optics import read_transmittance
+from lidarscene.sensor.pattern import read_pattern
+
+
+def _pattern(path: Path) -> object:
+    return read_pattern(path, frame_s=1.0, jitter_rad=None, encoder_rad=None)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "a.toml": load_scene, "a.xml": load_scene, "b.xml": lambda path: load_shapes(path, {}, {}), "a.glb": read_mesh,
+    "a.obj": read_mesh, "a.csv": read_poses, "a.txt": read_poses, "b.csv": read_transmittance,
+    "c.csv": _pattern, "a.npz": _pattern,
+    "a.ply": PointCloud.load, "a.pcd": PointCloud.load, "b.npz": PointCloud.load, "a.parquet": PointCloud.load,
+    "a.las": PointCloud.load, "a.laz": PointCloud.load,
+}  # fmt: skip
+
+
+def refused(work: Callable[[Path], object], path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        work(path)
+    told = str(error.value)
+    assert "\n" not in told
+    assert len(told) <= LONGEST
+    return told
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names on this system")
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("kind", ["pipe", "zero", "folder"])
+def test_what_is_no_file_is_not_opened(tmp_path: Path, name: str, kind: str) -> None:
+    """Rationale: who opens a pipe waits for its writer, and /dev/zero has no end."""
+    path = tmp_path / name
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "zero":
+        path.symlink_to("/dev/zero")
+    else:
+        path.mkdir()
+    assert refused(READERS[name], path).endswith("a folder" if kind == "folder" else "got a device or pipe")
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_names_that_name_nothing(tmp_path: Path, name: str) -> None:
+    assert refused(READERS[name], tmp_path / "none" / name).endswith(f"none/{name}: no such file")
+    assert "NUL character" in refused(READERS[name], tmp_path / f"a\0{name}")
+    assert refused(READERS[name], tmp_path / f"{'x' * 20_000}{name}").endswith("no such file")
+
+
+def test_a_file_that_the_system_makes_up() -> None:
+    if not Path("/proc/self/status").exists():
+        pytest.skip("no /proc on this system")
+    with pytest.raises(InputError, match="got a device or pipe"):
+        require_file("/proc/self/status")
+
+
+@pytest.mark.parametrize("name", ["b.npz", "a.npz", "a.3mf", "a.zip"])
+def test_bombs_in_archives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """A hundredth of the 6 GB that a file of 6 MB can hold, and a hundredth of what is free."""
+    monkeypatch.setattr(inputs, "FREE_UNPACKED", inputs.FREE_UNPACKED // 100)
+    with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("lidarscene.npy", bytes(60_000_000))
+    told = refused(READERS.get(name, read_mesh), tmp_path / name)
+    assert "must unpack to at most 100 times its size, got 0.06 GB out of 0.2" in told
+
+
+def test_bombs_in_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A column of one number, repeated, and one that says that it is longer than it is."""
+    need("parquet")
+    need("pcd-compressed")
+    import pyarrow
+    from pyarrow import parquet
+
+    monkeypatch.setattr(inputs, "FREE_UNPACKED", 1 << 20)
+    small_cloud(3).save(tmp_path / "a.parquet")
+    about = parquet.read_schema(tmp_path / "a.parquet").metadata
+    table = pyarrow.table({"x": np.zeros(1 << 20, np.float32)}).replace_schema_metadata(about)
+    parquet.write_table(table, tmp_path / "a.parquet")
+    assert "must unpack to at most 100 times" in refused(PointCloud.load, tmp_path / "a.parquet")
+    small_cloud(3).save(tmp_path / "a.pcd", format="pcd-compressed")
+    data = (tmp_path / "a.pcd").read_bytes()
+    start = data.index(b"binary_compressed\n") + len("binary_compressed\n")
+    (tmp_path / "a.pcd").write_bytes(data[: start + 4] + struct.pack("<I", 2**32 - 1) + data[start + 8 :])
+    assert "must unpack to at most 100 times" in refused(PointCloud.load, tmp_path / "a.pcd")
+
+
+@pytest.mark.parametrize("offset", [100, 243])
+def test_records_that_a_las_file_has_no_room_for(tmp_path: Path, offset: int) -> None:
+    """Rationale: laspy looks for each of four billion."""
+    need("las")
+    small_cloud(3).save(tmp_path / "a.las")
+    data = bytearray((tmp_path / "a.las").read_bytes())
+    data[offset : offset + 4] = struct.pack("<I", 2**32 - 1)
+    (tmp_path / "a.las").write_bytes(data)
+    assert "must count records that the file has room for, got 4294967295" in refused(
+        PointCloud.load, tmp_path / "a.las"
+    )
+
+
+@pytest.mark.parametrize("depth", [150, 20_000])
+def test_deep_xml(tmp_path: Path, depth: int) -> None:
+    """Rationale: Mitsuba follows it with its stack."""
+    (tmp_path / "a.xml").write_text(f"<scene version='3.0.0'>{'<a>' * depth}{'</a>' * depth}</scene>")
+    told = refused(lambda path: load_shapes(path, {}, {}), tmp_path / "a.xml")
+    assert told.endswith("not valid XML: must be nested 100 deep at most, got more")
+
+
+def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(8):
+        inside = f"<include filename='{number + 1}.xml'/>" * 10
+        (tmp_path / f"{number}.xml").write_text(f"<scene version='3.0.0'>{inside}</scene>")
+    (tmp_path / "8.xml").write_text("<scene version='3.0.0'/>")
+    assert "files include each other" in refused(lambda path: load_shapes(path, {}, {}), tmp_path / "0.xml")
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 90 + "]" * 90, ".".join("a" * 500) + " = 1", "[" * 50_000])
+def test_deep_toml(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.toml").write_text(text)
+    assert "a.toml: not valid TOML: " in refused(read_toml, tmp_path / "a.toml")
+
+
+def test_long_texts_are_shortened(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("a" * 20_000 + " = 1")
+    told = refused(load_scene, tmp_path / "a.toml")
+    assert "unknown key 'aaa" in told
+    assert " ... " in told
+
+
+def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:
+    with (tmp_path / "a.toml").open("wb") as file:
+        file.truncate(3 << 30)
+    assert "must be a TOML file of at most 64 MiB, got 3072 MiB" in refused(load_scene, tmp_path / "a.toml")

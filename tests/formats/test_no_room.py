@@ -1,0 +1,83 @@
+"""A disk without room, for every format: one line, and nothing is left.
+
+The room is a limit on the size of a file, so that the errors are those of the system and of each library.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.clouds import small_cloud
+from helpers.formats import file_of, need
+from helpers.waiting import PATIENCE_S, wait_until
+
+from lidarscene.errors import OutputError
+from lidarscene.formats.registry import FORMATS
+
+resource = pytest.importorskip("resource")
+
+ROOT = Path(__file__).parents[2]
+KILLED = """
+import sys, time
+sys.path[:0] = sys.argv[1:3]
+from helpers.clouds import small_cloud
+from lidarscene.cli.terminal import end_cleanly
+from lidarscene.formats.ros import write_ros
+def clouds():
+    yield small_cloud()
+    print("half", flush=True)
+    time.sleep(1000)
+end_cleanly()
+write_ros(sys.argv[3], clouds(), storage="sqlite3")
+"""
+
+
+@pytest.fixture
+def no_room() -> Iterator[None]:
+    """No file of this process grows beyond 40 bytes; Python ignores the signal, so that writing fails."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_room_is_one_line(tmp_path: Path, name: str, request: pytest.FixtureRequest) -> None:
+    need(name)
+    cloud, path = small_cloud(), file_of(tmp_path / "new", name)
+    cloud.save(tmp_path / "warm", format=name)  # libraries that are imported late write their byte code
+    request.getfixturevalue("no_room")
+    with pytest.raises(OutputError) as error:
+        cloud.save(path, format=name)
+    told = str(error.value)
+    assert told.startswith(f"{path}: cannot be written: ")
+    assert "\n" not in told
+    assert len(told) < 400
+    assert [one.name for one in tmp_path.iterdir()] == ["warm"]
+
+
+@pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
+def test_a_killed_bag_leaves_no_folder(tmp_path: Path, how: str, library: Any) -> None:
+    """Asked to end, it cleans up; what no process can clean up is gone after the next write to the name."""
+    import signal
+
+    need("rosbag2")
+    path = tmp_path / "new" / "a.db3"
+    writing = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(ROOT / "src"), str(ROOT / "tests"), str(path)],
+        stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": ""},
+    )  # fmt: skip
+    assert writing.stdout is not None
+    assert writing.stdout.readline() == b"half\n"
+    wait_until(lambda: any(one.is_dir() for one in path.parent.iterdir()))
+    writing.send_signal(getattr(signal, how))
+    writing.communicate(timeout=PATIENCE_S)
+    if how == "SIGTERM":
+        assert writing.returncode == 128 + signal.SIGTERM
+        assert list(tmp_path.iterdir()) == []
+    small_cloud().save(path)
+    assert [one.name for one in path.parent.iterdir()] == ["a.db3"]

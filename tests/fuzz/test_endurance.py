@@ -1,0 +1,92 @@
+"""Many frames in one process, and runs that are killed at any moment. `make test-all` takes thousands (ENDURANCE=1)."""
+
+import contextlib
+import gc
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import COARSE
+from helpers.waiting import PATIENCE_S, wait_until
+from helpers.walls import MOVING
+
+from lidarscene import PointCloud, Simulator, load_scene, load_sensor
+from lidarscene.kernel.device.profile import kernel_history
+
+LONG = os.environ.get("ENDURANCE") == "1"
+FRAMES, WARM = (3000, 500) if LONG else (40, 10)
+KILLS = 20 if LONG else 1
+ROOT = Path(__file__).parents[2]
+
+GROWTH = 8 << 20
+"""Bytes that memory may grow by in the frames after the warm ones: the points of each, 27 kB, would be 67 MB."""
+
+
+def _resident() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory and open files are read from /proc")
+def test_frames_leave_nothing(mi: Any, tmp_path: Path) -> None:
+    """No growth of memory, of open files, of files, of kernels; a scene that moves, another seed in each frame."""
+    (tmp_path / "moving.toml").write_text(MOVING)
+    sensor = load_sensor("table1-apd", overrides=[one.removeprefix("--set=") for one in COARSE])
+    simulator = Simulator(load_scene(tmp_path / "moving.toml"), sensor)
+    memory = files = compiled = 0
+    with kernel_history() as history:
+        for number in range(FRAMES):
+            simulator.render(number=number % 5, seed=number).save(tmp_path / "a.ply")
+            history.take()
+            if number == WARM:
+                gc.collect()
+                memory, files, compiled = _resident(), len(os.listdir("/proc/self/fd")), history.compiled
+    gc.collect()
+    assert history.launched >= FRAMES
+    assert history.compiled == compiled
+    assert len(os.listdir("/proc/self/fd")) == files
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.ply", "moving.toml"]
+    assert _resident() - memory < GROWTH
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
+def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
+    """What has its name is whole; asked to end, nothing else is there; killed, the next run removes what is."""
+    (tmp_path / "moving.toml").write_text(MOVING)
+    rng, out = random.Random(1), tmp_path / "out"
+    for number in range(KILLS):
+        how = (signal.SIGTERM, signal.SIGKILL)[number % 2]
+        running = subprocess.Popen(
+            [sys.executable, "-m", "lidarscene", "render", "moving.toml", "-o", "out", "--frames", "200", *COARSE,
+             "--sensor=table1-apd", "--labels=kitti", "--keep-missed=out/m.npz"],
+            cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        before = _clouds(out)
+        wait_until(
+            lambda before=before, running=running: _clouds(out) != before or running.poll() is not None
+        )
+        time.sleep(rng.random() * 0.3)
+        running.send_signal(how)
+        running.wait(PATIENCE_S)
+        assert running.returncode == (-how if how == signal.SIGKILL else 128 + how)
+        left = sorted(out.rglob("*.part"))
+        if how == signal.SIGTERM:
+            assert left == []
+        assert len(left) <= 4  # of the frame that was written
+        for path in out.glob("*.ply"):
+            PointCloud.load(path)
+        left_frames = {one.name.split(".")[1].split("_")[-1] for one in left}
+        assert len(left_frames) <= 1
+
+
+def _clouds(out: Path) -> dict[str, int]:
+    with contextlib.suppress(
+        FileNotFoundError
+    ):  # the folder comes and goes while the run looks whether it can write
+        return {one.name: one.stat().st_mtime_ns for one in out.glob("*.ply")}
+    return {}

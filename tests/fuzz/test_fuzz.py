@@ -1,0 +1,30 @@
+"""Spoilt files and command lines, from a seed: 0 tracebacks, 0 hangs, 0 files left.
+
+`make fuzz` tries thousands (FUZZ_INPUTS, from FUZZ_SEED), and traces the frames of those that can be traced.
+"""
+
+import contextlib
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.fuzzing import bounded_memory, failures, untraced
+
+INPUTS = int(os.environ.get("FUZZ_INPUTS", "300"))
+SEED = int(os.environ.get("FUZZ_SEED", "1"))
+PARTS = int(os.environ.get("FUZZ_PARTS", "1"))
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+def test_nothing_breaks_it(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int) -> None:
+    monkeypatch.chdir(tmp_path)
+    share = INPUTS // PARTS
+    whole = os.environ.get("FUZZ_TRACED") == "1"
+    with warnings.catch_warnings(), bounded_memory(), contextlib.nullcontext() if whole else untraced():
+        warnings.simplefilter("ignore")  # of NumPy, about numbers that overflow
+        found = list(failures(tmp_path, SEED, share, first=part * share))
+    for where, one, why in found:
+        print(f"{where}: {one.about[:300]}\n{why}\n")  # noqa: T201 what pytest shows of a failure
+    assert not found, f"{len(found)} of {share} inputs break it"

@@ -1,0 +1,80 @@
+"""What a run of very many pulses will take is said before it begins, and how far it is, also in a log."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import Run
+
+from lidarscene.cli.terminal import Lines
+from lidarscene.outputs.size import in_words
+
+FINE = ["--set=scanner.azimuth_fov_deg=40", "--set=scanner.azimuth_step_deg=0.002",
+        "--set=scanner.elevation_fov_deg=20", "--set=scanner.elevation_step_deg=0.002"]  # fmt: skip
+BEAMS = 20001 * 10001
+
+
+@pytest.mark.parametrize(
+    ("options", "disk", "memory"),
+    [
+        (["-o", "new/o.ply"], 1, 0.524),
+        (["-o", "new/o.ply", "--ascii"], 3, 0.524),
+        (["-o", "new/o.ply", "--frames", "2"], 0, 0.0),
+        (["-o", "new/o.npz"], 1, None),
+    ],
+)
+def test_it_is_said_before_anything_is_traced(
+    run: Run,
+    wall: str,
+    mi: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    disk: int,
+    memory: float | None,
+) -> None:
+    """By hand: 200 million beams of one stop at 117 bytes, in 40 s. A run that is refused says nothing."""
+    monkeypatch.setattr("lidarscene.outputs.record.FrameFiles.write", lambda *_: None)
+    ran = run("render", wall, "--sensor=table1-apd", *options, *FINE)
+    if not disk:
+        assert ran.code == 2
+        assert "note" not in ran.err
+        return
+    (line,) = ran.err.splitlines()
+    of_point = _bytes_of_a_point()
+    assert line.startswith(f"lidarscene: note: --output {options[1]}: {BEAMS:,} pulses take some 40 s")
+    assert f", up to {disk * BEAMS * of_point / 1e9:.3g} GB of disk (" in line
+    needed = 0.524288 + (2 * BEAMS * of_point / 1e9 if memory is None else 0.0)
+    assert line.endswith(f" and up to {needed:.3g} GB of memory")
+
+
+def _bytes_of_a_point() -> int:
+    from lidarscene.formats.ply import _dtype
+
+    return _dtype(has_truth=True, double=False).itemsize
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.4, "0 s"), (99, "99 s"), (125, "2 min"), (5999, "100 min"), (7200, "2 h"), (1e6, "12 days")],
+)
+def test_times_in_words(seconds: float, words: str) -> None:
+    assert in_words(seconds) == words
+
+
+def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Rationale: a run of a night shows that it lives, and its log stays short."""
+    now = [0.0]
+    lines = Lines("pulses", clock=lambda: now[0])
+    for second in range(8 * 3600):
+        now[0] = float(second)
+        lines(second, 8 * 3600)
+    shown = capsys.readouterr().err.splitlines()
+    assert shown[0] == "lidarscene: 10 of 28,800 pulses (0.0%), some 8 h left"
+    assert 60 < len(shown) < 120
+    lines(28_800, 28_800)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
+    ran = run("render", wall, "-o", "o.ply", "--sensor=table1-apd", "--set=scanner.azimuth_step_deg=1")
+    assert (ran.code, ran.err) == (0, "")

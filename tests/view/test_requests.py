@@ -1,0 +1,197 @@
+"""What any program of this machine, or a page of another site, may send to the server: in a thread, nothing traced."""
+
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+
+import pytest
+from helpers.waiting import PATIENCE_S, wait_until
+
+from lidarscene.errors import InputError
+from lidarscene.view import serve
+from lidarscene.view.controls import Settings, _number
+from lidarscene.view.serve import HOST, Server
+
+
+class Nothing:
+    """A source without a scene, which counts how often it is asked."""
+
+    title = "nothing"
+    frames = ("one",)
+    asked = 0
+
+    def stage(self) -> bytes:
+        return b"stage"
+
+    def frame(self, number: int) -> bytes:
+        return b"frame"
+
+    def rendered(self, settings: Settings) -> bytes:
+        self.asked += 1
+        return json.dumps(dict(settings)).encode()
+
+
+class End(BaseException):
+    """Ends the serving thread, as Ctrl-C does."""
+
+
+def _end() -> bytes:
+    raise End
+
+
+@contextlib.contextmanager
+def running() -> Iterator[Server]:
+    with Server(0) as server:
+
+        def run() -> None:
+            with contextlib.suppress(End):
+                server.serve(Nothing())
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        yield server
+        server.jobs.put((_end, Future()))
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def standing() -> Iterator[Server]:
+    with running() as server:
+        yield server
+
+
+@pytest.fixture
+def server(standing: Server) -> Server:
+    standing.source = Nothing()
+    return standing
+
+
+@pytest.fixture
+def impatient(server: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
+    """One that waits for a fifth of a second."""
+    monkeypatch.setattr(serve, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(serve._Handler, "timeout", 0.2)
+    return server
+
+
+def asked(server: Server, request: bytes, *, ends: bool = False) -> bytes:
+    """All that comes back; ``ends``: nothing more is sent, which the server sees."""
+    with socket.create_connection((HOST, server.server_port), timeout=PATIENCE_S) as connection:
+        connection.sendall(request)
+        if ends:
+            connection.shutdown(socket.SHUT_WR)
+        answer = b""
+        with contextlib.suppress(ConnectionError):
+            while part := connection.recv(65536):
+                answer += part
+    return answer
+
+
+def post(server: Server, body: bytes, *headers: str, length: str | None = None) -> bytes:
+    lines = ["POST /render HTTP/1.1", f"Host: {HOST}:{server.server_port}", "Connection: close", *headers]
+    lines.append(f"Content-Length: {len(body) if length is None else length}")
+    return asked(server, "\r\n".join([*lines, "", ""]).encode() + body, ends=True)
+
+
+def status(answer: bytes) -> int:
+    return int(answer.split()[1])
+
+
+@pytest.mark.parametrize("origin", ["https://evil.example", "null", "http://127.0.0.1:1", ""])
+def test_posts_of_other_origins_are_refused(server: Server, origin: str) -> None:
+    """Rationale: a form of any site can send a request to this machine, and each costs a frame."""
+    assert status(post(server, b"{}", f"Origin: {origin}")) == 403
+    assert server.source.asked == 0
+    assert status(post(server, b"{}", f"Origin: http://localhost:{server.server_port}")) == 200
+    assert status(post(server, b"{}")) == 200  # other programs than browsers send none
+
+
+@pytest.mark.parametrize(
+    ("body", "length", "expected"),
+    [
+        (b"{}", "-1", 400), (b"{}", "x", 400), (b"{}", "", 400), (b"{}", "2, 2", 400), (b"{}", "9" * 5000, 400),
+        (b"{}", "70000", 413), (b"{}", "3", 400), (b"no", None, 400), (b"[1]", None, 400), (b"\xff\xfe", None, 400),
+        (b"[" * 30_000, None, 400), (b'{"a":' * 10_000, None, 400), (b"", None, 400),
+    ],
+)  # fmt: skip
+def test_malformed_bodies(
+    server: Server, body: bytes, length: str | None, expected: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = post(server, body, length=length)
+    assert status(answer) == expected
+    assert server.source.asked == 0
+    assert len(answer) < 2000
+    assert capsys.readouterr().err == ""
+
+
+def test_two_lengths_and_chunks(server: Server) -> None:
+    assert status(post(server, b"{}", "Content-Length: 2")) == 400
+    assert status(post(server, b"{}", "Transfer-Encoding: chunked")) == 400
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), "x" * 20_000, float("nan"), None, [], True])
+def test_numbers_that_are_none(value: object) -> None:
+    with pytest.raises(InputError, match=r"^detector\.gain: must be a number, got ") as error:
+        _number("detector.gain", value)
+    assert len(str(error.value)) <= 1100
+
+
+@pytest.mark.parametrize("path", ["/frame-" + "9" * 5000, "/frame-1", "/frame--1", "/%00", "/frame-"])
+def test_other_paths(server: Server, path: str, capsys: pytest.CaptureFixture[str]) -> None:
+    request = f"GET {path} HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n"
+    assert status(asked(server, request.encode())) == 404
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("request_line", [b"GET / HTTP/1.1", b"GET /none HTTP/1.1", b"BREW / HTTP/1.1"])
+def test_headers_of_every_answer(server: Server, request_line: bytes) -> None:
+    host = f"\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
+    answer = asked(server, request_line + host)
+    for header in (b"X-Content-Type-Options: nosniff\r\n", b"frame-ancestors 'none'\r\n"):
+        assert header in answer
+
+
+@pytest.mark.parametrize("half", [b"", b"GE", b"GET / HTTP/1.1\r\nHost: x\r\nA: "])
+def test_half_a_request_is_hung_up_on(impatient: Server, half: bytes) -> None:
+    """Rationale: else each holds a thread for ever."""
+    assert asked(impatient, half) == b""
+    lines = f"POST /render HTTP/1.1\r\nHost: {HOST}:{impatient.server_port}\r\nContent-Length: 9\r\n\r\n{{"
+    answer = asked(impatient, lines.encode())
+    assert answer == b"" or status(answer) == 400
+
+
+def test_a_request_of_single_bytes_is_too(impatient: Server) -> None:
+    """Rationale: each byte is in time, and all of them never end."""
+    with socket.create_connection((HOST, impatient.server_port), timeout=PATIENCE_S) as connection:
+        connection.settimeout(0.05)
+
+        def is_over() -> bool:
+            try:
+                connection.sendall(b"G")
+                return connection.recv(1) == b""
+            except TimeoutError:
+                return False
+            except OSError:
+                return True
+
+        wait_until(is_over)
+
+
+def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serve, "MOST_CONNECTIONS", 3)
+    with Server(0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        server.source = Nothing()
+        held = [socket.create_connection((HOST, server.server_port)) for _ in range(3)]
+        wait_until(lambda: not server._free.acquire(blocking=False) or server._free.release() is not None)
+        request = (
+            f"GET /none HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
+        )
+        assert status(asked(server, request)) == 503
+        for one in held:
+            one.close()
+        wait_until(lambda: status(asked(server, request)) == 404)
+        server.shutdown()
