@@ -10,11 +10,13 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-THEORY = Path(__file__).parent / "theory.md"
+PAGES = [*Path(__file__).parent.glob("theory*.md"), Path(__file__).parent / "photon_counting.md"]
 NUMBERED = re.compile(r"\\tag\{(T\w+)\}")
 # What is code stays as it is: fenced blocks and spans.
 CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
-NUMBERS = set(NUMBERED.findall(THEORY.read_text(encoding="utf-8")))
+PAGE_OF = {
+    number: page.name for page in PAGES for number in NUMBERED.findall(page.read_text(encoding="utf-8"))
+}
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
@@ -40,6 +42,6 @@ def equation(latex: str) -> str:
 
 def _linked(text: str) -> str:
     def link(found: re.Match[str]) -> str:
-        return f"[({found[1]})](theory.md#{found[1]})" if found[1] in NUMBERS else found[0]
+        return f"[({found[1]})]({PAGE_OF[found[1]]}#{found[1]})" if found[1] in PAGE_OF else found[0]
 
     return re.sub(r"\((T\d+[a-z]?)\)(?!<)", link, text)

@@ -17,6 +17,7 @@ from helpers.documentation import (
     PAGES,
     README,
     ROOT,
+    THEORY,
     Block,
     blocks,
     code_spans,
@@ -33,8 +34,8 @@ from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.columns import COLUMNS
 
-CONVENTIONS, THEORY, ARCHITECTURE, VALIDATION = (
-    ROOT / "docs" / f"{name}.md" for name in ("conventions", "theory", "architecture", "validation")
+CONVENTIONS, ARCHITECTURE, VALIDATION = (
+    ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )
 
 
@@ -149,8 +150,8 @@ def test_names_exist(page: Path) -> None:
 
 
 def test_theory_names_the_formulas() -> None:
-    """Every public formula of the chain and the detectors has its place on the page."""
-    told = set(dotted_names(THEORY))
+    """Every public formula of the chain and the detectors has its place on the pages."""
+    told = {name for page in THEORY for name in dotted_names(page)}
     assert len(told) > 40
     for module in ("optics/radiometry", "optics/sunlight", "electronics/tdc", "electronics/sipm"):
         source = ast.parse(text_of(ROOT / "src" / "lidarscene" / "physics" / f"{module}.py"))
@@ -173,9 +174,12 @@ def test_theory_names_the_formulas() -> None:
 
 
 def test_equations_are_numbered_in_order() -> None:
-    numbers = [int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(THEORY))]
+    """On each page they rise; the pages of the theory have all of them together."""
+    pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in THEORY]
+    assert all(page == sorted(page) for page in pages)
+    numbers = sorted(n for page in pages for n in page)
     assert numbers == list(range(1, len(numbers) + 1))
-    counting = [int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(THEORY.parent / "photon_counting.md"))]
+    counting = [int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(ROOT / "docs" / "photon_counting.md"))]
     assert counting == list(range(90, 90 + len(counting)))
     cited = {int(n) for page in PAGES for n in re.findall(r"\(T(\d+)\)", text_of(page))}
     assert cited <= {*numbers, *counting}
@@ -355,13 +359,14 @@ def refresh() -> None:
     table = f"<!-- columns -->\n{columns_table()}\n\n"
     pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
     CONVENTIONS.write_text(re.sub(pattern, lambda _: table, text, flags=re.DOTALL), encoding="utf-8")
-    text = text_of(THEORY)
-    for block in blocks(THEORY, "python"):
-        if block.output is not None:
-            before = f"```python\n{block.code}```\n\n```text\n"
-            after = before + printed(block.code)
-            text = text.replace(f"{before}{block.output}```", f"{after}```")
-    THEORY.write_text(text, encoding="utf-8")
+    for page in THEORY:
+        text = text_of(page)
+        for block in blocks(page, "python"):
+            if block.output is not None:
+                before = f"```python\n{block.code}```\n\n```text\n"
+                after = before + printed(block.code)
+                text = text.replace(f"{before}{block.output}```", f"{after}```")
+        page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ def test_every_equation_is_drawn(site: Path, page: Path) -> None:
 
 def test_numbers_link_to_their_equations(site: Path) -> None:
     assert 'href="theory.html#T2"' in html(site, ROOT / "docs" / "theory.md")
+    assert 'href="theory_light.html#T35"' in html(site, ROOT / "docs" / "theory_light.md")
 
 
 def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:

@@ -11,11 +11,19 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
+THEORY = tuple(sorted((ROOT / "docs").glob("theory*.md")))
 PAGES = (README, *sorted((ROOT / "docs").glob("*.md")))
 
 
 def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
+
+
+def named(page: str) -> str:
+    """The text of README.md or of a page of docs/; of the theory, that of all its pages."""
+    if page == "theory.md":
+        return "\n".join(map(text_of, THEORY))
+    return text_of(README if page == README.name else ROOT / "docs" / page)
 
 
 @dataclass(frozen=True)
@@ -133,10 +141,9 @@ def differs(printed: str, computed: Any) -> str:
 
 def told(page: str, words: str) -> list[str]:
     """The numbers in place of each `{}` of these words, which stand on the page once. Line breaks do not count."""
-    path = README if page == README.name else ROOT / "docs" / page
     parts = [r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in words.split("{}")]
     pattern = rf"(?<![\d.]){f'({SIGNED}|{WORD})'.join(parts)}(?![\d%])"
-    found = list(re.finditer(pattern, text_of(path), re.IGNORECASE))
+    found = list(re.finditer(pattern, named(page), re.IGNORECASE))
     assert len(found) == 1, f"{page} says {len(found)} times: {words}"
     return list(found[0].groups())
 
@@ -154,9 +161,8 @@ def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None
 
 def table(page: str, header: str) -> list[list[str]]:
     """The cells of the one table whose heading line begins so, row by row, without the heading."""
-    path = README if page == README.name else ROOT / "docs" / page
     pattern = rf"^ *\| {re.escape(header)}.*\n *\|[-:| ]+\|\n((?: *\|.*\n?)+)"
-    (body,) = re.findall(pattern, text_of(path), re.MULTILINE)
+    (body,) = re.findall(pattern, named(page), re.MULTILINE)
     return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in body.splitlines()]
 
 

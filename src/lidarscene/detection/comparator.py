@@ -139,7 +139,7 @@ def trailing_level(
 
 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
-    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory.md 20).
+    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 20).
 
     early_s  (n,) crossing time of the rising edge relative to the peak: negative
     """

@@ -2,7 +2,7 @@
 
 Makers do not report the amplitude itself but a calibrated number, often a reflectivity from 0 to 255. The sensor knows
 its own optics and background, so it can compute the power from the amplitude; it knows neither the air nor the angle of
-the surface, so neither is corrected (docs/theory.md 21).
+the surface, so neither is corrected (docs/theory_receivers.md 21).
 """
 
 from __future__ import annotations

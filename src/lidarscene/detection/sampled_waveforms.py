@@ -92,7 +92,7 @@ def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numb
     """`light.waveform.sampled` with the memory of the detector: (n, times) W and signal each.
 
     A SiPM in the time domain follows its own equation, with crosstalk and afterpulses; an amplifier that clips drains
-    (docs/theory.md 20). Behind a frequency response cells have no memory here.
+    (docs/theory_receivers.md 20). Behind a frequency response cells have no memory here.
     """
     power, signal = sampled(train, sensor, times_s)
     if not len(times_s):

@@ -26,7 +26,7 @@ from .hits import Hits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interference:
-    """Pulses of another lidar on the detector, at random times (docs/theory.md 19).
+    """Pulses of another lidar on the detector, at random times (docs/theory_light.md 19).
 
     rate_hz       mean rate of its pulses
     peak_power_w  (n,) median of their peak powers

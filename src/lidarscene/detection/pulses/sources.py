@@ -38,7 +38,7 @@ def of_crossing(
 
     The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
     would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
-    surface may trip it on top of fog that is brighter (docs/theory.md 23).
+    surface may trip it on top of fog that is brighter (docs/theory_light.md 23).
     """
     ops, wave = shots.ops, shots.wave
     # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the

@@ -29,7 +29,7 @@ class CellMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filtered:
-    """What an amplifier's frequency response leaves of a detector's signal and noise (docs/theory.md 28).
+    """What an amplifier's frequency response leaves of a detector's signal and noise (docs/theory_receivers.md 28).
 
     peak        of a pulse's peak
     noise       of the variance without echo
