@@ -3,8 +3,8 @@
 The comparator and the samplers need power and slope at any place. A sum of Gaussian pulses and a tabulated course of
 the air's light give both in closed form, so no grid of time bins limits the resolution (docs/theory_light.md 23).
 
-Behind an amplifier's low pass the pulses are wider; AC coupling takes an undershoot off them (docs/theory_receivers.md 28).
-Power is then that of an unfiltered echo with the same peak signal.
+Behind an amplifier's low pass the pulses are wider; AC coupling takes an undershoot off them
+(docs/theory_receivers.md 28). Power is then that of an unfiltered echo with the same peak signal.
 
 Symbols: u place in units of sigma_p, the standard deviation of the received pulse; P power; c speed of light.
 """

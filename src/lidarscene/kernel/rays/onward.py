@@ -2,7 +2,8 @@
 
 At a pane light goes two ways. A path tracer would draw one of them at random; here the caller follows both, so that
 the optics have no Monte Carlo noise and each echo has a definite path (docs/theory_light.md 26). Mitsuba's BSDFs are
-still sampled, because they know direction and share of each lobe, but the random number that selects the lobe is set here.
+still sampled, because they know direction and share of each lobe, but the random number that selects the lobe is set
+here.
 
 Symbols: T, R transmittance and reflectance of a pane; throughput is the product of them along a path.
 """
