@@ -31,7 +31,7 @@ def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
         (SCENES + "seeds = [1]\nseed_count = 2", "must have only one of seeds and seed_count, got both"),
         (SCENES + "frames = 0", "frames: must be >= 1, got 0"),
         (SCENES + 'format = "docx"', "format: must be one of ply"),
-        (SCENES + "sweeps = 1", "unknown key 'sweeps'; known here: name, scenes"),
+        (SCENES + "sweeps = 1", "unknown key 'sweeps'; did you mean sweep? all known here: name, scenes"),
         (
             SCENES + "[sweep.scene]\nsun.illuminance_klux = 5",
             "scene.sun.illuminance_klux: must be a list of values, got 5",

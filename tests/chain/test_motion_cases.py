@@ -248,7 +248,8 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
     """base = XML with [ego] and a body that moves: the wall at 40 m comes at 20 m/s."""
     (tmp_path / "base.xml").write_text(XML)
     (tmp_path / "scene.toml").write_text(
-        'base = "base.xml"\n[ego]\nspeed_m_s = 20\n[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 0.5\n'
+        'base = "base.xml"\nsensor.position_m = [0, 0, 0]\n'
+        '[ego]\nspeed_m_s = 20\n[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 0.5\n'
         'material = "own"\nposition_m = [12, 0, 0]\n[bodies.motion]\nvelocity_m_s = [0, 3, 0]\n'
         "[materials.own]\nreflectivity = 0.3\n"
     )

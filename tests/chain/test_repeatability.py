@@ -164,7 +164,7 @@ RECEIVERS = {
         "table1-apd", 3, ("laser.peak_power_w=2", "receiver.response='gaussian'", "sampler.type='adc'",
                           "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-5"),
     ),
-    "histogram": ("os1-128", 1, ("laser.peak_power_w=1.3",)),
+    "histogram": ("os1-128", 1, ("laser.peak_power_w=4",)),
 }  # fmt: skip
 
 

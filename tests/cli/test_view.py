@@ -35,7 +35,7 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["nothing.ply"], "nothing.ply: cannot be read: No such file or directory"),
+        (["nothing.ply"], "nothing.ply: no such file"),
         (["nothing.toml"], "nothing.toml: no such file"),
         (["a.xyz"], "a.xyz: suffix '.xyz' names no point cloud format; known: .ply"),
         (

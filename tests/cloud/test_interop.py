@@ -139,7 +139,7 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
 @pytest.mark.parametrize(
     ("mesh", "options", "message"),
     [
-        (3, {}, "load_scene: must be a Trimesh or a trimesh.Scene, got int"),
+        (3, {}, "must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got int"),
         (trimesh.Trimesh(), {}, "load_scene: the mesh must have at least one triangle, got none"),
         (scene_of_two(), {}, "'van' has no colour of its own and must have a material"),
         (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),

@@ -33,7 +33,7 @@ def _resident() -> int:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory and open files are read from /proc")
-def test_frames_leave_nothing(mi: Any, tmp_path: Path) -> None:
+def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     """No growth of memory, of open files, of files, of kernels; a scene that moves, another seed in each frame."""
     (tmp_path / "moving.toml").write_text(MOVING)
     sensor = load_sensor("table1-apd", overrides=[one.removeprefix("--set=") for one in COARSE])

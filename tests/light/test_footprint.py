@@ -141,15 +141,15 @@ def test_ellipse_and_its_turn(turn_deg):
 
 def test_axes_are_azimuth_and_elevation():
     """A wide fan to the left of a sensor stays level, in any pose of the sensor."""
-    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=0.004"), 16)
+    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=0.01"), 16)
     _, direction = fan(shape, direction=(0.0, 1.0, 0.0))
-    assert np.ptp(direction[:, 2]) < 1e-5
+    assert np.ptp(direction[:, 2]) < 2e-5
     assert np.ptp(direction[:, 0]) > 3e-3
     # Standing on its nose, x down and z forward: level is now the world's y-z plane.
     _, direction = fan(
         shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
     )
-    assert np.ptp(direction[:, 0]) < 1e-5
+    assert np.ptp(direction[:, 0]) < 2e-5
     assert np.ptp(direction[:, 2]) > 3e-3
 
 

@@ -55,6 +55,9 @@ def local_client(workers: int) -> Iterator[Any]:
     """A client of so many processes of this machine, which end with it, also when it is killed."""
     import dask
 
+    # Its defaults must be there first: `set` takes off what it was the first to add, with all that came after.
+    import distributed  # noqa: F401
+
     with dask.config.set(LOCAL), ExitStack() as opened:
         for start in range(STARTS):
             try:

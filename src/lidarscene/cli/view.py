@@ -120,7 +120,7 @@ def _source(arguments: argparse.Namespace) -> Source:
 
 def _is_scene(path: Path) -> bool:
     """A scene by the end of its name, or by a bare name that is no folder. A PLY file is a cloud here."""
-    return path.suffix.lower() in SCENES or not (path.suffix or path.exists())
+    return path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
 
 
 def _recorded(arguments: argparse.Namespace, path: Path) -> Source:

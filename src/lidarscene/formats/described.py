@@ -64,10 +64,11 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn every error in the block into an InputError of one line that names the file."""
+def reading(path: str | os.PathLike[str], *, folder: bool = False) -> Iterator[None]:
+    """Turn every error in the block into an InputError of one line that names the file, or the ``folder``."""
     # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
-    require_file(path, "a point cloud")
+    if not (folder and os.path.isdir(path)):
+        require_file(path, "a point cloud")
     try:
         yield
     except LidarSceneError:

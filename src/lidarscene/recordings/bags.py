@@ -43,7 +43,7 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(text, name))
-    with reading(path):
+    with reading(path, folder=True):
         bag = highlevel.AnyReader([path], default_typestore=store)
         bag.open()
     connections = [one for one in bag.connections if one.msgtype in (POINTS, *SCANS)]
@@ -60,13 +60,13 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
         return SCANS[chosen.msgtype](path, metadata, scans, name=f"{kind} {path.suffix[1:] or 'bag'}")
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with PointCloud2")
-    with reading(path):
+    with reading(path, folder=True):
         stamps = _stamps(bag, chosen)
         transforms = _transforms(bag)
     about = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": chosen.topic}
 
     def read(frame: int) -> Sweep:
-        with reading(path):
+        with reading(path, folder=True):
             return _sweep(_message(bag, chosen, stamps, frame), transforms, about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=about)
@@ -93,7 +93,7 @@ class _Scans(Sequence[list[Packet]]):
 
     def __init__(self, bag: Any, path: Path, connection: Any) -> None:
         self._bag, self._connection = bag, connection
-        with reading(path):
+        with reading(path, folder=True):
             self._stamps = _stamps(bag, connection)
 
     def __len__(self) -> int:

@@ -42,7 +42,7 @@ def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> 
 
 def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """A frame of each of these runs of packets."""
-    with reading(path):
+    with reading(path, folder=True):
         version = tuple(scans[0][0].payload[2:4])
         if version not in MODELS:
             raise ValueError(
@@ -62,7 +62,7 @@ def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]
     about = {"format": name, "sensor": model}
 
     def read(frame: int) -> Sweep:
-        with reading(path):
+        with reading(path, folder=True):
             return _sweep(decoder, scans[frame], about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=about)

@@ -51,13 +51,13 @@ def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]
             config.calibration = decoder.Calibration.read(str(metadata))
     model = decoder.ScanDecoder(config)
     if scans:
-        with reading(path):
+        with reading(path, folder=True):
             _decoded(decoder, model, scans[0])
     about = {"format": name, "sensor": f"{getattr(model.model_id, 'name', 'Velodyne')}"}
     about["mode"] = getattr(model.return_mode, "name", "").lower()
 
     def read(frame: int) -> Sweep:
-        with reading(path):
+        with reading(path, folder=True):
             start_s, points = _decoded(decoder, decoder.ScanDecoder(config), scans[frame])
             return sweep_of_points(points, start_s=start_s, metadata=about | {"frame": str(frame)})
 

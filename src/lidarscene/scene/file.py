@@ -86,7 +86,7 @@ def load_scene(
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
     path = Path(scene)
-    named = not path.suffix and not path.is_dir()
+    named = not path.suffix and not os.path.isdir(path)
     return catalog.path_of("scenes", str(scene)) if named else path
 
 

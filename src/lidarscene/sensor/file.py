@@ -38,7 +38,7 @@ Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
 class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
 
-    repetition_rate_khz: Annotated[float, Field(gt=0)] | None = Field(
+    repetition_rate_khz: Annotated[float, Number("khz", ge=1e-4, le=2e4)] | None = Field(
         default=None,
         description="pulses per second; a spinning scanner's lasers and cycle give it if left out",
     )

@@ -147,7 +147,7 @@ def test_observer_sees_every_surface(mi) -> None:
         points=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
     )  # fmt: skip
     pulse = np.concatenate(pulses)
-    assert len(columns) > 4
+    assert len(columns) > 2  # chunks of whole tiles
     assert np.array_equal(simulator.sensor.scanner.time_s(pulse), cloud.time_s)
     columns = [told for told in columns if told]  # a chunk of the sky has none
     met = {name: np.concatenate([told[name] for told in columns]) for name in columns[0]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -37,14 +38,14 @@ def add_recording(command: argparse.ArgumentParser) -> None:
 def is_recording(path: Path) -> bool:
     """Whether a path is a recording and no cloud that lidarscene wrote."""
     name = path.name.lower()
-    if path.is_dir():
+    if os.path.isdir(path):
         inside = [one.name.lower() for one in path.iterdir()]
         return "metadata.yaml" in inside or (
             any(one.endswith(".bin") for one in inside) and not any(one.endswith(EITHER) for one in inside)
         )
     if name.endswith(ONLY_RECORDINGS):
         return True
-    if not name.endswith(EITHER) or not path.is_file():
+    if not name.endswith(EITHER) or not os.path.isfile(path):
         return False
     with path.open("rb") as file:
         return b"lidarscene" not in file.read(HEADER_BYTES)
