@@ -370,8 +370,8 @@ class _Crossings:
             return time_s, threshold - ops.log(share) * point.noise * point.noise / threshold
 
         # Few pulses have an alarm: only those draw its time and height.
-        nothing = 0.0 * gamma
-        time_s, amplitude = ops.where_any(exists, crossing, (nothing + NEVER_S, threshold + nothing))
+        never: tuple[Lanes, Lanes] = 0.0 * gamma + NEVER_S, threshold + 0.0 * gamma
+        time_s, amplitude = ops.where_any(exists, crossing, never)
         interfering = None
         if self.others:
             interfering = exists if other is not None else exists & False

@@ -50,9 +50,11 @@ def binomial_count(
             count = count + ops.where(uniform > below, 1.0, 0.0)
         return count, term, below
 
-    now = after((ops.where(uniform > term, 1.0, 0.0), term, term), 1, _FIRST_TERMS)
+    one: Lanes = ops.where(uniform > term, 1.0, 0.0)
+    now = after((one, term, term), 1, _FIRST_TERMS)
     count, _, _ = ops.where_any(few & (uniform > now[2]), lambda: after(now, _FIRST_TERMS, _TERMS), now)
-    return ops.where_any(~few, lambda: _many(trials, p, uniform), ops.minimum(count, trials))
+    found: Lanes = ops.minimum(count, trials)
+    return ops.where_any(~few, lambda: _many(trials, p, uniform), found)
 
 
 def _many(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
@@ -80,7 +82,7 @@ def _deviate(uniform: Lanes) -> Lanes:
     x = 2.0 * uniform - 1.0
     w = -ops.log(ops.maximum(4.0 * uniform * (1.0 - uniform), 1e-12))
     centre = w - 2.5
-    low = 2.81022636e-08 + 0.0 * w
+    low: Lanes = 2.81022636e-08 + 0.0 * w
     for c in (3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087, -0.00125372503,
               -0.00417768164, 0.246640727, 1.50140941):  # fmt: skip
         low = c + low * centre
