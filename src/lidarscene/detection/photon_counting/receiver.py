@@ -201,11 +201,18 @@ class _Receiver(Shots):
 
     def _expected(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
-        sensor = self.sensor
+        ops, sensor = self.ops, self.sensor
         point = sensor.working_point(self.train.background_power_w, range_m=self.seen.range_m(place))
         signal = point.signal(power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s))
-        probability = point.detection_probability(sensor.threshold(point), signal, 0.0)
-        return signal / point.noise, probability
+        threshold = sensor.threshold(point)
+        if self._several:
+            # Echoes that merge behind the filter have a broad peak, and noise finds some higher place on it.
+            own = ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0)
+            threshold = threshold - matched_filter.gain_of_breadth(
+                signal=signal, background=point.noise * point.noise, own=own,
+                bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
+            )  # fmt: skip
+        return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
         """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
