@@ -359,17 +359,22 @@ class _Crossings:
         # Crossings ordered by height, counted by how many are expected to be higher, are a Poisson process of rate
         # one. It ends at the expected number of all crossings, lambda tau; Gamma / (lambda tau) is the upper tail.
         gamma = gamma + random.exponential(shots.words(stage, draw))
-        uniform = random.open_uniform(shots.words(stage, draw + 1)[0])
         exists = gamma < expected
-        share = ops.where(exists, gamma / ops.where(exists, expected, 1.0), 1.0)
-        if other is None:
-            amplitude: Lanes = threshold - ops.log(share) * point.noise * point.noise / threshold
-        else:
-            amplitude = interference.amplitude_of(shots, other, uniform=share)
+
+        def crossing() -> tuple[Lanes, Lanes]:
+            share = ops.where(exists, gamma / ops.where(exists, expected, 1.0), 1.0)
+            uniform = random.open_uniform(shots.words(stage, draw + 1)[0])
+            time_s = ops.where(exists, converter.blanking_s + uniform * converter.listening_s, NEVER_S)
+            if other is not None:
+                return time_s, interference.amplitude_of(shots, other, uniform=share)
+            return time_s, threshold - ops.log(share) * point.noise * point.noise / threshold
+
+        # Few pulses have an alarm: only those draw its time and height.
+        never: tuple[Lanes, Lanes] = 0.0 * gamma + NEVER_S, threshold + 0.0 * gamma
+        time_s, amplitude = ops.where_any(exists, crossing, never)
         interfering = None
         if self.others:
             interfering = exists if other is not None else exists & False
-        time_s = ops.where(exists, converter.blanking_s + uniform * converter.listening_s, NEVER_S)
         return gamma, Alarm(time_s=time_s, amplitude=amplitude, interfering=interfering)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..light.echoes import EchoTrain, Interference
+from ..light.echoes import EchoTrain
 from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, chosen
 from ..physics.electronics.pulse_sums import crossing
@@ -24,8 +24,9 @@ from .outcomes import Outcome, Status
 from .pulses import memory as of_memory
 from .pulses import sources, timing
 from .pulses import stops as keeping
+from .pulses.alarms import with_alarms
 from .pulses.stops import EMPTY, Stop, Stops
-from .returns import Detection, Returns, alarm_status, interferes
+from .returns import Detection, Returns
 from .rises import Rise, visit_all
 from .samplers import read
 from .shots import Received
@@ -45,7 +46,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     # Echoes first: they alone know of the dead time. Then false alarms compete with them for the stops.
     found = converter.search()
     strongest = converter.strongest()
-    stops = converter.with_alarms(found.stops, pulse_train.interference, *strongest)
+    stops = with_alarms(converter, found.stops, pulse_train.interference, *strongest)
     return converter.detection(pulse_train, found, keeping.reported(sensor.tdc, stops), strongest[0])
 
 
@@ -91,24 +92,6 @@ class _Found:
     pulse: _Pulse | None
     memory: of_memory.Memory
     at_highest: of_memory.Left | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _NextAlarm:
-    """The next false alarm of each pulse; each field (n,).
-
-    number     how many alarms have been drawn, this one included
-    elapsed    progress of the Poisson process at this alarm
-    time_s     crossing time
-    amplitude  peak, in signal units
-    status     `Status.FALSE_ALARM` or `Status.INTERFERENCE`
-    """
-
-    number: Lanes
-    elapsed: Lanes
-    time_s: Lanes
-    amplitude: Lanes
-    status: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,61 +293,6 @@ class _Converter(Received):
             place = ops.where(height > highest, centre, place)
             highest = ops.maximum(height, highest)
         return number, wave.range_m(place)
-
-    def with_alarms(
-        self, stops: Stops, sources: tuple[Interference, ...], number: Array, range_m: Lanes
-    ) -> Stops:
-        """Stops with the false alarms among them.
-
-        number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
-        """
-        for alarms in comparator.false_alarms(self, sources):
-            stops = self._merged(stops, alarms, number, range_m, others=bool(sources))
-        return stops
-
-    def _merged(
-        self,
-        stops: Stops,
-        alarms: comparator.Alarms,
-        number: Array,
-        range_m: Lanes,
-        *,
-        others: bool,
-    ) -> Stops:
-        """Stops with the alarms of one generator among them.
-
-        others  whether some alarms may be of other lidars
-        """
-        ops, tdc = self.ops, self.sensor.tdc
-        zero, kind = ops.full(self.wave.origin_m, 0.0), ops.full(number, 0)
-
-        # Alarms come in the order in which the converter prefers them, and at most as many as it has stops can be kept.
-        # The first is drawn before the loop: most pulses have none in the window and never enter it.
-        def following(draw: Lanes, elapsed: Lanes) -> _NextAlarm:
-            elapsed, alarm = alarms(ops.uint32(draw), elapsed)
-            return _NextAlarm(
-                number=draw + 1, elapsed=elapsed, time_s=alarm.time_s, amplitude=alarm.amplitude,
-                status=kind + alarm_status(alarm.interfering),
-            )  # fmt: skip
-
-        def active(now: tuple[_NextAlarm, Stops]) -> Mask:
-            return (now[0].time_s < tdc.window_s) & (now[0].number <= keeping.most_alarms(tdc))
-
-        def step(now: tuple[_NextAlarm, Stops]) -> tuple[_NextAlarm, Stops]:
-            next_alarm, stops = now
-            width_s: Lanes = zero
-            interfering = interferes(next_alarm.status) if others else None
-            if self.sensor.measures_width:
-                width_s = comparator.alarm_width_s(self, next_alarm.amplitude, interfering=interfering)
-            stop = Stop(
-                key=keeping.key(tdc, next_alarm.time_s, next_alarm.amplitude),
-                crossing_s=next_alarm.time_s, reported_s=next_alarm.time_s,
-                amplitude=next_alarm.amplitude, width_s=width_s, snr=zero, probability=zero,
-                source=number, true_range_m=range_m, status=next_alarm.status,
-            )  # fmt: skip
-            return following(next_alarm.number, next_alarm.elapsed), keeping.with_new(tdc, stops, stop)
-
-        return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]
 
     def detection(self, pulse_train: EchoTrain, found: _Found, stops: Stops, strongest: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""

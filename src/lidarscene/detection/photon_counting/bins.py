@@ -73,14 +73,14 @@ class _Drawn:
     fired    firings of the bins so far that are blind in it
     parts    of each sub-echo, the light in it (`light.waveform.Comb`)
     firings  of each bin
-    counts   of each bin
+    counts   of each bin; None: its firings
     """
 
     number: Lanes
     fired: Lanes
     parts: tuple[Lanes, ...]
     firings: Array
-    counts: Array
+    counts: Array | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,7 +186,8 @@ class Bins:
         comb = self.wave.evenly(start, bin_s / pixel.sigma_s, middle)
         begin = _Drawn(
             number=0.0 * start, fired=0.0 * start, parts=tuple(comb.parts),
-            firings=ops.room(start, count), counts=ops.room(start, count),
+            firings=ops.room(start, count),
+            counts=ops.room(start, count) if pixel.corrected or pixel.spad.coincidence > 1 else None,
         )  # fmt: skip
 
         def step(now: _Drawn) -> _Drawn:
@@ -202,12 +203,14 @@ class Bins:
                 room = ops.put(now.firings, index, firings)
                 now = _Drawn(
                     number=now.number + 1.0, fired=self._still_blind(now, room, firings),
-                    parts=comb.following(now.parts), firings=room, counts=ops.put(now.counts, index, counts),
+                    parts=comb.following(now.parts), firings=room,
+                    counts=None if now.counts is None else ops.put(now.counts, index, counts),
                 )  # fmt: skip
             return now
 
         done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
-        return [ops.get(done.counts, ops.full(first, i)) for i in range(count)]
+        counts = done.firings if done.counts is None else done.counts
+        return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
     def _free(self, now: _Drawn, blind: _Blind) -> Lanes:
         """How many trials meet a free SPAD in the next bin, (n,)."""
@@ -232,12 +235,17 @@ class Bins:
         # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
         age = now.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
         late = ops.floor(age)
-        for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
-            there = (index >= 0.0) & (index <= now.number)
-            old = ops.get(firings, ops.int32(ops.where(there, index, 0.0)))
-            before = ops.where(index >= 0.0, share, 0.0)
-            found = found - ops.where(there, before * old, 0.0)
-        return found
+
+        def freed() -> Lanes:
+            total = 0.0 * new
+            for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
+                there = (index >= 0.0) & (index <= now.number)
+                old = ops.get(firings, ops.int32(ops.where(there, index, 0.0)))
+                total = total + ops.where(there, share * old, 0.0)
+            return total
+
+        # Most bins are nearer to the first one than a dead time.
+        return found - ops.where_any(late >= -1.0, freed, 0.0 * new)
 
     def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
         """Firings of one bin and what it counts, (n,) each.
@@ -248,9 +256,12 @@ class Bins:
         """
         pixel, ops = self.pixel, self.ops
         spad = pixel.spad
-        share = dead_time.firing_share(detections=light + pixel.rate_hz * pixel.histogram.bin_s)
+        detections = light + pixel.rate_hz * pixel.histogram.bin_s
+        share = dead_time.firing_share(detections=detections)
         if spad.coincidence == 1:
-            count = draws.binomial_count(trials=free, probability=share, uniform=uniform)
+            count = draws.binomial_count(
+                trials=free, probability=share, uniform=uniform, log_none=-detections
+            )
             if not pixel.corrected:
                 return count, count
             of_free = count / ops.maximum(free, 1e-6 * pixel.trials)

@@ -182,11 +182,12 @@ class _Receiver(Shots):
             & (time_s - found.last_s >= converter.dead_time_s)
         )
         source, true_range, status = self._source(place)
-        signal = point.signal(lone_w)
+        # The only echo's are those of the pulse, which `detection` needs in any case.
+        snr, probability = self._expected(place, power_w) if self._several else (0.0 * place, 0.0 * place)
         stop = _Stop(
             key=ops.where(taken, self._key(time_s, peak.value), _EMPTY), time_s=time_s, photons=peak.photons,
-            snr=signal / point.noise, probability=point.detection_probability(threshold, signal, 0.0),
-            source=source, true_range_m=true_range, status=status,
+            snr=snr, probability=probability, source=source, true_range_m=true_range,
+            status=status,
         )  # fmt: skip
         higher = there & (power_w > found.highest_w)
         return _Found(
@@ -197,6 +198,21 @@ class _Receiver(Shots):
             highest_w=ops.where(higher, power_w, found.highest_w),
             stops=_inserted(found.stops, stop),
         )
+
+    def _expected(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
+        """SNR and P_d of a peak of the light behind the filter, (n,) each."""
+        ops, sensor = self.ops, self.sensor
+        point = sensor.working_point(self.train.background_power_w, range_m=self.seen.range_m(place))
+        signal = point.signal(power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s))
+        threshold = sensor.threshold(point)
+        if self._several:
+            # Echoes that merge behind the filter have a broad peak, and noise finds some higher place on it.
+            own = ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0)
+            threshold = threshold - matched_filter.gain_of_breadth(
+                signal=signal, background=point.noise * point.noise, own=own,
+                bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
+            )  # fmt: skip
+        return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
         """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
@@ -276,11 +292,16 @@ class _Receiver(Shots):
 
     def detection(self, found: _Found, stops: tuple[_Stop, ...], number: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
-        ops, sensor = self.ops, self.sensor
+        ops = self.ops
+        # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
+        lit = found.highest_w > 0.0
+        snr, probability = self._expected(found.highest, ops.where(lit, self.seen.at(found.highest)[0], 0.0))
+        snr, probability = ops.where(lit, snr, 0.0), ops.where(lit, probability, 0.0)
         reported, kept = [], ops.full(self.light.origin_m, False)
         for stop in stops:
             used = stop.key > _EMPTY
-            kept = kept | (used & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))))
+            of_echo = used & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED)))
+            kept = kept | of_echo
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
             amplitude = ops.maximum(stop.photons, 0.0)
             value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
@@ -291,8 +312,10 @@ class _Receiver(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=value,
-                    snr=stop.snr,
-                    detection_probability=stop.probability,
+                    snr=stop.snr if self._several else ops.where(of_echo, snr, 0.0),
+                    detection_probability=stop.probability
+                    if self._several
+                    else ops.where(of_echo, probability, 0.0),
                     source=stop.source,
                     true_range_m=stop.true_range_m,
                     photons=amplitude,
@@ -303,18 +326,13 @@ class _Receiver(Shots):
         outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
         outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
         outcome = ops.where(self.train.found, outcome, int(Outcome.NO_SURFACE))
-        # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
-        lit = found.highest_w > 0.0
-        power_w = ops.where(lit, self.seen.at(found.highest)[0], 0.0)
-        background = self.train.background_power_w
-        point = sensor.working_point(background, range_m=self.seen.range_m(found.highest))
-        signal = point.signal(power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s))
-        probability = point.detection_probability(sensor.threshold(point), signal, 0.0)
         return Detection(
-            snr=ops.where(lit, signal / point.noise, 0.0),
-            detection_probability=ops.where(lit, probability, 0.0),
+            snr=snr,
+            detection_probability=probability,
             outcome=outcome,
-            ambient=ambient.counts(background, sensor, seed=self.seed, pulse=self.pulse),
+            ambient=ambient.counts(
+                self.train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse
+            ),
             stops=tuple(reported),
             source=number,
         )

@@ -15,6 +15,7 @@ Symbols: M gain, F excess noise factor, k ionisation ratio, N mean number of pri
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -208,63 +209,44 @@ def _saddle_point(
     return _Saddle(s, exponent, primaries * bend + variance, total)
 
 
-def false_alarm_probability(
-    *,
-    threshold_a: Lanes,
-    primary_current_a: Lanes,
-    unmultiplied_variance_a2: Lanes,
-    gain: Lanes,
-    excess_noise: Lanes,
-    bandwidth_hz: Lanes,
-) -> Lanes:
-    """P_f of one comparison with McIntyre's tail in place of the Gaussian (9): `tail_probability` in amperes.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Currents:
+    """What makes the noise of an avalanche photodiode, in amperes.
 
-    primary_current_a         current of the background and of the bulk dark current, before the avalanche
-    unmultiplied_variance_a2  variance of the noise that is not multiplied, as in (18); taken as Gaussian
-    excess_noise              F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
+    primary_a         current of the background and of the bulk dark current, before the avalanche
+    unmultiplied_a2   variance of the noise that is not multiplied, as in (18); taken as Gaussian
+    gain              M
+    excess_noise      F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
+    bandwidth_hz      B of the noise
     """
-    return tail_probability(
-        **_electrons(
-            threshold_a, primary_current_a, unmultiplied_variance_a2, gain, excess_noise, bandwidth_hz
-        )
-    )
+
+    primary_a: Lanes
+    unmultiplied_a2: Lanes
+    gain: Lanes
+    excess_noise: Lanes
+    bandwidth_hz: Lanes
+
+    def electrons(self, threshold_a: Lanes) -> dict[str, Lanes]:
+        """As numbers of electrons in one resolution time, with a threshold, as `tail_probability` takes them."""
+        per_ampere = resolution_time_s(bandwidth_hz=self.bandwidth_hz) / ELEMENTARY_CHARGE_C
+        return {
+            "excess": threshold_a * per_ampere,
+            "primaries": self.primary_a * per_ampere,
+            "gain": self.gain,
+            "ionisation_ratio": ionisation_ratio(gain=self.gain, excess_noise=self.excess_noise),
+            "amplifier": xp(self.unmultiplied_a2).sqrt(self.unmultiplied_a2) * per_ampere,
+        }
 
 
-def crossing_rate_hz(
-    *,
-    threshold_a: Lanes,
-    primary_current_a: Lanes,
-    unmultiplied_variance_a2: Lanes,
-    gain: Lanes,
-    excess_noise: Lanes,
-    bandwidth_hz: Lanes,
-) -> Lanes:
+def false_alarm_probability(currents: Currents, *, threshold_a: Lanes) -> Lanes:
+    """P_f of one comparison with McIntyre's tail in place of the Gaussian (9): `tail_probability` in amperes."""
+    return tail_probability(**currents.electrons(threshold_a))
+
+
+def crossing_rate_hz(currents: Currents, *, threshold_a: Lanes) -> Lanes:
     """Upward crossings a second, `tdc.rice_rate_hz` with McIntyre's tail: `crossings_per_frequency` in amperes."""
-    share = crossings_per_frequency(
-        **_electrons(
-            threshold_a, primary_current_a, unmultiplied_variance_a2, gain, excess_noise, bandwidth_hz
-        )
-    )
-    return MEAN_FREQUENCY_LOW_PASS * bandwidth_hz * share
-
-
-def _electrons(
-    threshold_a: Lanes,
-    primary_current_a: Lanes,
-    unmultiplied_variance_a2: Lanes,
-    gain: Lanes,
-    excess_noise: Lanes,
-    bandwidth_hz: Lanes,
-) -> dict[str, Lanes]:
-    """Currents as numbers of electrons in one resolution time, as `tail_probability` takes them."""
-    electrons_per_ampere = resolution_time_s(bandwidth_hz=bandwidth_hz) / ELEMENTARY_CHARGE_C
-    return {
-        "excess": threshold_a * electrons_per_ampere,
-        "primaries": primary_current_a * electrons_per_ampere,
-        "gain": gain,
-        "ionisation_ratio": ionisation_ratio(gain=gain, excess_noise=excess_noise),
-        "amplifier": xp(unmultiplied_variance_a2).sqrt(unmultiplied_variance_a2) * electrons_per_ampere,
-    }
+    share = crossings_per_frequency(**currents.electrons(threshold_a))
+    return MEAN_FREQUENCY_LOW_PASS * currents.bandwidth_hz * share
 
 
 def tail_probability_exact(

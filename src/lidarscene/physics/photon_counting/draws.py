@@ -1,7 +1,7 @@
-"""Draws: binomial counts from uniform numbers, without a loop.
+"""Draws: binomial counts from uniform numbers.
 
-A histogram receiver draws some twenty counts for each pulse. A loop inside the kernel would run as long as its slowest
-lane needs, so the few terms that small means have are written out.
+A histogram receiver draws some twenty counts for each pulse, most of them small. Lanes go through a kernel in packets,
+and a packet leaves out what none of its lanes needs.
 """
 
 from __future__ import annotations
@@ -17,38 +17,59 @@ _FEW = 4.0
 _TERMS = 14
 """Terms that are inverted: P(count > 14) is 1e-5 at a mean of 4."""
 
+_FIRST_TERMS = 5
+"""Terms that are inverted in any case: P(count >= 5) is 4e-3 at a mean of 1."""
 
-def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:
+_TAIL = 5.0
+"""Beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of its own."""
+
+
+def binomial_count(
+    *, trials: Lanes, probability: Lanes, uniform: Lanes, log_none: Lanes | None = None
+) -> Lanes:
     """A whole number from a binomial distribution, (n,): by inversion if its mean is small, else by Cornish and Fisher.
 
     trials       number of trials, whole or not
     probability  of each, from 0 to 1
     uniform      in (0, 1]
+    log_none     ln(1 - probability), if it is known
     """
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)
-    mean = trials * p
-    few = mean < _FEW
+    few = trials * p < _FEW
     # Inversion: how many terms of the distribution lie below the uniform number. (1 - p)^N is the first.
     odds = p / (1.0 - p)
-    term = ops.exp(trials * log1p(-p))
-    below, count = term, ops.where(uniform > term, 1.0, 0.0)
-    for k in range(1, _TERMS):
-        term = term * ops.maximum(trials - (k - 1.0), 0.0) * odds * (1.0 / k)
-        below = below + term
-        count = count + ops.where(uniform > below, 1.0, 0.0)
-    # Cornish and Fisher, to the kurtosis, rounded to a whole number. Rounding adds 1 / 12 to the variance, so it is
-    # taken off before (Sheppard).
-    variance = ops.maximum(mean * (1.0 - p) - 1.0 / 12.0, 1e-6)
+    term = ops.exp(trials * (log1p(-p) if log_none is None else log_none))
+
+    def after(now: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:
+        """Count, term and sum of the terms after more terms."""
+        count, term, below = now
+        for k in range(first, end):
+            term = term * ops.maximum(trials - (k - 1.0), 0.0) * odds * (1.0 / k)
+            below = below + term
+            count = count + ops.where(uniform > below, 1.0, 0.0)
+        return count, term, below
+
+    one: Lanes = ops.where(uniform > term, 1.0, 0.0)
+    now = after((one, term, term), 1, _FIRST_TERMS)
+    count, _, _ = ops.where_any(few & (uniform > now[2]), lambda: after(now, _FIRST_TERMS, _TERMS), now)
+    found: Lanes = ops.minimum(count, trials)
+    return ops.where_any(~few, lambda: _many(trials, p, uniform), found)
+
+
+def _many(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+    """The count if its mean is not small, (n,): Cornish and Fisher to the kurtosis, rounded to a whole number."""
+    # Rounding adds 1 / 12 to the variance, so it is taken off before (Sheppard).
+    ops = xp(trials, p, uniform)
+    mean = trials * p
+    root = ops.sqrt(ops.maximum(mean * (1.0 - p) - 1.0 / 12.0, 1e-6))
     z = _deviate(uniform)
-    skew = (1.0 - 2.0 * p) * (z * z - 1.0) / 6.0
+    square, tilt = z * z, 1.0 - 2.0 * p
+    skew = tilt * (square - 1.0) * (1.0 / 6.0)
     spread = 1.0 - 6.0 * p * (1.0 - p)
-    root = ops.sqrt(variance)
-    curved = (
-        spread * z * (z * z - 3.0) / 24.0 - (1.0 - 2.0 * p) ** 2 * z * (2.0 * z * z - 5.0) / 36.0
-    ) / root
-    many = ops.floor(mean + root * z + skew + curved + 0.5)
-    return ops.where(few, ops.minimum(count, trials), ops.minimum(ops.maximum(many, 0.0), trials))
+    curved = spread * (square - 3.0) * (1.0 / 24.0) - tilt * tilt * (2.0 * square - 5.0) * (1.0 / 36.0)
+    many = ops.floor(mean + root * z + skew + curved * z / root + 0.5)
+    return ops.minimum(ops.maximum(many, 0.0), trials)
 
 
 def _deviate(uniform: Lanes) -> Lanes:
@@ -60,13 +81,17 @@ def _deviate(uniform: Lanes) -> Lanes:
     # x = 2 u - 1 in (-1, 1); 1 - x^2 = 4 u (1 - u) keeps its precision near 0. Near 1 float32 has no more than 24 bits.
     x = 2.0 * uniform - 1.0
     w = -ops.log(ops.maximum(4.0 * uniform * (1.0 - uniform), 1e-12))
-    centre, tail = w - 2.5, ops.sqrt(ops.maximum(w, 5.0)) - 3.0
-    low = 2.81022636e-08 + 0.0 * w
+    centre = w - 2.5
+    low: Lanes = 2.81022636e-08 + 0.0 * w
     for c in (3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087, -0.00125372503,
               -0.00417768164, 0.246640727, 1.50140941):  # fmt: skip
         low = c + low * centre
-    high = -0.000200214257 + 0.0 * w
-    for c in (0.000100950558, 0.00134934322, -0.00367342844, 0.00573950773, -0.0076224613,
-              0.00943887047, 1.00167406, 2.83297682):  # fmt: skip
-        high = c + high * tail
-    return math.sqrt(2.0) * x * ops.where(w < 5.0, low, high)
+
+    def tail() -> Lanes:
+        high, beyond = -0.000200214257 + 0.0 * w, ops.sqrt(ops.maximum(w, _TAIL)) - 3.0
+        for c in (0.000100950558, 0.00134934322, -0.00367342844, 0.00573950773, -0.0076224613,
+                  0.00943887047, 1.00167406, 2.83297682):  # fmt: skip
+            high = c + high * beyond
+        return high
+
+    return math.sqrt(2.0) * x * ops.where_any(w >= _TAIL, tail, low)

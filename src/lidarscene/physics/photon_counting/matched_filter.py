@@ -32,6 +32,9 @@ _OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
 _LEAST_STEEP = 1.5
 """Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
 
+_BROADEST = 3.0
+"""How many times the gain of a lone echo a broad peak gains besides, at most."""
+
 _THIRD = math.sqrt(2.0 / 3.0)
 """Integral of the template's cube over that of its square."""
 
@@ -143,10 +146,33 @@ def detection_probability(
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
     spread = ops.maximum(background + own, 1e-30)
-    steep = ops.where(lit, ops.maximum(signal, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
-    gained = (_BACKGROUND_GAIN * background + _OWN_GAIN * own) / steep
+    gained = _gain(signal, background, own)
     found = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
     return ops.where(lit, found, 0.0)
+
+
+def _gain(signal: Lanes, background: Lanes, own: Lanes) -> Lanes:
+    """var F' / (2 |F''|) of a lone echo, as `detection_probability` takes it."""
+    ops = xp(signal, background, own)
+    spread = ops.maximum(background + own, 1e-30)
+    steep = ops.where(signal > 1e-6, ops.maximum(signal, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
+    return (_BACKGROUND_GAIN * background + _OWN_GAIN * own) / steep
+
+
+def gain_of_breadth(*, signal: Lanes, background: Lanes, own: Lanes, bend: Lanes) -> Lanes:
+    """How much more the highest value near a broad peak exceeds that at the peak than near a lone echo, in photons.
+
+    The gain of (T98) grows as the peak's curvature falls, by x = |F''| of a lone echo / |F''| - 1. A top that is
+    flat at its middle still falls off to its sides: echoes at every distance, drawn bin by bin, gain
+    x / sqrt(1 + (x / 3)^2), so 4 times as much at most (T98a).
+
+    signal, background, own  as of `detection_probability`
+    bend                     second derivative of the peak over its height, in widths of a lone echo: -1 of that
+    """
+    ops = xp(signal, bend)
+    over = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
+    broader = over / ops.sqrt(1.0 + over * over * (1.0 / (_BROADEST * _BROADEST)))
+    return _gain(signal, background, own) * broader
 
 
 def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:

@@ -94,16 +94,15 @@ class Apd:
         rest = self.unmultiplied_variance_a2(bandwidth_hz)
         variance = multiplied + rest
 
-        electrons = {**avalanche, "primary_current_a": primary, "unmultiplied_variance_a2": rest}
+        currents = mcintyre.Currents(primary_a=primary, unmultiplied_a2=rest, **avalanche)
 
         def mcintyre_tail(threshold: Lanes) -> Lanes:
-            return mcintyre.false_alarm_probability(threshold_a=threshold, **electrons)
+            return mcintyre.false_alarm_probability(currents, threshold_a=threshold)
 
         def mcintyre_crossings_hz(threshold: Lanes, crossing_hz: Lanes) -> Lanes:
             # The tail is of the electrons in a resolution time of the noise, whatever filter follows.
-            return mcintyre.crossing_rate_hz(threshold_a=threshold, **electrons) * (
-                crossing_hz / bandwidth_hz
-            )
+            rate_hz = mcintyre.crossing_rate_hz(currents, threshold_a=threshold)
+            return rate_hz * (crossing_hz / bandwidth_hz)
 
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(

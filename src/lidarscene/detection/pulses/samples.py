@@ -1,0 +1,206 @@
+"""Samples: what an ADC makes of the light around a crossing, and the time and height that it reads from that.
+
+Symbols: sigma_p width of the laser pulse and unit of all places, s_i sample i, g Gaussian pulse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ...maths import random
+from ...maths.arrays import Array, Lanes, Mask, S
+from ...maths.random import Stage
+from ...physics.electronics import sampling
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ...sensor.electronics import Adc
+from ..rises import Rise
+from ..shots import Received
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """The ADC's samples around a crossing; each array (n,), places in sigma_p.
+
+    shots     the pulses
+    adc       the converter
+    rise      the rise that crossed the threshold
+    crossing  place of the crossing
+    start     place of the first sample
+    spacing   distance between two samples
+    base      signal of the light on which the pulse stands: it is taken off the samples
+    """
+
+    shots: Received
+    adc: Adc
+    rise: Rise
+    crossing: Lanes
+    start: Lanes
+    spacing: Lanes
+    base: Lanes
+
+    @classmethod
+    def around(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> Window:
+        """The window that begins one pulse width before a crossing, on the ticks of the ADC's clock."""
+        spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
+        # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
+        # tick after the window's start.
+        tick = (shots.time_s(place) - shots.sensor.received_fwhm_s) * adc.rate_hz
+        late = shots.ops.floor(tick) + 1.0 - tick
+        return cls(
+            shots=shots, adc=adc, rise=rise, crossing=place, spacing=spacing,
+            start=place - SIGMAS_PER_FWHM + late * spacing, base=base,
+        )  # fmt: skip
+
+    def place(self, number: Lanes) -> Lanes:
+        """Place of a sample, (n,)."""
+        return self.start + self.shots.ops.float32(number) * self.spacing
+
+    def read(self, wanted: Mask) -> Array:
+        """Local memory with all samples of each lane, in order of time; they have noise and are quantised."""
+        shots, adc, ops = self.shots, self.adc, self.shots.ops
+        kept = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
+        fresh = ops.sqrt(1.0 - kept * kept)
+        # Each rise of a pulse has a block of draws of its own, one for each sample.
+        before = self.rise.number * ops.uint32(adc.samples)
+        # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
+        comb = shots.wave.evenly(
+            self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing
+        )
+
+        def step(number: Lanes, so_far: _Sampled) -> _Sampled:
+            own = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]
+            # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
+            # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
+            deviate = ops.where(number == 0, own, kept * so_far.deviate + fresh * own)
+            signal = shots.point.signal(comb.power_w(self.place(number), so_far.parts))
+            sample = sampling.quantised(
+                signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
+                step=adc.step,
+                full_scale=adc.full_scale,
+            )
+            samples = ops.put(so_far.samples, number, sample - self.base)
+            return _Sampled(deviate=deviate, samples=samples, parts=comb.following(so_far.parts))
+
+        nothing = ops.full(self.start, 0.0)
+        start = _Sampled(deviate=nothing, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
+        return self._for_each(step, start, wanted).samples
+
+    def _for_each(self, step: Callable[[Lanes, S], S], state: S, wanted: Mask) -> S:
+        """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state."""
+        samples = self.adc.samples
+
+        def active(now: tuple[Lanes, S]) -> Mask:
+            return wanted & (now[0] < samples)
+
+        def stepped(now: tuple[Lanes, S]) -> tuple[Lanes, S]:
+            number, so_far = now
+            return number + 1, step(number, so_far)
+
+        start: tuple[Lanes, S] = self.shots.ops.full(self.rise.number, 0), state
+        return self.shots.ops.loop(start, active, stepped)[1]
+
+    def centroid(self, samples: Array, wanted: Mask) -> _Centroid:
+        """Sums over the first run of samples above the threshold.
+
+        The run ends at the first sample below half the threshold. Noise alone should not cut a pulse in two at its
+        foot, so it cannot end within sigma_p of the crossing.
+        """
+        ops, threshold = self.shots.ops, self.shots.sample_threshold
+        nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
+
+        def step(number: Lanes, so_far: _Centroid) -> _Centroid:
+            place, sample = self.place(number), ops.get(samples, number)
+            above = (sample >= threshold) & ~so_far.closed
+            part = ops.where(above, sample, 0.0)
+            return _Centroid(
+                total=so_far.total + part,
+                moment=so_far.moment + part * place,
+                over=so_far.over + ops.where(above, 1, 0),
+                highest=ops.maximum(so_far.highest, part),
+                closed=so_far.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
+            )
+
+        empty = _Centroid(
+            total=nothing, moment=nothing, over=count, highest=nothing, closed=ops.full(self.start, False)
+        )
+        return self._for_each(step, empty, wanted)
+
+    def matched(self, samples: Array, at: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
+        """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
+
+        at  (n,) place from which the step is taken
+
+        Returns the next place and the height of the pulse that fits the samples best at ``at``.
+        """
+        ops = self.shots.ops
+        nothing = ops.full(self.start, 0.0)
+
+        def step(number: Lanes, so_far: _Correlation) -> _Correlation:
+            ahead = self.place(number) - at
+            pulse = ops.exp(-0.5 * ahead * ahead)
+            part = ops.get(samples, number) * pulse
+            return _Correlation(
+                slope=so_far.slope + part * ahead,
+                bend=so_far.bend + part * (1.0 - ahead * ahead),
+                height=so_far.height + part,
+                power=so_far.power + pulse * pulse,
+            )
+
+        empty = _Correlation(slope=nothing, bend=nothing, height=nothing, power=nothing)
+        found = self._for_each(step, empty, wanted)
+        # Near a maximum the second derivative is negative; ``bend`` is its negative. Where it is too small for a
+        # sensible step, and beyond half a sigma_p, the step is not trusted.
+        curved = found.bend > 0.1 * ops.abs(found.height)
+        newton = ops.where(curved, found.slope / ops.where(curved, found.bend, 1.0), 0.0)
+        # Least squares: the height a that minimises sum (s_i - a g_i)^2 is sum s_i g_i / sum g_i^2.
+        amplitude = found.height / ops.where(found.power > 0.0, found.power, 1.0)
+        return at + ops.maximum(ops.minimum(newton, 0.5), -0.5), amplitude
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sampled:
+    """State of reading the samples.
+
+    deviate  (n,) of the last sample's noise, N(0, 1)
+    samples  local memory for all samples of each lane
+    parts    (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
+    """
+
+    deviate: Lanes
+    samples: Array
+    parts: tuple[Lanes, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Centroid:
+    """Sums over the first run of samples above the threshold; each field (n,).
+
+    total    sum of the samples
+    moment   sum of the samples times their places
+    over     number of samples
+    highest  highest sample
+    closed   whether the run has ended
+    """
+
+    total: Array
+    moment: Array
+    over: Array
+    highest: Array
+    closed: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Correlation:
+    """Correlation of the samples with a pulse at some place; each field (n,).
+
+    slope   its derivative by the pulse's place
+    bend    its second derivative, with the sign changed
+    height  the correlation
+    power   sum of the pulse's squares
+    """
+
+    slope: Array
+    bend: Array
+    height: Array
+    power: Array

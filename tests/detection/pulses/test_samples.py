@@ -1,0 +1,157 @@
+"""What an ADC reads of a pulse: against the Cramer-Rao bound, the noise of samples in a row, and quantisation."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import trains
+from helpers.readings import ADC, SHOTS, WHITE, readings
+from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
+from scipy.stats import chi2, norm
+
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import sampling
+
+HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
+
+
+@pytest.mark.parametrize("snr", [30.0, 100.0, 300.0])
+def test_matched_filter_reaches_the_cramer_rao_bound(snr):
+    """At a high SNR, to 5 %: no unbiased estimate does better, and white noise is what a matched filter is for.
+
+    Chi-square at 1e-4 on either side, bias by a z-test at 1e-4. At SNR 30 and below the bound itself is a limit.
+    """
+    error, amplitude, _ = readings(snr, *WHITE, *ADC)
+    bound = HALF_C * sampling.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+    count = len(error)
+    low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-4, 1.0 - 1e-4))
+    assert low * bound < error.std() < 1.05 * high * bound
+    assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(count)
+    # Of the amplitude: sigma over the root of the sum of g^2, rate sqrt(pi) sigma_p samples.
+    assert amplitude.std() == pytest.approx(
+        1.0 / snr / math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S), rel=0.05
+    )
+
+
+def test_the_bound_is_that_of_the_sum_over_samples():
+    """Its integral over time against the sum at any phase of the clock."""
+    for phase in (0.0, 0.3, 0.7):
+        time = (np.arange(-40, 41) + phase) * 1e-9 / SIGMA_S
+        information = ((time * np.exp(-0.5 * time**2)) ** 2).sum() / SIGMA_S**2
+        bound = sampling.least_time_deviation_s(snr=50.0, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+        assert bound == pytest.approx(1.0 / math.sqrt(information) / 50.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("snr", [30.0, 100.0, 300.0])
+def test_the_centroid_is_unbiased(snr):
+    """Cut at the same level on both sides: a z-test at 1e-4; and it cannot be better than the bound."""
+    error, _, _ = readings(snr, *WHITE, *ADC, "sampler.estimator='centroid'")
+    assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(len(error))
+    bound = HALF_C * sampling.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+    assert error.std() > bound
+
+
+@pytest.mark.parametrize("bandwidth_mhz", [50.0, 167.0])
+def test_noise_of_samples_in_a_row(bandwidth_mhz):
+    """A pole of bandwidth B keeps rho = exp(-2 pi B / rate) of a sample's noise for the next one.
+
+    Reference: the variance that samples with correlations rho^|i - j| and the weights g / sum(g^2) have, and the range
+    with the slope's weights; 6 % for 20 000 shots and samples that are cut at four pulse widths. White noise would be
+    off by 30 % and more.
+    """
+    snr, options = 200.0, [f"tdc.bandwidth_mhz={bandwidth_mhz}", *WHITE[1:], *ADC]
+    error_m, amplitude, _ = readings(snr, *options)
+    place = np.arange(-30, 31) * 1e-9 / SIGMA_S
+    pulse, slope = np.exp(-0.5 * place**2), place * np.exp(-0.5 * place**2)
+    rho = np.exp(-2.0 * math.pi * bandwidth_mhz * 1e6 * 1e-9) ** np.abs(
+        np.subtract.outer(np.arange(61), np.arange(61))
+    )
+    wanted = math.sqrt(pulse @ rho @ pulse) / (pulse @ pulse) / snr
+    assert wanted > 1.3 / math.sqrt(pulse @ pulse) / snr
+    assert amplitude.std() == pytest.approx(wanted, rel=0.06)
+    wanted_m = HALF_C * SIGMA_S * math.sqrt(slope @ rho @ slope) / (slope @ slope) / snr
+    assert error_m.std() == pytest.approx(wanted_m, rel=0.06)
+
+
+def test_width_that_samples_tell():
+    """Samples over the threshold, anywhere on the clock: on average rate times the time that the pulse is over it.
+
+    To five deviations of the mean, and 1 % for noise at the edges; each is a whole number of samples.
+    """
+    for snr in (30.0, 100.0):
+        _, _, width_s = readings(snr, *WHITE, *ADC)
+        wanted_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(snr / 7.0))
+        assert width_s.mean() == pytest.approx(
+            wanted_s, abs=5.0 * width_s.std() / math.sqrt(SHOTS) + 0.01 * wanted_s
+        )
+        np.testing.assert_allclose(width_s * 1e9, np.rint(width_s * 1e9), atol=1e-9)
+
+
+def test_quantisation_noise():
+    """Coarse steps add step / sqrt(12) to the noise of a sample, which the matched filter passes on to the amplitude.
+
+    8 bits of 2560 sigma are steps of 10 sigma, 2.9 sigma of noise; the pulse's 30 sigma per sample move it over many
+    steps, so that errors are evenly spread: 10 % for what is left of the steps' own pattern.
+    """
+    snr, sigma = (
+        300.0,
+        float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0]),
+    )
+    coarse = ["sampler.bits=8", f"sampler.full_scale={2560.0 * sigma!r}"]
+    _, amplitude, _ = readings(snr, *WHITE, *ADC, *coarse)
+    noise = math.hypot(1.0, sampling.quantisation_noise(step=10.0))
+    gain = math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S)
+    assert amplitude.std() == pytest.approx(noise / snr / gain, rel=0.1)
+    steps = np.random.default_rng(2).uniform(-50.0, 50.0, 1_000_000)
+    error = sampling.quantised(signal=steps, step=1.0, full_scale=100.0) - steps
+    assert error.std() == pytest.approx(
+        sampling.quantisation_noise(step=1.0), rel=2e-3
+    )  # 1e6 errors: 1e-3 / sqrt(2)
+
+
+def test_an_adc_that_is_full_clips():
+    """The centroid stays, since both sides are cut alike; the amplitude is full scale."""
+    sigma = float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0])
+    error, amplitude, _ = readings(
+        1000.0, *WHITE, *ADC, f"sampler.full_scale={500.0 * sigma!r}", "sampler.estimator='centroid'"
+    )
+    np.testing.assert_allclose(amplitude, 0.5, rtol=1e-9)
+    assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(len(error))
+
+
+@pytest.mark.parametrize(("dip", "apart"), [(0.7, False), (0.3, True)])
+def test_samples_end_below_half_of_the_threshold(dip, apart):
+    """Two equal echoes with a dip between them, in thresholds: the window closes below a half and not above it.
+
+    Reference: the centroid of a waveform without noise at all phases of the clock, of all samples of the window that
+    are over the threshold or of those of the first echo. The threshold is 50 of the noise: half of it is 10 off the
+    dip. Tolerance: five deviations of the mean and 1 % of sigma_p.
+    """
+    snr = 1400.0
+    places = math.sqrt(8.0 * math.log(2.0 * snr / (50.0 * dip)))  # exp(-d^2 / 8) twice is the dip
+    error_m, _, _ = readings(
+        2.0 * snr, *WHITE, *ADC, "tdc.threshold_to_noise=50", "sampler.estimator='centroid'",
+        sub_echoes=((0.0, 0.5), (places * SIGMA_M, 0.5)),
+    )  # fmt: skip
+    crossing = -math.sqrt(2.0 * math.log(snr / 50.0))
+    spacing, width = 1e-9 / SIGMA_S, FWHM_S / SIGMA_S
+    centroids = []
+    for phase in (np.arange(500) + 0.5) / 500.0:
+        at = crossing - width + spacing * (phase + np.arange(25))
+        height = snr * (np.exp(-0.5 * at**2) + np.exp(-0.5 * (at - places) ** 2))
+        kept = (height >= 50.0) & ((at < 0.5 * places) | (not apart))
+        centroids.append((at * height)[kept].sum() / height[kept].sum())
+    assert (np.mean(centroids) < 0.01) == apart
+    tolerance = 5.0 * error_m.std() / math.sqrt(len(error_m)) + 0.01 * SIGMA_M
+    assert error_m.mean() == pytest.approx(np.mean(centroids) * SIGMA_M, abs=tolerance)
+
+
+def test_two_pulses_in_one_window_are_read_apart():
+    """Two echoes 4 m apart, with the waveform below half of the threshold between them: each at its own place."""
+    equipped = sensor("table1-apd", *WHITE, *ADC, "tdc.stops=2")
+    power = trains.power_at_snr(equipped, 200.0)
+    found = detect(train(np.full((200, 2), (50.0, 54.0)), np.full((200, 2), power)), equipped)
+    for stop, place in zip(found.stops, (50.0, 54.0), strict=True):
+        here = stop.reported & (stop.status == 0)
+        assert here.mean() > 0.98
+        assert np.median(stop.range_m[here]) == pytest.approx(place, abs=0.05 * SIGMA_M)
