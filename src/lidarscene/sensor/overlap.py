@@ -6,6 +6,7 @@ tabulated once, even in s / (s + R), which is fine near the sensor, where it cha
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -44,6 +45,8 @@ class Overlap:
     offset_m: Lanes = 0.0
 
     @classmethod
+    # Some 0.2 s each, and a sensor is often read more than once.
+    @functools.lru_cache(maxsize=64)
     def of(
         cls,
         spot: Spot,
