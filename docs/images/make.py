@@ -10,6 +10,7 @@ import leaves
 import numpy as np
 import response
 import retro
+import surfaces
 from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, frame, store
 from PIL import Image
 
@@ -148,6 +149,7 @@ PICTURES = {
     "retro": retro.retro,
     "intensity": retro.intensity,
     "bloom": retro.bloom,
+    "surfaces": surfaces.surfaces,
     "view": view,
 }
 

@@ -12,9 +12,10 @@ from scipy.stats import norm
 
 from lidarscene import catalog, load_sensor
 from lidarscene.files import pvlib
+from lidarscene.materials import colour
 from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.physics.electronics import sipm, tdc
-from lidarscene.physics.optics import solar_spectrum
+from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import catalogue
 from lidarscene.studies.eye_safety.report import eye_safety_report
@@ -123,6 +124,49 @@ def test_materials() -> None:
         assert row[3:5] == shown, row[0]
         if "transmittance" in data:
             row_says([row[6]], *(material.at(nm * 1e-9)["transmittance"] for nm in (905, 1550)))
+
+
+def test_what_a_colour_is_worth() -> None:
+    exponents, spreads = table("materials.md", "by colour |")
+    row_says(exponents[1:], *colour.EXPONENTS)
+    row_says(spreads[1:], *colour.SPREADS)
+    at_905, at_1550 = math.exp(colour.SPREADS[1]), math.exp(colour.SPREADS[-1])
+    says("materials.md", "a factor of {} either way at 905 nm and {} at 1550 nm", at_905, at_1550)
+    says("limits.md", "infrared reflectivity to a factor of {}", at_905)
+
+
+def test_slopes_of_materials() -> None:
+    for row in table("materials.md", "Material |"):
+        slope_deg = catalogue_material(row[0].strip("`")).parameters.get("facet_slope_deg")
+        assert ("facet slope" in row[6]) == (slope_deg is not None), row[0]
+        if slope_deg is not None:
+            row_says([row[6]], slope_deg)
+
+
+def test_flat_angles_of_rough_surfaces() -> None:
+    def back(slope_deg: float, theta_deg: float) -> float:
+        cos = math.cos(math.radians(theta_deg))
+        relief = reflection.relief(math.radians(slope_deg))
+        per_sr = reflection.rough_diffuse_per_sr(
+            reflectivity=1.0, relief=relief, cos_in=cos, cos_out=cos, cos_between=1.0
+        )
+        return float(math.pi * per_sr * cos)
+
+    fall = math.log(math.cos(math.radians(83)) / math.cos(math.radians(70)))
+    power = [math.log(back(slope, 83) / back(slope, 70)) / fall for slope in (30, 45)]
+    over = [back(slope, 83) / math.cos(math.radians(83)) for slope in (30, 45)]
+    says(
+        "theory.md",
+        "to the power of {} at sigma = 30 degrees and {} at 45, and is {} and {} times",
+        *power,
+        *over,
+    )
+    says("materials.md", "facets of 45 degrees {}.", power[1])
+    says(
+        "theory.md",
+        "1 + {} K",
+        (1.0 / reflection.largest_reflectivity(1e3) - 1.0) / float(reflection.relief(1e3)),
+    )
 
 
 def test_wavelengths_of_materials() -> None:

@@ -68,7 +68,7 @@ EXTRA = {
 }
 
 # What any material that scatters may have besides.
-OPTIONAL = {"transmittance", "cover", "cover_source"}
+OPTIONAL = {"transmittance", "cover", "cover_source", "facet_slope_deg", "facet_slope_source"}
 
 # Smallest and largest white minimum at 0.2 deg observation and -4 deg entrance in ASTM D4956-01:
 # type I (70, seen in a copy of the tables) and type VII (750, from memory).
@@ -123,6 +123,7 @@ def test_keys_are_exactly_those_of_the_bsdf(name):
     assert material["bsdf"] in EXTRA
     assert set(material) - {"note"} - OPTIONAL == COMMON | EXTRA[material["bsdf"]]
     assert ("cover" in material) == ("cover_source" in material)
+    assert ("facet_slope_deg" in material) == ("facet_slope_source" in material)
     assert material.get("note", "x").strip()
 
 
@@ -244,6 +245,15 @@ def test_lane_marking_stands_out_from_asphalt():
     """A marking no brighter than its road could not be found by intensity."""
     marking, road = values(load("lane_marking")), values(load("asphalt"))
     assert all(marking[wavelength] > 2 * road[wavelength] for wavelength in WAVELENGTHS)
+    assert load("lane_marking")["facet_slope_deg"] >= load("asphalt")["facet_slope_deg"], "nor at flat angles"
+
+
+def test_the_ground_is_rough_and_targets_are_not():
+    """Roads, concrete, soil, bark, brick have slopes; a target board is Lambertian by definition, as the paper's."""
+    for name in ("asphalt", "lane_marking", "concrete", "soil", "bark", "brick"):
+        assert 10 < load(name)["facet_slope_deg"] < 60, name
+    for name in ("target_10", "target_80"):
+        assert "facet_slope_deg" not in load(name)
 
 
 @pytest.mark.parametrize(("name", "value"), [("target_10", 0.1), ("target_80", 0.8)])

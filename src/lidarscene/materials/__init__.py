@@ -5,5 +5,6 @@ a BSDF at the laser's wavelength.
 
 material   `Material`
 file       material files, and materials inside scene files
+colour     what visible colours say of it
 catalogue  the materials of the catalogue, by name
 """

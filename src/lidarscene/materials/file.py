@@ -29,7 +29,7 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
 }
 _OPTIONAL: dict[str, tuple[str, ...]] = {
-    "diffuse": ("transmittance", "cover"),
+    "diffuse": ("facet_slope_deg", "transmittance", "cover"),
     "coated": ("cover",),
     "conductor": ("index", "cover"),
     "mirror": ("index",),
@@ -37,7 +37,8 @@ _OPTIONAL: dict[str, tuple[str, ...]] = {
     "retroreflector": ("cover",),
 }
 _PLAIN = (
-    "coat_ior", "coat_roughness", "roughness", "cover", "retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg",
+    "facet_slope_deg", "coat_ior", "coat_roughness", "roughness", "cover", "retro_coefficient_cd_per_lx_m2",
+    "retro_half_angle_deg",
 )  # fmt: skip
 """Numbers that go into a `Material` as they are."""
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
@@ -79,6 +80,8 @@ class MaterialFile(FileModel):
     bsdf: Literal["diffuse", "coated", "conductor", "mirror", "glass", "retroreflector"] = "diffuse"
     reflectivity: Reflectivity
     transmittance: Reflectivity | None = None
+    facet_slope_deg: Annotated[float, Field(gt=0, le=60)] | None = None
+    facet_slope_source: str = ""
     cover: Annotated[float, Field(gt=0, le=1)] | None = None
     cover_source: str = ""
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None

@@ -48,10 +48,12 @@ class Material:
     """A surface.
 
     bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
-    reflectivity  diffuse hemispherical reflectivity; the specular one for conductors, mirrors and glass
-    parameters    further numbers of that kind, constant or a `Spectrum`: coat_ior, coat_roughness; roughness, index_n,
-                  index_k; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse
-                  hemispherical, of a thin surface); cover (share of the surface that is not gaps)
+    reflectivity  diffuse hemispherical reflectivity at normal incidence; the specular one for conductors, mirrors and
+                  glass
+    parameters    further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
+                  slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
+                  retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
+                  surface); cover (share of the surface that is not gaps)
     """
 
     name: str

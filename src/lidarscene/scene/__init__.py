@@ -11,5 +11,6 @@ motion      motion in scene files
 poses       trajectory files
 meshes      mesh files and primitives
 mesh_cache  meshes kept as arrays between runs
+patterns    reflectivity that varies over a mesh
 foreign     scenes of trimesh and Mitsuba
 """

@@ -11,6 +11,7 @@ import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,7 +24,7 @@ from ..materials.material import Material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
-from . import meshes
+from . import meshes, patterns
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .mesh_cache import SubMesh
 from .model import Ball, Body, Part, Scene
@@ -226,7 +227,7 @@ def _placed(
     ]
 
 
-MeshReader = Callable[[Path], list[SubMesh]]
+MeshReader = Callable[[Path, patterns.Kind | None], list[SubMesh]]
 
 
 def _parts(
@@ -257,7 +258,7 @@ def _mesh_parts(
     body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader
 ) -> tuple[Part, ...]:
     try:
-        pieces = reader(path)
+        pieces = reader(path, body.pattern)
     except InputError as error:
         raise InputError(f"{where}.mesh: {error}") from None
     known = {key for piece in pieces for key in piece.keys}
@@ -266,15 +267,46 @@ def _mesh_parts(
         raise InputError(
             f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
         )
+    named = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
     return tuple(
         Part(
-            vertices_m=piece.vertices_m * body.scale,
-            faces=piece.faces,
-            material=_material_of(piece, body, where, surfaces),
-            name=piece.keys[0],
+            vertices_m=piece.vertices_m * body.scale, faces=piece.faces, material=material, name=piece.keys[0],
+            pattern=pattern,
         )
-        for piece in pieces
-    )
+        for (piece, material), pattern in zip(named, _patterns(named, body, where, surfaces), strict=True)
+    )  # fmt: skip
+
+
+def _patterns(
+    named: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
+) -> list[patterns.Pattern | None]:
+    """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
+    if body.pattern is None:
+        return [None] * len(named)
+    varied = [
+        piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in named
+    ]
+    if all(pattern is None for pattern in varied):
+        has = [piece.pattern for piece, _ in named]
+        raise InputError(
+            f"{where}.pattern: {body.mesh} has no {body.pattern} of its vertices, faces or texture"
+            if has == [None] * len(has)
+            else f"{where}.pattern: must have a diffuse material, got {', '.join(sorted({m for _, m in named}))}"
+        )
+    if body.pattern == "reflectivity":
+        return varied
+    # One level for all pieces of a material, or the contrast between them would be lost.
+    level = {
+        material: patterns.mean_over(
+            [
+                (p, one.vertices_m, one.faces)
+                for (one, m), p in zip(named, varied, strict=True)
+                if p and m == material
+            ]
+        )
+        for _, material in named
+    }
+    return [p and replace(p, mean=level[material]) for (_, material), p in zip(named, varied, strict=True)]
 
 
 def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:

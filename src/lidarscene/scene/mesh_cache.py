@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import OutputError
 from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
+from .patterns import Pattern
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,12 +32,14 @@ class SubMesh:
     vertices_m  (v, 3) float64; faces (f, 3) integers
     keys        names for it: those of its material, geometry and node
     grey        mean of its base colour if the file has one, else None
+    pattern     how its reflectivity varies, if that was asked for and the file has it; not cached
     """
 
     vertices_m: Numbers
     faces: Numbers
     keys: tuple[str, ...]
     grey: float | None = None
+    pattern: Pattern | None = None
 
 
 VARIABLE = "LIDARSCENE_CACHE"

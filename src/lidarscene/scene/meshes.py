@@ -12,6 +12,7 @@ import math
 import os
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 from ..errors import InputError
 from ..materials.material import Material, Spectrum
 from ..maths.arrays import Numbers
+from . import patterns
 from .mesh_cache import SubMesh, cached
 
 LARGEST_EDGE_M = 16.0
@@ -30,12 +32,17 @@ MOST_CUTS = 512
 """Most cuts along an axis; beyond it, on planes of more than 8 km, triangles grow instead."""
 
 
-def read_mesh(path: Path) -> list[SubMesh]:
-    """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line."""
+def read_mesh(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
+    """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line.
+
+    pattern  how reflectivity varies over it, to be read too; such a file is read anew each time
+    """
     if not os.path.isfile(path):
         raise InputError(
             f"{path}: {'must be a mesh file, got a folder' if os.path.isdir(path) else 'no such file'}"
         )
+    if pattern is not None:
+        return checked(_pieces(path, pattern), str(path))
     return checked(cached(path, lambda: _pieces(path)), str(path))
 
 
@@ -62,12 +69,22 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
     return [(str(node), _placed(loaded, node)) for node in nodes]
 
 
-def _pieces(path: Path) -> list[SubMesh]:
+def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
     """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return [piece for _, piece in pieces_of(_loaded(path))]
+            loaded = _loaded(path)
+            pieces = pieces_of(loaded)
+            if pattern is None:
+                return [piece for _, piece in pieces]
+            linear = path.suffix.lower() in (".glb", ".gltf")
+            return [
+                _patterned(piece, loaded.geometry[loaded.graph[node][1]], pattern, linear=linear)
+                for node, piece in pieces
+            ]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     except Exception as error:
         # trimesh's readers raise whatever their parsers raise; all of it means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -128,6 +145,17 @@ def _placed(loaded: Any, node: Any) -> SubMesh:
         keys=tuple(dict.fromkeys(str(key) for key in (getattr(material, "name", None), name, node) if key)),
         grey=_grey(material),
     )
+
+
+def _patterned(piece: SubMesh, geometry: Any, kind: patterns.Kind, *, linear: bool) -> SubMesh:
+    """The piece with its pattern; as it is if its geometry has none."""
+    found = patterns.read(geometry, kind, linear=linear)
+    if found is None:
+        return piece
+    pattern, faces = found
+    if faces is None:
+        return replace(piece, pattern=pattern)
+    return replace(piece, pattern=pattern, vertices_m=piece.vertices_m[piece.faces.reshape(-1)], faces=faces)
 
 
 _TRIMESH_DEFAULT = (102, 102, 102)

@@ -13,12 +13,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 
+from ..errors import InputError
 from ..materials.material import Material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
 from ..maths.units import Key, Quantity
 from ..physics.optics import air
+from .patterns import Pattern
 from .weather import Weather
 
 
@@ -28,17 +30,25 @@ class Part:
 
     vertices_m  (v, 3) float64
     faces       (f, 3) uint32, indices into the vertices
+    pattern     reflectivity that varies over it, for materials of kind "diffuse"; None: the material's own
     """
 
     vertices_m: Numbers
     faces: Numbers
     material: str
     name: str = ""
+    pattern: Pattern | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
         object.__setattr__(self, "vertices_m", frozen(self.vertices_m, np.float64, (None, 3)))
         object.__setattr__(self, "faces", frozen(self.faces, np.uint32, (None, 3)))
+        if self.pattern is not None:
+            values = self.pattern.values if self.pattern.uv is None else self.pattern.uv
+            if len(values) != len(self.vertices_m):
+                raise InputError(
+                    f"part '{self.name}': its pattern must have {len(self.vertices_m)} vertices, got {len(values)}"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

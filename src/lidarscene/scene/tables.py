@@ -148,6 +148,9 @@ class BodyFile(PoseFile):
     class_name: str = Field(default="", alias="class", description="the body's name if left out")
     material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
     materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
+    pattern: Literal["reflectivity", "colour"] | None = Field(
+        default=None, description="what of the mesh file varies the reflectivity of its diffuse parts"
+    )
     scale: Length = 1.0
     motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
     instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
@@ -165,6 +168,8 @@ class BodyFile(PoseFile):
         length = _LENGTHS.get(self.primitive or "")
         if length and len(self.size_m or ()) != length:
             raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
+        if self.primitive and self.pattern:
+            raise ValueError(f"pattern is for meshes, {shape} has none")
         if self.primitive and self.material is None:
             raise ValueError("key 'material' is missing")
         if self.primitive and self.materials:

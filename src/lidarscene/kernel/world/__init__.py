@@ -5,6 +5,8 @@ a scene is merged by material, and tables lead from a triangle back to its body.
 
 build        `World`: a scene compiled for one wavelength
 bsdfs        materials as Mitsuba BSDFs, and the retro-reflector
+rough        the BSDF of rough matt surfaces
+patterns     reflectivities that vary over a surface
 speculars    at which surfaces a beam goes on
 mitsuba_xml  shapes of Mitsuba XML scenes
 triangles    the same as triangles, to draw

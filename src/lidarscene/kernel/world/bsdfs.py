@@ -1,4 +1,4 @@
-"""Translate materials to Mitsuba BSDFs, and add the retro-reflector, which Mitsuba lacks.
+"""Translate materials to Mitsuba BSDFs, and add those that Mitsuba lacks: retro-reflectors and rough matt surfaces.
 
 Reflection is Mitsuba's: its BSDFs are documented, tested and what users of Mitsuba scenes expect. They are made from
 the numbers of one wavelength, the laser's, as dictionaries that `mi.load_dict` and XML scenes both understand.
@@ -21,9 +21,10 @@ import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Lanes, Mask, xp
-from ...physics.optics import dielectrics
+from ...physics.optics import dielectrics, reflection
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Surface
+from .rough import ROUGH_PLUGIN, register_rough_diffuse
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
 
@@ -33,12 +34,15 @@ asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
 _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 
-def bsdf_dict(values: dict[str, Any]) -> dict[str, Any]:
+def bsdf_dict(values: dict[str, Any], reflectance: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return a Mitsuba dictionary for `Material.at`: reflectivity and parameters at the laser's wavelength.
 
+    reflectance  Mitsuba texture in place of the reflectivity of a diffuse material
     Gaps become Mitsuba's `mask`. Diffuse transmittance is left to `rays.trace`: Mitsuba has no BSDF for it.
     """
     whole = _BUILDERS[values["bsdf"]](values)
+    if reflectance is not None:
+        whole.get("inner", whole)["reflectance"] = reflectance
     cover = values.get("cover", 1.0)
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
@@ -57,7 +61,23 @@ def _spectrum(value: float) -> dict[str, Any]:
 
 
 def _diffuse(values: dict[str, Any]) -> dict[str, Any]:
+    if "facet_slope_deg" in values:
+        return _rough_diffuse(values)
     return _two_sided({"type": "diffuse", "reflectance": _spectrum(values["reflectivity"])})
+
+
+def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
+    register_rough_diffuse()
+    slope_deg = float(values["facet_slope_deg"])
+    limit = reflection.largest_reflectivity(math.radians(slope_deg))
+    if values["reflectivity"] > limit:
+        raise InputError(
+            f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} with a facet_slope_deg of "
+            f"{slope_deg:.3g}, got {values['reflectivity']:.3g}"
+        )
+    return {
+        "type": ROUGH_PLUGIN, "reflectance": _spectrum(values["reflectivity"]), "slope_deg": slope_deg,
+    }  # fmt: skip
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:

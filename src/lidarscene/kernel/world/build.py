@@ -11,7 +11,7 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -30,6 +30,7 @@ from ..device.types import TracedScene
 from . import mitsuba_xml
 from .bsdfs import bsdf_dict
 from .faces import FaceTables, PlacedShape
+from .patterns import ATTRIBUTE, reflectivities, texture, texture_key
 from .speculars import Speculars, lets_through
 
 
@@ -165,9 +166,11 @@ def build_world(
 def _own_shapes(
     bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]]
 ) -> list[PlacedShape]:
-    """Return one mesh for each material, over all these bodies where they stand, and a shape for each exact sphere."""
+    """Return one mesh for each material and image, over all these bodies where they stand, and a shape for each exact
+    sphere.
+    """
     mi = mitsuba()
-    grouped: dict[str, list[tuple[int, Numbers, Numbers]]] = {}
+    grouped: dict[tuple[str, Hashable], list[tuple[int, Numbers, Part]]] = {}
     shapes: list[PlacedShape] = []
     for index, body in bodies.items():
         for part in body.parts:
@@ -175,10 +178,11 @@ def _own_shapes(
                 if not len(part.faces):
                     continue
                 placed = body.pose.apply(part.vertices_m) - centre
-                grouped.setdefault(part.material, []).append((index, placed, part.faces))
+                key = part.material, texture_key(part.pattern)
+                grouped.setdefault(key, []).append((index, placed, part))
             else:
                 shapes.append(_ball(mi, part, body.pose.position_m - centre, index, resolved))
-    for material, pieces in grouped.items():
+    for (material, _), pieces in grouped.items():
         shapes.append(_merged(mi, material, pieces, resolved[material]))
     return shapes
 
@@ -201,25 +205,34 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]]) -> l
 
 
 def _merged(
-    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Numbers]], values: dict[str, object]
+    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Part]], values: dict[str, object]
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
     vertices = np.concatenate([v for _, v, _ in pieces]).astype(np.float32)
     faces = np.concatenate(
-        [f.astype(np.int64) + start for (_, _, f), start in zip(pieces, starts, strict=True)]
+        [part.faces.astype(np.int64) + start for (_, _, part), start in zip(pieces, starts, strict=True)]
     )
-    bodies = np.concatenate([np.full(len(f), index, dtype=np.int32) for index, _, f in pieces])
+    bodies = np.concatenate([np.full(len(part.faces), index, dtype=np.int32) for index, _, part in pieces])
     props = mi.Properties()
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
-    props["mesh_bsdf"] = mi.load_dict(bsdf_dict(values))
-    mesh = mi.Mesh(material, len(vertices), len(faces), props=props)
+    first = pieces[0][2].pattern
+    props["mesh_bsdf"] = mi.load_dict(bsdf_dict(values, None if first is None else texture(first, values)))
+    has_image = first is not None and first.uv is not None
+    mesh = mi.Mesh(material, len(vertices), len(faces), props=props, has_vertex_texcoords=has_image)
+    patterns = [part.pattern for _, _, part in pieces if part.pattern is not None]
+    if first is not None and not has_image:
+        varied = np.concatenate([reflectivities(pattern, values) for pattern in patterns])
+        mesh.add_attribute(ATTRIBUTE, 1, varied)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
+    if has_image:
+        uv = np.concatenate([pattern.uv for pattern in patterns if pattern.uv is not None])
+        parameters["vertex_texcoords"] = uv.ravel()
     parameters.update()
-    return PlacedShape(mesh, bodies, material, values, is_plain=True)
+    return PlacedShape(mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None)
 
 
 def _ball(

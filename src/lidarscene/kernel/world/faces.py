@@ -28,7 +28,8 @@ class PlacedShape:
 
     face_body  (faces,) index of the body of each face
     values     its material by `Material.at`; None if only the BSDF knows it
-    is_plain   whether it is a mesh without smooth normals and textures
+    is_plain   whether it is a mesh without smooth normals and images
+    is_varied  whether its reflectivity varies over it
     """
 
     shape: Any
@@ -36,11 +37,12 @@ class PlacedShape:
     material: str
     values: Mapping[str, Any] | None
     is_plain: bool = False
+    is_varied: bool = False
 
     @property
     def reflectivity(self) -> float | None:
         """Diffuse reflectivity; None: ask the BSDF."""
-        return None if self.values is None else diffuse_share(self.values)
+        return None if self.values is None or self.is_varied else diffuse_share(self.values)
 
     @property
     def transmittance(self) -> float:

@@ -6,6 +6,7 @@ what the air and the receiver leave of it, and how much sunlight comes with it.
 pulse           shape of the laser pulse in time
 beam            divergence and beam quality
 radiometry      the lidar equation
+reflection      rough matt surfaces
 dielectrics     Fresnel, panes, absorption, wet surfaces
 glint           specular return of a flat pane or mirror
 air             extinction of clear air and haze

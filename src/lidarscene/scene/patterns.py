@@ -1,0 +1,140 @@
+"""How the reflectivity of a mesh varies over it: by its own measured values, by its colours, by its texture.
+
+A scan of a street knows the reflectivity of every point, and a model made for pictures the colour. Both are read from
+the mesh file here; `materials.colour` says what a colour is worth at the laser's wavelength.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import InputError
+from ..maths.arrays import Numbers, frozen
+
+Kind = Literal["reflectivity", "colour"]
+
+NAMES = ("reflectivity", "reflectance")
+"""Of a property of vertices or faces in a PLY file. In a glTF file, of vertices: after an underscore, in capitals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pattern:
+    """Values over a part, in place of one reflectivity for all of it.
+
+    kind    "reflectivity": values are reflectivities at the laser's wavelength, in place of the material's;
+            "colour": they are the red of visible light, linear, and scale the material's reflectivity
+    values  (v,) at the vertices, linear between them; or (h, w) of an image, first row at the top
+    uv      (v, 2) where in the image the vertices are: (0, 0) its top left corner, (1, 1) the bottom right; it repeats
+    mean    of the values over the surface: what the material's own reflectivity stands for; for colours only
+    """
+
+    kind: Kind
+    values: Numbers
+    uv: Numbers | None = None
+    mean: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze the arrays."""
+        object.__setattr__(
+            self, "values", frozen(self.values, np.float32, (None,) * (1 if self.uv is None else 2))
+        )
+        if self.uv is not None:
+            object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
+
+
+def read(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, Numbers | None] | None:
+    """The pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if the mesh has none. Raises InputError.
+
+    linear  whether the file's vertex colours are of linear light (glTF); else they are sRGB
+    Values at faces become values at vertices: then the faces returned name three vertices of their own each, in the
+    order of the mesh's corners. None: those of the mesh.
+    """
+    found = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
+    if isinstance(found, Pattern) or found is None:
+        return None if found is None else (found, None)
+    values, of_faces = found
+    if not of_faces:
+        return Pattern(kind=kind, values=values), None
+    faces = np.arange(3 * len(values), dtype=np.uint32).reshape(-1, 3)
+    return Pattern(kind=kind, values=np.repeat(values, 3)), faces
+
+
+def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
+    """Reflectivity of each vertex, or face (True)."""
+    raw = geometry.metadata.get("_ply_raw") or {}
+    for element, count in (("vertex", len(geometry.vertices)), ("face", len(geometry.faces))):
+        data = raw.get(element, {}).get("data")
+        names = (
+            data.keys()
+            if isinstance(data, dict)
+            else (getattr(data, "dtype", None) and data.dtype.names) or ()
+        )
+        for name in NAMES:
+            if name in names:
+                values = np.asarray(data[name], dtype=np.float64).reshape(-1)
+                if len(values) != count:
+                    raise InputError(
+                        f"property '{name}' of {len(values)} faces: all must be triangles, got {count}"
+                    )
+                return _checked(values, name), element == "face"
+    for name in NAMES:
+        attribute = getattr(geometry, "vertex_attributes", {}).get(f"_{name.upper()}")
+        if attribute is not None:
+            return _checked(np.asarray(attribute, dtype=np.float64).reshape(-1), f"_{name.upper()}"), False
+    return None
+
+
+def _checked(values: Numbers, name: str) -> Numbers:
+    outside = values[~((values >= 0.0) & (values <= 1.0))]
+    if len(outside):
+        raise InputError(f"property '{name}' must be >= 0 and <= 1, got {outside[0]:g}")
+    return values
+
+
+def _colours(geometry: Any, *, linear: bool) -> Pattern | tuple[Numbers, bool] | None:
+    """The red of linear light: a pattern of an image, or values of each vertex, or face (True)."""
+    visual = geometry.visual
+    if visual.kind == "texture":
+        return _texture(visual)
+    if visual.kind not in ("vertex", "face"):
+        return None
+    colours = visual.vertex_colors if visual.kind == "vertex" else visual.face_colors
+    red = np.asarray(colours, dtype=np.float64)[:, 0] / 255.0
+    return (red if linear else linear_of_srgb(red)), visual.kind == "face"
+
+
+def _texture(visual: Any) -> Pattern | None:
+    material = visual.material
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is None or visual.uv is None:
+        return None
+    red = linear_of_srgb(np.asarray(image.convert("RGB"), dtype=np.float64)[..., 0] / 255.0)
+    factor = getattr(material, "baseColorFactor", None)
+    # trimesh counts v from the bottom of the image, and keeps the factor (linear light) as 0 to 255.
+    return Pattern(
+        kind="colour",
+        values=red * (1.0 if factor is None else float(factor[0]) / 255.0),
+        uv=np.asarray(visual.uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0),
+    )
+
+
+def linear_of_srgb(value: Numbers) -> Numbers:
+    """Linear light of a colour component from 0 to 1 (IEC 61966-2-1)."""
+    return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
+
+
+def mean_over(patterns: list[tuple[Pattern, Numbers, Numbers]]) -> float:
+    """Mean of the values of these patterns over their triangles, by area. Each comes with vertices and faces.
+
+    An image counts with the mean of its pixels, whatever part of it the triangles show.
+    """
+    total, area = 0.0, 0.0
+    for pattern, vertices, faces in patterns:
+        a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+        areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        values = pattern.values.mean() if pattern.uv is not None else pattern.values[faces].mean(axis=1)
+        total, area = total + float((areas * values).sum()), area + float(areas.sum())
+    return total / area if area > 0.0 else 0.0

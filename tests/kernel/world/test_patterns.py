@@ -1,0 +1,136 @@
+"""Reflectivity that varies over a mesh, as the beams see it: at vertices, by images, over several bodies."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers import chain, launches
+
+from lidarscene.errors import InputError
+from lidarscene.kernel.world.build import build_world
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.scene.patterns import Pattern
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+RANGE_M = 20.0
+SENSOR = chain.sensor(
+    "table1-apd",
+    "scanner.azimuth_fov_deg=4", "scanner.elevation_fov_deg=4",
+    "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5",
+)  # fmt: skip
+ROUGH = Material(
+    name="road", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), parameters={"facet_slope_deg": 30.0}
+)
+MATT = Material(name="wall", bsdf="diffuse", reflectivity=Spectrum.constant(0.3))
+
+
+def wall(pattern_of, *, material=MATT, range_m=RANGE_M, at=(0.0, 0.0, 0.0)):
+    """A wall across the beams with a pattern made of its vertices, and its (v, 2) y and z in the world."""
+    body = chain.facing(range_m=range_m, material=material.name, at=at)
+    (part,) = body.parts
+    places = body.pose.apply(part.vertices_m)[:, 1:]
+    return dataclasses.replace(body, parts=(dataclasses.replace(part, pattern=pattern_of(places)),))
+
+
+def slope(places):
+    return Pattern(kind="reflectivity", values=0.4 + 0.05 * places[:, 0] + 0.02 * places[:, 1])
+
+
+def places_hit(lanes):
+    """(n, 2) y and z at which the beams meet the wall."""
+    _, y, z = np.array(lanes.direction, dtype=float).T
+    return np.stack([y, z], axis=1) * np.asarray(lanes.hits.range_m, dtype=float)[:, None]
+
+
+@pytest.mark.parametrize("material", [MATT, ROUGH], ids=["matt", "rough"])
+def test_vertices(material):
+    """Reflectivity is linear over the triangles, and echo and sunlight follow it; 1e-4: the hit in single precision."""
+    flat = chain.run(chain.scene(wall(lambda _: None, material=material), materials=(material,)), SENSOR)
+    seen = chain.run(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
+    y, z = places_hit(seen).T
+    expected = 0.4 + 0.05 * y + 0.02 * z
+    assert np.ptp(expected) > 0.05
+    np.testing.assert_allclose(seen.hits.reflectivity, expected, rtol=1e-4)
+    for quantity in ("backscatter_per_sr", "sun_scatter_per_sr"):
+        ratio = np.asarray(getattr(seen.hits, quantity)) / np.asarray(getattr(flat.hits, quantity))
+        np.testing.assert_allclose(ratio, expected / 0.3, rtol=1e-4)
+
+
+def test_an_image_and_its_orientation():
+    """Halves of an image: the left one is where u is small. Colours scale 0.3 by (red / mean)^0.93 at 905 nm."""
+
+    def halves(places):
+        uv = np.stack([0.5 + places[:, 0] / 4.0, 0.5 - places[:, 1] / 4.0], axis=1)
+        image = np.tile(np.repeat([0.1, 0.3], 50), (100, 1))
+        image[50:] *= 2.0
+        return Pattern(kind="colour", values=image, uv=uv, mean=0.2)
+
+    seen = chain.run(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
+    y, z = places_hit(seen).T
+    red = np.where(y < 0, 0.1, 0.3) * np.where(z < 0, 2.0, 1.0)
+    clear = (np.abs(y) > 0.1) & (np.abs(z) > 0.1)  # of the seams, where pixels of 4 cm blend
+    assert {*np.sign(y[clear])} == {*np.sign(z[clear])} == {-1.0, 1.0}
+    np.testing.assert_allclose(
+        np.asarray(seen.hits.reflectivity)[clear], (0.3 * (red / 0.2) ** 0.93)[clear], rtol=1e-3
+    )
+
+
+def test_bodies_share_a_mesh_and_keep_their_values():
+    """A wall with a pattern, one with another behind and one without: each beam sees that of the body it meets."""
+    front = wall(slope, range_m=RANGE_M)
+    behind = wall(lambda p: Pattern(kind="reflectivity", values=np.full(len(p), 0.7)), range_m=30.0)
+    plain = wall(lambda _: None, range_m=40.0)
+    bodies = [
+        dataclasses.replace(body, name=name) for body, name in ((front, "a"), (behind, "b"), (plain, "c"))
+    ]
+    world = build_world(chain.scene(*bodies, materials=(MATT,)), wavelength_m=905e-9)
+    assert len(world.scene.shapes()) == 2, "one mesh with values of its vertices, and one without"
+    for order in (bodies[1:], bodies[2:]):
+        seen = chain.run(chain.scene(*order, materials=(MATT,)), SENSOR)
+        np.testing.assert_allclose(seen.hits.reflectivity, 0.7 if len(order) == 2 else 0.3, rtol=1e-6)
+
+
+def test_no_more_light_than_came():
+    """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
+    seen = chain.run(
+        chain.scene(
+            wall(lambda p: Pattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
+            materials=(ROUGH,),
+        ),
+        SENSOR,
+    )
+    relief = 0.45 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.09)
+    relief /= 1.0 - 0.5 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.33)
+    limit = 1.0 / (1.0 + relief * (0.5 - 2.0 / (3.0 * math.pi)))
+    np.testing.assert_allclose(seen.hits.reflectivity, limit, rtol=1e-5)
+
+
+def test_only_diffuse_materials_vary():
+    metal = Material(
+        name="metal", bsdf="conductor", reflectivity=Spectrum.constant(0.5), parameters={"roughness": 0.3}
+    )
+    with pytest.raises(InputError, match="'metal': must be diffuse where reflectivity varies, got conductor"):
+        build_world(chain.scene(wall(slope, material=metal), materials=(metal,)), wavelength_m=905e-9)
+
+
+def test_a_part_and_a_pattern_of_different_size():
+    with pytest.raises(InputError, match="its pattern must have 4 vertices, got 2"):
+        wall(lambda _: Pattern(kind="reflectivity", values=np.zeros(2)))
+
+
+def test_another_pattern_compiles_nothing():
+    """Values are data: the kernels of one wall serve another with other values."""
+    described = [
+        chain.scene(
+            wall(lambda p, k=k: Pattern(kind="reflectivity", values=np.full(len(p), k))), materials=(MATT,)
+        )
+        for k in (0.2, 0.4)
+    ]
+    chain.run(described[0], SENSOR)
+    with launches.launched() as before:
+        chain.run(described[0], SENSOR)
+    with launches.launched() as later:
+        chain.run(described[1], SENSOR)
+    launches.assert_none_is_new(later, before)

@@ -1,0 +1,157 @@
+"""Reflectivity and colours of mesh files: where each format keeps them, and what they become."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from lidarscene.errors import InputError
+from lidarscene.scene import patterns
+from lidarscene.scene.file import load_scene
+from lidarscene.scene.meshes import read_mesh
+
+CORNERS = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
+FACES = [[0, 1, 2], [0, 2, 3]]
+
+
+def ply(*, of_vertices="", of_faces="", vertices=("", "", "", ""), faces=("", "")) -> str:
+    head = "".join(
+        f"property {one}\n" for one in ("float x", "float y", "float z", *of_vertices.split(",")) if one
+    )
+    more = "".join(f"property {one}\n" for one in of_faces.split(",") if one)
+    rows = [" ".join(map(str, corner)) + " " + value for corner, value in zip(CORNERS, vertices, strict=True)]
+    rows += ["3 " + " ".join(map(str, face)) + " " + value for face, value in zip(FACES, faces, strict=True)]
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex 4\n{head}element face 2\nproperty list uchar int vertex_indices\n"
+        f"{more}end_header\n" + "\n".join(rows) + "\n"
+    )
+
+
+def one_piece(path: Path, kind: patterns.Kind):
+    (piece,) = read_mesh(path, kind)
+    return piece
+
+
+@pytest.mark.parametrize("name", patterns.NAMES)
+def test_property_of_vertices(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.ply").write_text(ply(of_vertices=f"float {name}", vertices=("0.1", "0.2", "0.3", "0.4")))
+    piece = one_piece(tmp_path / "a.ply", "reflectivity")
+    np.testing.assert_allclose(piece.pattern.values, [0.1, 0.2, 0.3, 0.4], rtol=1e-6)
+    assert len(piece.vertices_m) == 4
+    assert one_piece(tmp_path / "a.ply", None).pattern is None
+
+
+def test_property_of_faces(tmp_path: Path) -> None:
+    """Each triangle keeps its place, its order and its value: it has three vertices of its own."""
+    (tmp_path / "a.ply").write_text(ply(of_faces="float reflectivity", faces=("0.25", "0.75")))
+    piece = one_piece(tmp_path / "a.ply", "reflectivity")
+    np.testing.assert_array_equal(piece.vertices_m[piece.faces], np.array(CORNERS, float)[FACES])
+    np.testing.assert_array_equal(piece.pattern.values[piece.faces], [[0.25] * 3, [0.75] * 3])
+
+
+def test_binary_ply_and_gltf_attribute(tmp_path: Path) -> None:
+    box = trimesh.Trimesh(CORNERS, FACES, process=False)
+    box.vertex_attributes["reflectivity"] = np.linspace(0, 1, 4, dtype=np.float32)
+    box.export(tmp_path / "a.ply", encoding="binary", vertex_normal=False)
+    box.vertex_attributes = {"_REFLECTIVITY": np.linspace(0, 1, 4, dtype=np.float32)}
+    box.export(tmp_path / "a.glb")
+    for name in ("a.ply", "a.glb"):
+        found = one_piece(tmp_path / name, "reflectivity").pattern
+        np.testing.assert_allclose(found.values, np.linspace(0, 1, 4), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("suffix", "half"), [("ply", 0.2158605), ("glb", 128 / 255)])
+def test_vertex_colours(tmp_path: Path, suffix: str, half: float) -> None:
+    """Colours of PLY are sRGB (128 is 21.6 % of the light, IEC 61966-2-1), COLOR_0 of glTF is linear. Red counts."""
+    box = trimesh.Trimesh(CORNERS, FACES, process=False)
+    box.visual.vertex_colors = [[0, 90, 9, 255], [128, 0, 0, 255], [255, 0, 0, 255], [128, 255, 255, 255]]
+    box.export(tmp_path / f"a.{suffix}")
+    found = one_piece(tmp_path / f"a.{suffix}", "colour").pattern
+    np.testing.assert_allclose(found.values, [0.0, half, 1.0, half], rtol=1e-6)
+
+
+def textured(path: Path) -> None:
+    """A quad of 2 m by 1 m, whose image is white at the top left, half red at the bottom right, else black."""
+    image = np.zeros((2, 2, 3), np.uint8)
+    image[0, 0], image[1, 1] = 255, (255, 0, 0)
+    material = trimesh.visual.material.PBRMaterial(
+        name="brick", baseColorTexture=Image.fromarray(image), baseColorFactor=[128, 255, 255, 255]
+    )
+    quad = trimesh.Trimesh(CORNERS, FACES, process=False)
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=material)
+    quad.export(path)
+
+
+def test_texture(tmp_path: Path) -> None:
+    """The image's red in linear light, times the base colour's; corners of the quad where the image has them."""
+    textured(tmp_path / "a.glb")
+    found = one_piece(tmp_path / "a.glb", "colour").pattern
+    np.testing.assert_allclose(found.values, np.array([[1.0, 0.0], [0.0, 1.0]]) * 128 / 255, rtol=1e-6)
+    np.testing.assert_array_equal(found.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
+
+
+def test_linear_light() -> None:
+    """IEC 61966-2-1, both pieces of its curve."""
+    np.testing.assert_allclose(
+        patterns.linear_of_srgb(np.array([0.0, 0.04, 0.5, 1.0])), [0, 0.0030960, 0.2140411, 1], rtol=1e-5
+    )
+
+
+SCENE = """
+[[bodies]]
+name = "wall"
+mesh = "{mesh}"
+material = "{material}"
+pattern = "{pattern}"
+"""
+
+
+def scene(folder: Path, **values: str):
+    (folder / "scene.toml").write_text(SCENE.format(**values))
+    return load_scene(folder / "scene.toml")
+
+
+def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:
+    """Two faces of equal area, 1 m2 each, of which one is black: the mean is half of the other's red."""
+    colours = "uchar red,uchar green,uchar blue"
+    (tmp_path / "a.ply").write_text(ply(of_faces=colours, faces=("255 0 0", "0 255 0")))
+    (body,) = scene(tmp_path, mesh="a.ply", material="brick", pattern="colour").bodies
+    assert body.parts[0].pattern.mean == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("content", "material", "pattern", "told"),
+    [
+        (ply(), "brick", "reflectivity", 'bodies[0 "wall"].pattern: a.ply has no reflectivity of its vertices'),
+        (ply(), "brick", "colour", 'bodies[0 "wall"].pattern: a.ply has no colour of its vertices'),
+        (ply(), "brick", "color", "must be 'reflectivity' or 'colour', got \"color\""),
+        (
+            ply(of_faces="float reflectivity", faces=("0.1", "0.2")), "chrome", "reflectivity",
+            'bodies[0 "wall"].pattern: must have a diffuse material, got chrome',
+        ),
+        (
+            ply(of_faces="float reflectivity", faces=("0.1", "35")), "brick", "reflectivity",
+            "property 'reflectivity' must be >= 0 and <= 1, got 35",
+        ),
+        (
+            ply(of_faces="float reflectivity", faces=("0.1", "nan")), "brick", "reflectivity",
+            "property 'reflectivity' must be >= 0 and <= 1, got nan",
+        ),
+    ],
+)  # fmt: skip
+def test_mistakes_are_one_line(tmp_path: Path, content: str, material: str, pattern: str, told: str) -> None:
+    (tmp_path / "a.ply").write_text(content)
+    with pytest.raises(InputError) as error:
+        scene(tmp_path, mesh="a.ply", material=material, pattern=pattern)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(
+        '[[bodies]]\nname = "b"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "brick"\npattern = "colour"\n'
+    )
+    with pytest.raises(InputError, match="pattern is for meshes, a sphere has none"):
+        load_scene(tmp_path / "s.toml")
