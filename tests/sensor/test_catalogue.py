@@ -29,6 +29,8 @@ SENSORS = {
     "livox-mid-40", "livox-horizon", "livox-avia", "mems-1550", "sony-spad-189x600",
 }  # fmt: skip
 OF_MAKERS = sorted(SENSORS - {"mems-1550"})
+RECORDED = {"os0-128", "os1-128", "os2-128"}
+"""Those whose power is that of a recording; their published ranges are not fitted."""
 checked = cache(catalogue.check)
 
 # Fewer pulses of the same mechanism.
@@ -74,13 +76,15 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
     if name == "mems-1550":
         assert published is None
         assert power.startswith("a design of ours")
+    elif name in RECORDED:
+        assert power.startswith("fitted: recording OS-")
     else:
         assert published is not None
         assert power.startswith(f"fitted: {published.range_m:g} m at ")
-        assert published.source
+    assert published is None or published.source
 
 
-@pytest.mark.parametrize("name", OF_MAKERS)
+@pytest.mark.parametrize("name", sorted(set(OF_MAKERS) - RECORDED))
 def test_fitted_range_is_the_published(name: str) -> None:
     """To 1 %, in the lidar equation with everything else as assumed."""
     deviation = checked(name).range_m.deviation
@@ -122,11 +126,14 @@ def test_scatter_as_in_recordings(name: str) -> None:
 
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_diodes_clip_and_trip_as_real_ones_do(name: str) -> None:
-    """1 false point in 10 000 pulses at most; an APD's are crossings of McIntyre's noise, its amplifier clips."""
+    """1 false point in 10 000 pulses at most; an APD's are crossings of McIntyre's noise, its amplifier clips.
+
+    Recorded thresholds give up to 8: the real sensors ask the neighbouring points too (docs/sensors.md).
+    """
     sensor = load_sensor(name)
     simulated = checked(name).false_points.simulated
     assert simulated is not None
-    assert simulated <= 1e-4
+    assert simulated <= (1e-3 if name in RECORDED else 1e-4)
     if isinstance(sensor.detector, Apd):
         assert sensor.detector.saturates
         assert "assumed" in sensor.sources["detector.saturation_ua"]
@@ -134,10 +141,10 @@ def test_diodes_clip_and_trip_as_real_ones_do(name: str) -> None:
         assert simulated > 5e-5
 
 
-@pytest.mark.parametrize("name", ["os0-128", "os1-128", "os2-128"])
 @pytest.mark.parametrize("photons", [45, 400])
-def test_scatter_of_photons_as_in_recordings(name: str, photons: int) -> None:
-    """120 to 200 mm over their root, by frames of an OS0 at rest; here in the dark. Draws have 0.5 %."""
+def test_scatter_of_photons_as_in_recordings(photons: int) -> None:
+    """120 to 200 mm over their root, by two frames of an OS0 at rest; here in the dark. Draws have 0.5 %."""
+    name = "os0-128"
     sensor, target = load_sensor(name), Target(illuminance_klux=0.0)
     snr = photons / float(sensor.working_point(np.zeros(1)).noise[0])
     scatter = catalogue.scatter_m(sensor, target, range_m=20.0, snr=snr)
@@ -161,7 +168,7 @@ def test_scatter_at_an_snr() -> None:
 def test_ranges_that_were_not_fitted() -> None:
     """Same order; R goes with rho^0.25 under the sun and with its root without, makers have 0.25 to 0.53 (docs)."""
     for name in OF_MAKERS:
-        for further in checked(name).also:
+        for further in (checked(name).range_m, *checked(name).also):
             assert further.deviation is not None
             assert abs(further.deviation) < 0.5, name
 

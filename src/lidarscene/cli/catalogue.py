@@ -10,6 +10,7 @@ import json
 from typing import Any
 
 from ..errors import InputError
+from .terminal import Answer
 
 
 def add_catalogue(commands: Any) -> None:
@@ -24,6 +25,10 @@ def add_catalogue(commands: Any) -> None:
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
     catalog.add_argument("--json", action="store_true", help="print the check as JSON")
+    catalog.add_argument(
+        "--real", action="store_true",
+        help="check sensors against recordings of real ones; exit 1 if one is out of bounds",
+    )  # fmt: skip
     catalog.set_defaults(run=catalog_text)
 
     schema = commands.add_parser(
@@ -35,15 +40,16 @@ def add_catalogue(commands: Any) -> None:
     schema.set_defaults(run=schema_text)
 
 
-def catalog_text(arguments: argparse.Namespace) -> str:
+def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     """Run `catalog`; returns what is printed."""
     from .. import catalog
     from ..outputs import report
 
     if arguments.kind == "check":
-        return _check_text(arguments)
-    if arguments.json:
-        raise InputError("--json goes with catalog check")
+        return _real_answer(arguments) if arguments.real else _check_text(arguments)
+    for option in ("json", "real"):
+        if getattr(arguments, option):
+            raise InputError(f"--{option} goes with catalog check")
     if arguments.name:
         return catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8")
     return "\n".join(
@@ -60,6 +66,18 @@ def _check_text(arguments: argparse.Namespace) -> str:
     if arguments.json:
         return json.dumps([catalogue.as_dict(one) for one in checks], indent=2)
     return catalogue.as_text(checks)
+
+
+def _real_answer(arguments: argparse.Namespace) -> Answer:
+    from .. import catalog
+    from ..studies import recorded
+
+    names = [arguments.name] if arguments.name else catalog.names("sensors")
+    rows = [row for name in names for row in recorded.compared(name)]
+    if not rows:
+        raise InputError(f"{arguments.name}: no recording of such a sensor is known")
+    text = json.dumps([recorded.as_dict(row) for row in rows], indent=2) if arguments.json else ""
+    return Answer(text or recorded.as_text(rows), 0 if all(row.held for row in rows) else 1)
 
 
 def schema_text(arguments: argparse.Namespace) -> str:

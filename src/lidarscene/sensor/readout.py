@@ -127,6 +127,10 @@ class PublishedFile(FileModel):
     also: tuple[tuple[Share, Positive], ...] = Field(
         default=(), description="further reflectivities and ranges, at the same illuminance"
     )
+    settings: tuple[str, ...] = Field(
+        default=(),
+        description="the sensor's mode in which ranges, scatter and false points hold, as for --set",
+    )
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="share of the pulses that report noise, at that illuminance"

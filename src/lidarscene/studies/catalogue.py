@@ -90,16 +90,16 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
 
 def check(name: str) -> Check:
     """Compare a catalogue sensor with its `[published]` values. Raises InputError."""
-    sensor = load_sensor(name)
     published = catalogue_published(name) or PublishedFile(source="unknown")
+    sensor = load_sensor(name, overrides=published.settings)
     return Check(
         name=name,
         range_m=_range(sensor, published, published.reflectivity, published.range_m),
         also=tuple(_range(sensor, published, *pair) for pair in published.also),
-        repeatability_m=tuple(_repeatability(sensor, published, one) for one in published.repeatability),
+        repeatability_m=tuple(repeatability(sensor, published, one) for one in published.repeatability),
         false_points=_false_points(sensor, published),
         points_per_second=Compared(
-            published=published.points_per_second, simulated=points_per_second(sensor)
+            published=published.points_per_second, simulated=points_per_second(load_sensor(name))
         ),
         source=published.source,
     )
@@ -118,7 +118,7 @@ def _range(
     return Compared(published=range_m, simulated=float(limit), condition=words)
 
 
-def _repeatability(sensor: Sensor, published: PublishedFile, one: RepeatabilityFile) -> Compared:
+def repeatability(sensor: Sensor, published: PublishedFile, one: RepeatabilityFile) -> Compared:
     """At its SNR (on 10 % at 20 m, which sets the background), or on its target."""
     klux = one.illuminance_klux if one.illuminance_klux is not None else published.illuminance_klux
     target = Target(reflectivity=one.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)

@@ -164,13 +164,15 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     NaN. Accurate to 1e-12 relative, by bisection in log range on the exact response.
 
     Between 1 cm and 1000 km the signal falls while, in clear air, the level stays, so there is one crossing. With
-    extinction sunlight fades with range too, and a SiPM that is blinded nearby may see again farther away: then the
-    range is that of the last crossing on a grid of 16 points per decade.
+    extinction sunlight fades with range too, and a SiPM that is blinded nearby may see again farther away; with an
+    overlap of two lenses nothing is seen right before them. Then the range is that of the last crossing on a grid of 16
+    points per decade.
     """
     shape = conditions_shape(sensor, target)
     every = np.ones(shape or (1,))
     decades = math.log10(_FARTHEST_M / _NEAREST_M)
-    cuts = round(decades * _STEPS_PER_DECADE) if np.any(np.asarray(target.extinction_per_m) > 0.0) else 1
+    several = np.any(np.asarray(target.extinction_per_m) > 0.0) or sensor.optics.overlap is not None
+    cuts = round(decades * _STEPS_PER_DECADE) if several else 1
     grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
     # Index of the last grid range at which the target is detected; -1: none.
     last = np.full(every.shape, -1)

@@ -1,0 +1,237 @@
+"""Catalogue sensors compared with recordings of real ones, by statistics that need not know what stood there.
+
+A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow
+from them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. Of other sensors the scatter at
+some ranges is known (`[[published.repeatability]]` with `recording = true`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from .. import catalog
+from ..files.toml import FileModel, read_toml, validated
+from ..maths.arrays import Numbers
+from ..sensor.catalogue import load_sensor
+from ..sensor.catalogue import published as catalogue_published
+from ..sensor.model import Sensor
+from .catalogue import repeatability, scatter_m
+from .ranging.plane import Target, echoes_of_plane
+
+SIGNAL_ERROR = 0.15
+"""Largest mean deviation of the signal over the range: what a recording's reflectivities allow."""
+
+THRESHOLD_ERROR = 0.2
+"""Of the threshold and of the highest noise: the uncertainty of a recording's floor, and steps of one photon."""
+
+SCATTER_RATIO = 1.25
+"""Largest ratio of two scatters at one signal, either way."""
+
+ASSUMED_RATIO = 1.5
+"""The same where signal and light are not recorded, so that the target is assumed."""
+
+Curve = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
+
+
+class _Curves(FileModel):
+    @model_validator(mode="after")
+    def _as_long(self) -> _Curves:
+        lengths = {key: len(getattr(self, key)) for key in type(self).model_fields}
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{key} {length}" for key, length in lengths.items())
+            raise ValueError(f"lists must be equally long, got {told}")
+        return self
+
+
+class SignalFile(_Curves):
+    """[signal]: photons of a white target times the square of its range, over the range."""
+
+    range_m: Curve
+    white_m2: Curve
+
+
+class NoiseFile(_Curves):
+    """[threshold], where half of the points are kept, and [noise], the median of the highest peak without a return."""
+
+    near_ir: Curve
+    photons: Curve
+
+
+class ScatterFile(_Curves):
+    """[scatter]: of the range on smooth surfaces, over the photons of the return."""
+
+    signal: Curve
+    near_ir: Curve
+    sigma_mm: Curve
+
+
+class RecordedFile(FileModel):
+    """Curves of a recording, in catalog/recorded."""
+
+    recording: Annotated[str, Field(min_length=1)]
+    settings: tuple[str, ...] = Field(default=(), description="the sensor's mode, as for --set")
+    signal: SignalFile
+    threshold: NoiseFile
+    noise: NoiseFile
+    scatter: ScatterFile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One quantity of a recording and of the simulation.
+
+    most  largest ratio of the two, either way, at which the sensor is held
+    """
+
+    sensor: str
+    quantity: str
+    condition: str
+    recorded: float
+    simulated: float | None
+    most: float
+
+    @property
+    def ratio(self) -> float | None:
+        """Simulated over recorded."""
+        return None if self.simulated is None else self.simulated / self.recorded
+
+    @property
+    def held(self) -> bool:
+        """Whether the ratio is within bounds."""
+        return self.ratio is not None and 1.0 / self.most <= self.ratio <= self.most
+
+
+def recorded(name: str) -> RecordedFile | None:
+    """Curves of a recording of this sensor, None without one. Raises InputError."""
+    path = catalog.folder("recorded") / f"{name}.toml"
+    return read_recorded(path) if path.is_file() else None
+
+
+def read_recorded(path: Path) -> RecordedFile:
+    """A file of curves. Raises InputError."""
+    return validated(RecordedFile, read_toml(path), str(path))
+
+
+def compared(name: str) -> list[Row]:
+    """All that is recorded of a catalogue sensor, beside what the simulation gives. Raises InputError."""
+    curves = recorded(name)
+    rows = [] if curves is None else list(against(name, curves, load_sensor(name, overrides=curves.settings)))
+    published = catalogue_published(name)
+    if published is None:
+        return rows
+    for one in published.repeatability:
+        if one.recording:
+            found = repeatability(load_sensor(name), published, one)
+            rows.append(
+                Row(
+                    sensor=name, quantity="scatter, mm", condition=f"{one.at_m:g} m", recorded=1e3 * one.sigma_m,
+                    simulated=None if found.simulated is None else 1e3 * found.simulated, most=ASSUMED_RATIO,
+                )
+            )  # fmt: skip
+    return rows
+
+
+def against(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[Row]:
+    """The four curves of a sensor that counts photons, in its recorded mode."""
+    range_m = np.asarray(curves.signal.range_m)
+    white = white_m2(sensor, range_m)
+    error = np.log(white / np.asarray(curves.signal.white_m2))
+    span = f"{range_m[0]:g} to {range_m[-1]:g} m"
+    yield Row(
+        sensor=name, quantity="signal", condition=f"mean of {span}", recorded=1.0,
+        simulated=float(np.exp(np.mean(error))), most=1.0 + SIGNAL_ERROR,
+    )  # fmt: skip
+    yield Row(
+        sensor=name, quantity="signal, spread", condition=f"over {span}", recorded=1.0,
+        simulated=float(np.exp(np.mean(np.abs(error - np.mean(error))))), most=1.0 + SIGNAL_ERROR,
+    )  # fmt: skip
+    for near_ir, photons in zip(curves.threshold.near_ir, curves.threshold.photons, strict=True):
+        point = sensor.working_point(background_w(sensor, near_ir))
+        yield Row(
+            sensor=name, quantity="threshold, photons", condition=f"NEAR_IR {near_ir:g}", recorded=photons,
+            simulated=float(np.ravel(sensor.threshold(point))[0]), most=1.0 + THRESHOLD_ERROR,
+        )  # fmt: skip
+    for near_ir, photons in zip(curves.noise.near_ir, curves.noise.photons, strict=True):
+        yield Row(
+            sensor=name, quantity="highest noise, photons", condition=f"NEAR_IR {near_ir:g}", recorded=photons,
+            simulated=highest_noise(sensor, near_ir), most=1.0 + THRESHOLD_ERROR,
+        )  # fmt: skip
+    scatter = curves.scatter
+    for k, signal in enumerate(scatter.signal):
+        yield Row(
+            sensor=name, quantity="scatter, mm", condition=f"SIGNAL {signal:g}", recorded=scatter.sigma_mm[k],
+            simulated=scatter_mm(sensor, signal, scatter.near_ir[k]),
+            most=SCATTER_RATIO,
+        )  # fmt: skip
+
+
+def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
+    """(n,) photons of a white target times the square of its range, by the range; weak enough not to saturate."""
+    reflectivity = 0.2
+    light = echoes_of_plane(sensor, Target(reflectivity=reflectivity, illuminance_klux=0.0), range_m)
+    photons = np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w))
+    return photons * range_m * range_m / reflectivity
+
+
+def background_w(sensor: Sensor, near_ir: float) -> Numbers:
+    """(1,) W of background at which a point counts this NEAR_IR; 0 if the dark counts alone are more."""
+    low, high = 0.0, 1e-6
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        rate, _ = sensor.background_counts(np.array([middle]))
+        few = float(np.ravel(rate)[0]) * float(sensor.tdc.ambient_s) < near_ir
+        low, high = (middle, high) if few else (low, middle)
+    return np.array([low])
+
+
+def highest_noise(sensor: Sensor, near_ir: float) -> float:
+    """Median of the highest value of the filter in a window without an echo, photons."""
+    point = sensor.working_point(background_w(sensor, near_ir))
+    low, high = 0.0, 1e3
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        rate = float(np.ravel(sensor.false_alarm_rate_hz(point, np.array([middle])))[0])
+        often = rate * float(sensor.tdc.window_s) > math.log(2.0)
+        low, high = (middle, high) if often else (low, middle)
+    return low
+
+
+def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
+    """Standard deviation of the reported range at so many photons, mm; None if they are rarely found."""
+    power = background_w(sensor, near_ir)
+    light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
+    klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
+    noise = float(np.ravel(sensor.working_point(power).noise)[0])
+    found = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
+    return None if found is None else 1e3 * found
+
+
+def as_dict(row: Row) -> dict[str, Any]:
+    """For JSON."""
+    keys = ("sensor", "quantity", "condition", "recorded", "simulated", "ratio", "most", "held")
+    return {key: getattr(row, key) for key in keys}
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """A table for people."""
+    heads = f"{'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"
+    lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""
+    for row in rows:
+        name, before = ("" if row.sensor == before else row.sensor), row.sensor
+        simulated, ratio = (
+            ("none", "") if row.simulated is None else (f"{row.simulated:.3g}", f"{row.ratio:.2f}")
+        )
+        lines.append(
+            f"{name:<10} {row.quantity:<23} {row.condition:<22} {row.recorded:>9.3g} {simulated:>9} {ratio:>6} "
+            f"{row.most:>7g}{'' if row.held else '  FAILED'}"
+        )
+    failed = sum(not row.held for row in rows)
+    lines.append(f"{failed} of {len(rows)} failed" if failed else f"all {len(rows)} held")
+    return "\n".join(lines)
