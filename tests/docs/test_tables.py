@@ -17,7 +17,7 @@ from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.physics.electronics import sipm, tdc
 from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
-from lidarscene.studies import catalogue
+from lidarscene.studies import catalogue, recorded
 from lidarscene.studies.eye_safety.report import eye_safety_report
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
@@ -226,6 +226,16 @@ def test_scatter_as_recorded() -> None:
             assert found.simulated is not None
             assert found.condition.startswith(f"{row[1]}, ")
             row_says(row[2:4], 1e3 * found.published, 1e3 * found.simulated)
+
+
+def test_held_to_recordings() -> None:
+    """Every row of `catalog check --real` for the sensors that count photons; scatters to the error of their draws."""
+    shown = table("sensors.md", "unit | quantity | at")
+    rows = [row for name in ("os0-128", "os1-128", "os2-128") for row in recorded.compared(name)]
+    for cells, row in zip(shown, rows, strict=True):
+        assert (cells[0].strip("`"), cells[1]) == (row.sensor, row.quantity)
+        assert row.condition.endswith(cells[2])
+        row_says(cells[3:], row.recorded, row.simulated)
 
 
 def test_beams_of_the_catalogue() -> None:

@@ -126,14 +126,11 @@ def test_scatter_as_in_recordings(name: str) -> None:
 
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_diodes_clip_and_trip_as_real_ones_do(name: str) -> None:
-    """1 false point in 10 000 pulses at most; an APD's are crossings of McIntyre's noise, its amplifier clips.
-
-    Recorded thresholds give up to 8: the real sensors ask the neighbouring points too (docs/sensors.md).
-    """
+    """1 false point in 10 000 pulses at most; an APD's are crossings of McIntyre's noise, its amplifier clips."""
     sensor = load_sensor(name)
     simulated = checked(name).false_points.simulated
     assert simulated is not None
-    assert simulated <= (1e-3 if name in RECORDED else 1e-4)
+    assert simulated <= 1e-4
     if isinstance(sensor.detector, Apd):
         assert sensor.detector.saturates
         assert "assumed" in sensor.sources["detector.saturation_ua"]

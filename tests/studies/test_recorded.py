@@ -81,7 +81,12 @@ def test_highest_noise_of_simulated_windows() -> None:
     highest = recorded.highest_noise(sensor, near_ir)
     low = load_sensor(
         "os1-128",
-        overrides=[*MODE, f"histogram.threshold_floor={highest}", "histogram.threshold_slope=0"],
+        overrides=[
+            *MODE,
+            f"histogram.threshold_floor={highest}",
+            "histogram.threshold_slope=0",
+            "histogram.lone_photons=0",
+        ],
     )
     light = echoes_of_plane(low, Target(illuminance_klux=0.0), np.full(shots, 20.0))
     dark = replace(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -192,7 +192,9 @@ def background_w(sensor: Sensor, near_ir: float) -> Numbers:
 
 
 def highest_noise(sensor: Sensor, near_ir: float) -> float:
-    """Median of the highest value of the filter in a window without an echo, photons."""
+    """Median of the highest value of the filter in a window without an echo, photons; kept as a return or not."""
+    assert sensor.histogram is not None
+    sensor = replace(sensor, histogram=replace(sensor.histogram, lone_photons=0.0))
     point = sensor.working_point(background_w(sensor, near_ir))
     low, high = 0.0, 1e3
     for _ in range(50):

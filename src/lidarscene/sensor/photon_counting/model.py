@@ -76,6 +76,10 @@ class Histogram:
     threshold_slope: Annotated[
         Lanes, Quantity(ge=0, about="photons for the square root of the background counts of all shots")
     ]
+    lone_photons: Annotated[
+        Lanes,
+        Quantity(ge=0, about="above the threshold, for noise: a peak that no neighbouring point shares"),
+    ] = 0.0
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
     coates: Annotated[bool, Key(about="whether counts are corrected for pile-up before the filter")] = False
     walk: Annotated[
@@ -267,8 +271,10 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         )
 
     def false_peak(threshold: Lanes) -> Lanes:
+        # A receiver that asks the neighbours too wants more of a peak that is noise, since they do not have it.
+        alone = threshold + pixel.histogram.lone_photons
         return matched_filter.false_peak_share(
-            threshold=threshold, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=pixel.histogram.bin_s
+            threshold=alone, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=pixel.histogram.bin_s
         )
 
     background = ops.sqrt(rate * ambient_s)
