@@ -23,6 +23,9 @@ from lidarscene.scene.file import load_scene
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
+    "lidarscene view os1.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
+    "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_options.py::test_compare_real",
+    "lidarscene sensor --from": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
 }
 

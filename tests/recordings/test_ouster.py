@@ -90,6 +90,38 @@ def test_osf_frames_losses_and_poses(tmp_path: Path, core: Any, library: Callabl
     assert hashlib.sha256(path.read_bytes()).hexdigest() == before  # recordings are read only
 
 
+def test_an_osf_without_index_is_copied_first(
+    tmp_path: Path, core: Any, library: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: ouster-sdk would write the index into the recording itself. It writes none without one, so one is said
+    to be missing here.
+    """
+    path, sdk = osf(tmp_path, core, library), library("ouster.sdk")
+    plain, opened = sdk.open_source, []
+
+    class Bare:
+        is_indexed = False
+
+        def __init__(self, file: str) -> None:
+            assert file == str(path)
+
+        def close(self) -> None:
+            pass
+
+    def open_source(file: str, **options: Any) -> Any:
+        opened.append(Path(file))
+        return plain(file, **options)
+
+    monkeypatch.setattr(library("ouster.sdk.osf"), "OsfFrameSetSource", Bare)
+    monkeypatch.setattr(sdk, "open_source", open_source)
+    with open_recording(path) as recording:
+        assert len(recording) == 2
+        (copy,) = opened
+        assert copy != path
+        assert copy.read_bytes() == path.read_bytes()
+    assert not copy.exists()
+
+
 def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
     path = tmp_path / "a.pcap"
     shutil.copy(OUSTER, path)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import SEEDS, Whole
-from .recordings.options import add_recording, is_recording
+from .recordings.options import add_recording, followed, is_recording
 from .words import pose, whole
 
 if TYPE_CHECKING:
@@ -127,7 +127,8 @@ def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
         if getattr(arguments, option):
             word = "set" if option == "overrides" else option
             raise InputError(f"--{word}: goes with a scene or clouds, not with the recording {path}")
-    return Recorded(open_recording(path, arguments.metadata), frame=arguments.frame)
+    recording = open_recording(path, arguments.metadata)
+    return Recorded(followed(recording) if arguments.save else recording, frame=arguments.frame)
 
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:

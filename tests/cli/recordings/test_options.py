@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
 
-from lidarscene.cli.recordings.options import is_recording
+from lidarscene.cli.recordings.options import followed, is_recording
+from lidarscene.recordings.opening import open_recording
 
 
 def room(path: Path, radius_m: float) -> str:
@@ -43,6 +45,19 @@ def test_view_saves_all_frames_or_one(run: Run, tmp_path: Path) -> None:
         assert (ran.code, ran.err) == (0, "")
         pages.append(Path("page.html").read_text(encoding="utf-8"))
     assert ["frame-2" in page for page in pages] == [True, False]
+
+
+def test_a_terminal_is_told_of_each_frame(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "log").mkdir()
+    for number in range(2):
+        room(tmp_path / "log" / f"{number}.bin", 5.0 + number)
+    with open_recording(tmp_path / "log") as recording:
+        assert followed(recording) is recording
+        monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+        assert len(list(followed(recording))) == 2
+    assert capsys.readouterr().err == "\rlog: frame 1 of 2\rlog: frame 2 of 2\n"
 
 
 def test_compare_real(run: Run, tmp_path: Path) -> None:

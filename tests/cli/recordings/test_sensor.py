@@ -1,11 +1,16 @@
 """The command `sensor`."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from helpers.command_line import Run
 from helpers.recordings import OUSTER
 
+from lidarscene.cloud.points import PointCloud
+from lidarscene.recordings.ouster import beams
 from lidarscene.sensor.catalogue import load_sensor
 
 
@@ -15,6 +20,27 @@ def test_a_unit_of_an_ouster(run: Run) -> None:
     assert (ran.code, ran.err) == (0, "")
     assert ran.out == "wrote mine.toml: OS-0-32-U1 992137000142, 32 beams, else as os0-128\n"
     assert load_sensor("mine.toml").scanner.pulses == 512 * 32
+
+
+def test_points_that_it_renders_lie_on_the_makers_beams(
+    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
+) -> None:
+    """Rationale: 2 mm is the acceptance; at 10 m single precision is worth 0.01 mm."""
+    core = library("ouster.sdk.core")
+    metadata = OUSTER.with_suffix(".json")
+    assert run("sensor", "--from", str(metadata), "-o", "mine.toml").code == 0
+    quiet = "laser.peak_power_w=1000"  # so that the wall is found, whatever its light
+    assert run("render", wall, "--sensor", "mine.toml", "--set", quiet, "-o", "a.ply").code == 0
+    cloud = PointCloud.load("a.ply")
+    cloud = cloud.select(cloud.status == 0)
+    assert len(cloud) > 100
+    direction, origin_m = beams(core, core.SensorInfo(metadata.read_text()))
+    column = np.rint(cloud.time_s * 10_240).astype(int)
+    along, start = direction[cloud.channel, column], origin_m[cloud.channel, column]
+    from_start = cloud.in_sensor_frame().xyz_m - start
+    range_m = np.sum(from_start * along, axis=1)
+    miss_m = np.linalg.norm(from_start - range_m[:, None] * along, axis=1)
+    assert miss_m.max() < 2e-3
 
 
 def test_mistakes_are_told_in_one_line(run: Run) -> None:

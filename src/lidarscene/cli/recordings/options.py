@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...rendering.options import SEEDS
 from ..words import whole
+
+if TYPE_CHECKING:
+    from ...recordings.recording import Recording
+    from ...recordings.sweep import Sweep
 
 ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin")
 """Ends of names that no cloud which lidarscene can read back has."""
@@ -41,3 +48,17 @@ def is_recording(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return b"lidarscene" not in file.read(HEADER_BYTES)
+
+
+def followed(recording: Recording) -> Recording:
+    """The same recording; a terminal is told of each frame that is read."""
+    if len(recording) < 2 or not sys.stderr.isatty():
+        return recording
+
+    def read(frame: int) -> Sweep:
+        last = frame + 1 == len(recording)
+        sys.stderr.write(f"\r{recording.path.name}: frame {frame + 1} of {len(recording)}" + "\n" * last)
+        sys.stderr.flush()
+        return recording.read(frame)
+
+    return replace(recording, read=read)

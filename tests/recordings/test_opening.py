@@ -1,0 +1,44 @@
+"""Which reader a recording gets, and what is said where its library is missing."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.recordings import OUSTER, hesai_packet, pcap, turns
+
+from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.files import optional
+from lidarscene.recordings.opening import open_recording
+
+
+def without(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
+    for name in [*sys.modules, *packages]:
+        if name.partition(".")[0] in packages:
+            monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without(monkeypatch, "ouster", "velodyne_decoder", "hydra4", "rosbags")
+    bag = tmp_path / "a.mcap"
+    bag.write_bytes(b"1")
+    for path, extra in (
+        (OUSTER, "ouster"),
+        (pcap(tmp_path / "v.pcap", turns(1)), "velodyne"),
+        (pcap(tmp_path / "h.pcap", [hesai_packet(0, 100)]), "hesai"),
+        (bag, "ros"),
+    ):
+        with pytest.raises(LidarSceneError) as caught:
+            open_recording(path)
+        packages = " ".join(optional.EXTRAS[extra].values())
+        assert f"try: pip install 'lidarscene[{extra}]', or pip install {packages}" in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("1")
+    with pytest.raises(InputError, match=r"must be a recording that ends in .pcap, .* got '.txt'"):
+        open_recording(tmp_path / "notes.txt")
+    with pytest.raises(InputError, match=r"must hold files that end in .pcd.bin, .bin, .* got none"):
+        open_recording(tmp_path)
+    with pytest.raises(InputError, match=r"--metadata .*notes.txt: goes with recordings of packets"):
+        open_recording(tmp_path, tmp_path / "notes.txt")
