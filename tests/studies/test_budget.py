@@ -36,8 +36,9 @@ def frames(mi: Any) -> dict[str, tuple[Scene, Sensor, Simulator, PointCloud]]:
     return made
 
 
-def is_diffuse(scene: Scene, cloud: PointCloud) -> np.ndarray:
-    kinds = np.array([scene.materials[name].bsdf == "diffuse" for name in cloud.material_names])
+def is_lambertian(scene: Scene, cloud: PointCloud) -> np.ndarray:
+    surfaces = [scene.materials[name] for name in cloud.material_names]
+    kinds = np.array([one.bsdf == "diffuse" and "facet_slope_deg" not in one.parameters for one in surfaces])
     return (cloud.material >= 0) & kinds[cloud.material]
 
 
@@ -48,8 +49,8 @@ def test_diffuse_points_are_explained_by_the_truth_columns(frames: Any, name: st
     """
     scene, sensor, _, cloud = frames[name]
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
-    lambertian = is_diffuse(scene, cloud) & (cloud.interactions == 0)  # panes take their share off
-    assert lambertian.sum() > 30_000
+    lambertian = is_lambertian(scene, cloud) & (cloud.interactions == 0)  # panes take their share off
+    assert lambertian.sum() > 10_000
     point = sensor.working_point(budget.background_power_w)
     snr = point.signal(budget.lambertian_power_w) / budget.noise
     np.testing.assert_allclose(snr[lambertian], cloud.snr[lambertian], rtol=2e-5)
@@ -86,20 +87,20 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     free &= budget.signal - budget.threshold > 6 * budget.noise_at_peak
     deviate = (cloud.intensity - budget.signal)[free] / budget.noise_at_peak[free]
     assert abs(deviate.mean()) < 4.5 / math.sqrt(free.sum())
-    coated = free & ~is_diffuse(scene, cloud)
+    coated = free & ~is_lambertian(scene, cloud)
     assert coated.sum() > 100
-    assert abs(deviate[~is_diffuse(scene, cloud)[free]].mean()) < 4.5 / math.sqrt(coated.sum())
+    assert abs(deviate[~is_lambertian(scene, cloud)[free]].mean()) < 4.5 / math.sqrt(coated.sum())
 
 
 def test_one_point_by_hand(frames: Any) -> None:
-    """Rationale: every number of the table for one point on asphalt, by the formulas written out with Table 1's
+    """Rationale: every number of the table for one point on grass, by the formulas written out with Table 1's
     numbers. Tolerance: float32 columns.
     """
     scene, sensor, _, cloud = frames["table1-apd"]
     ambient = ambient_of(scene, sensor)
     budget = budget_of(cloud, sensor, ambient)
-    asphalt = cloud.material == cloud.material_names.index("asphalt")
-    i = int(np.flatnonzero(asphalt & (cloud.in_shadow == 0))[1000])
+    grass = cloud.material == cloud.material_names.index("grass")
+    i = int(np.flatnonzero(grass & (cloud.in_shadow == 0))[1000])
     distance, theta = float(cloud.true_range_m[i]), float(cloud.incidence_angle_rad[i])
     rho, sun = float(cloud.reflectivity[i]), math.cos(float(cloud.sun_angle_rad[i]))
     aperture = math.pi * 0.025**2

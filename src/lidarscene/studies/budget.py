@@ -2,9 +2,9 @@
 
 Answers why a point has the SNR that it has. It runs the stages of the simulation on numpy. A cloud does not hold its
 surfaces' BSDFs, only the diffuse reflectivity. So from a cloud alone, the echo power (5) and the background (8) are
-those of a Lambertian surface: exact for diffuse materials, wrong for coats, mirrors and retro-reflectors. Where the
-Lambertian echo does not explain the cloud's SNR, P_r is the power that does. With a compiled world,
-`kernel.rays.relit.light_of` gives the light itself.
+those of a Lambertian surface: exact for Lambertian materials, wrong for rough ones, coats, mirrors and
+retro-reflectors. Where the Lambertian echo does not explain the cloud's SNR, P_r is the power that does. With a
+compiled world, `kernel.rays.relit.light_of` gives the light itself.
 
 Symbols: P_r echo power, P_rs background power, sigma_0 noise without echo, U comparator level, P_d detection
 probability.
