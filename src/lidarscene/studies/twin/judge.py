@@ -102,18 +102,18 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
     yield Row(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
     yield Row(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
     if both.signal is None:
-        yield _scatter("all strengths", real_mm, simulated_mm)
+        yield _scatter("all strengths", both)
         return
     octave = np.floor(np.log2(np.maximum(both.signal, 1.0))).astype(int)
     for one in np.unique(octave):
-        there = octave == one
-        if there.sum() >= LEAST:
-            name = f"signal {2**one} to {2 ** (one + 1)}"
-            yield _scatter(name, real_mm[there], simulated_mm[there])
+        there = both.at((octave == one) & np.isfinite(both.change_m))
+        if len(there.change_m) >= LEAST:
+            yield _scatter(f"signal {2**one} to {2 ** (one + 1)}", there)
 
 
-def _scatter(name: str, real_mm: Numbers, simulated_mm: Numbers) -> Row:
-    real, simulated = spread(real_mm), spread(simulated_mm)
+def _scatter(name: str, both: Pulses) -> Row:
+    """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
+    real, simulated = (1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m))
     return Row(
         quantity="range, scatter", condition=name, real=real, simulated=simulated,
         value=simulated / real if real > 0.0 else None, low=SCATTER[0], high=SCATTER[1], unit="mm",

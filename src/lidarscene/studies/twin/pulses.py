@@ -15,7 +15,7 @@ from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.model import Scene
 from ...sensor.model import Sensor
-from .surfels import KINDS
+from .surfels import KINDS, SMOOTH
 
 LARGEST_ANGLE_RAD = np.radians(0.5)
 """Between the recorded and the simulated beam of a pulse, in the median: beyond it they are not the same pulses."""
@@ -23,17 +23,22 @@ LARGEST_ANGLE_RAD = np.radians(0.5)
 RAYS = 16
 """Of a pulse, where a second return is asked for: a single ray meets one surface."""
 
+APART_RAD = np.radians(1.4)
+"""Of the ranges whose differences tell of scatter: in recordings nearer columns share noise, up to four of 1024."""
+
 NOTHING = -1
 """In `Pulses.kind`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulses:
-    """All (n,), the pulses that the recording tells of; NaN where there is no return.
+    """All (n,), the pulses that the recording tells of; NaN where there is no return. Changes are of smooth surfaces.
 
     angle_rad          between the recorded direction and the simulated
     ring               row of the recording
-    range_m, signal    of the recording's first return; the signal None if it has none
+    range_m, signal    of the recording's first return; the signal None if it has none. Ranges count from the beam's
+                       exit in the simulated sensor; makers count from elsewhere
+    change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
     gap_m              between the recording's two returns
     simulated_*        the same of the simulation
     true_range_m       of the twin's surface
@@ -44,9 +49,11 @@ class Pulses:
     ring: Numbers
     range_m: Numbers
     signal: Numbers | None
+    change_m: Numbers
     gap_m: Numbers
     simulated_range_m: Numbers
     simulated_signal: Numbers
+    simulated_change_m: Numbers
     simulated_gap_m: Numbers
     true_range_m: Numbers
     kind: Numbers
@@ -89,18 +96,36 @@ def pulses_of(
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
             kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NOTHING)
-    told = sweep.recorded.ravel()
-    pulse = numbers.ravel()[told]
-    real_gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
+    recorded_m = _from_exit(sensor, sweep, numbers)
+    simulated_m = range_m[numbers]
+    smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
+    step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
+    gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     strength = sweep.signal if sweep.signal is not None else sweep.intensity
-    return Pulses(
-        angle_rad=angle_rad.ravel()[told], ring=rows.ravel()[told], range_m=sweep.range_m.ravel()[told],
-        signal=None if strength is None else strength.ravel()[told].astype(np.float64),
-        gap_m=real_gap_m.ravel()[told],
-        simulated_range_m=range_m[pulse], simulated_signal=_at(cloud.signal, first)[pulse],
-        simulated_gap_m=np.abs(other_m - range_m)[pulse], true_range_m=true_range_m[pulse], kind=kind[pulse],
-    ), cloud  # fmt: skip
+    laid = Pulses(
+        angle_rad=angle_rad, ring=rows, range_m=recorded_m, gap_m=gap_m,
+        signal=None if strength is None else strength.astype(np.float64),
+        change_m=_change(np.where(smooth, recorded_m, np.nan), step),
+        simulated_range_m=simulated_m, simulated_signal=_at(cloud.signal, first)[numbers],
+        simulated_change_m=_change(np.where(smooth, simulated_m, np.nan), step),
+        simulated_gap_m=np.abs(other_m - range_m)[numbers], true_range_m=true_range_m[numbers], kind=kind[numbers],
+    )  # fmt: skip
+    return laid.at(sweep.recorded), cloud
+
+
+def _from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
+    """Recorded ranges, counted from where the simulated beam starts."""
+    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
+    if start is None and sweep.origin_m is None:
+        return sweep.range_m
+    exit_m = np.zeros(3) if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
+    return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
+
+
+def _change(range_m: Numbers, step: int) -> Numbers:
+    """(r_before - 2 r + r_after) / sqrt(6): of independent errors it has their deviation, of straight walls none."""
+    return np.asarray((np.roll(range_m, step, 1) - 2.0 * range_m + np.roll(range_m, -step, 1)) / np.sqrt(6.0))
 
 
 def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:

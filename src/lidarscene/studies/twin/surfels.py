@@ -32,6 +32,9 @@ GROUND_BEYOND = 1.3
 BEHIND_M = 0.3
 """Ground is put behind a return if it lies so much farther."""
 
+LOST_SHARE = 0.5
+"""Of a lost pulse's highest peak, for its echo: the peak may be all echo or all noise."""
+
 BEAM_SHARE = 0.5
 """Of a pixel that the nearer of two returns covers."""
 
@@ -103,11 +106,11 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
 
 
 def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
-    """The most that the strength of a lost pulse allows: makers report the highest peak, though none was kept."""
+    """What the strength of a lost pulse allows: makers report its highest peak, though none was kept."""
     if not grid.sweep.knows_lost or gauge.field != "signal":
         return np.full(grid.sweep.shape, np.inf)
     found = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
-    return np.where(np.nan_to_num(grid.sweep.signal) > 0.0, found, np.inf)
+    return np.where(np.nan_to_num(grid.sweep.signal) > 0.0, LOST_SHARE * found, np.inf)
 
 
 def _two_returns(grid: Grid) -> Numbers:
