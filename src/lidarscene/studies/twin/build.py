@@ -126,9 +126,12 @@ def build_twin(
         "judged": choice.judged, "illuminance_klux": light, "illuminance_assumed": not known,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
         "reflectivity": _told(gauge),
+        "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
     }  # fmt: skip
     _put(folder / ABOUT, json.dumps(about, indent=1) + "\n")
-    notes.append(f"wrote {folder / SCENE}: {len(quads)} quads of {len(choice.frames)} frame(s), {light:.3g} klux")
+    notes.append(
+        f"wrote {folder / SCENE}: {len(quads)} quads of {len(choice.frames)} frame(s), {light:.3g} klux"
+    )
     return "\n".join([*notes, _told(gauge)])
 
 
@@ -173,7 +176,11 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
 
     def counts(klux: float, reflectivity: float) -> float:
         target = Target(
-            reflectivity=reflectivity, illuminance_klux=klux, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0
+            reflectivity=reflectivity,
+            illuminance_klux=klux,
+            cos_sun=0.0,
+            diffuse_share=1.0,
+            transmittance=1.0,
         )
         power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
         return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
@@ -281,3 +288,12 @@ def about(scene: Path) -> dict[str, Any]:
         raise InputError(f"{scene}: must be the scene of a twin, with {ABOUT} beside it, or a cloud")
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
+
+
+def place_of(made: dict[str, Any], number: int, scene: Path) -> Pose:
+    """Pose of a frame that the twin knows. Raises InputError."""
+    found = made["places"].get(str(number))
+    if found is None:
+        raise InputError(f"--frame {number}: must be one of {', '.join(made['places'])}, which {scene} knows")
+    x, y, z, yaw, pitch, roll = found
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

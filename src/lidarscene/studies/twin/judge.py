@@ -32,6 +32,9 @@ SECOND_SHARE, SECOND_GAP = 1.5, 0.15
 RANGE_BINS = 8
 """Of the mean signal, with as many recorded returns in each."""
 
+SAME_M = 0.3
+"""A recorded return farther from the twin's surface is of another one: at an edge, from another frame."""
+
 LEAST = 50
 """Fewer pulses in a bin are not judged."""
 
@@ -88,7 +91,8 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
 
 def _ranges(pulses: Pulses) -> Iterator[Row]:
     """On smooth surfaces that both found: against the surface of the twin."""
-    both = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH))
+    same = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
+    both = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH) & same)
     real_mm = 1e3 * (both.range_m - both.true_range_m)
     simulated_mm = 1e3 * (both.simulated_range_m - both.true_range_m)
     told = bool(len(real_mm) >= LEAST)
@@ -113,7 +117,9 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
 
 def _scatter(name: str, both: Pulses) -> Row:
     """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
-    real, simulated = (1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m))
+    real, simulated = (
+        1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m)
+    )
     return Row(
         quantity="range, scatter", condition=name, real=real, simulated=simulated,
         value=simulated / real if real > 0.0 else None, low=SCATTER[0], high=SCATTER[1], unit="mm",
@@ -152,7 +158,9 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
     if both.sum() >= LEAST:
         bias, scatter = bias_and_scatter(pulses.signal[both], pulses.simulated_signal[both])
         yield Row(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield Row(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
+        yield Row(
+            quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons"
+        )
         logs = np.log(pulses.signal[both]), np.log(pulses.simulated_signal[both])
         yield Row(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
@@ -206,7 +214,10 @@ def _ground(sweep: Sweep, cloud: PointCloud, pulses: Pulses) -> Iterator[Row]:
 
 
 def _second(pulses: Pulses) -> Iterator[Row]:
-    real, mine = pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)]
+    real, mine = (
+        pulses.gap_m[np.isfinite(pulses.gap_m)],
+        pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
+    )
     if not len(real) and not len(mine):
         return
     shares = len(real) / max(int(pulses.kept.sum()), 1), len(mine) / max(int(pulses.simulated.sum()), 1)

@@ -44,7 +44,9 @@ def surfels_of(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Sur
     flat = np.abs(facing) < LEAST_COS
     normal = np.where(flat[:, None], -direction, normal)
     smooth = (spread[:, 0] < SMOOTH_CURVATURE * spread.sum(axis=1)) & ~flat
-    apparent = np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.kept]
+    apparent = (
+        np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.kept]
+    )
     reflectivity = apparent / scattering_law(-np.einsum("ni,ni->n", normal, direction))
     bright = reflectivity > largest_reflectivity()
     kind = np.where(bright, BRIGHT, np.where(smooth, SMOOTH, ROUGH))
@@ -74,7 +76,7 @@ def _squares(points: Numbers, normal: Numbers, half_m: Numbers) -> Numbers:
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
     v = np.cross(normal, u)
     u, v = half_m[:, None] * u, half_m[:, None] * v
-    return points[:, None] + np.stack([u + v, v - u, -u - v, u - v], axis=1)
+    return np.asarray(points[:, None] + np.stack([u + v, v - u, -u - v, u - v], axis=1))
 
 
 def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:

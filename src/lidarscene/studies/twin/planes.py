@@ -6,7 +6,9 @@ Symbols: p points of a window, w their weights, m normal over distance from the 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -44,13 +46,11 @@ class Grid:
     """A sweep whose columns are at one azimuth for all rows. Arrays are (rows, columns) or (rows, columns, 3).
 
     sweep      the same pixels in the order of the grid
-    pixel      index of each in the recording's array, flattened
     step_rad   azimuth from a column to the next, with its sign
     above_rad  (rows,) half the angle to the row above, and below to that below
     """
 
     sweep: Sweep
-    pixel: Numbers
     step_rad: float
     above_rad: Numbers
     below_rad: Numbers
@@ -85,47 +85,40 @@ class Planes:
 
 def of_columns(sweep: Sweep, chosen: slice) -> Sweep:
     """A sweep of only these columns."""
-    changed = {}
-    for one in fields(Sweep):
-        value = getattr(sweep, one.name)
-        if isinstance(value, np.ndarray):
-            changed[one.name] = value[:, chosen]
+    return _each(sweep, lambda values: values[:, chosen])
+
+
+def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
+    """The sweep with every array changed alike."""
+    changed: dict[str, Any] = {
+        one.name: take(value)
+        for one in fields(Sweep)
+        if isinstance(value := getattr(sweep, one.name), np.ndarray)
+    }
     if sweep.second is not None:
-        parts = {name: getattr(sweep.second, name) for name in SECOND}
-        changed["second"] = replace(
-            sweep.second, **{name: None if v is None else v[:, chosen] for name, v in parts.items()}
-        )
+        parts: dict[str, Any] = {
+            name: take(value) for name in SECOND if (value := getattr(sweep.second, name)) is not None
+        }
+        changed["second"] = replace(sweep.second, **parts)
     return replace(sweep, **changed)
 
 
 def grid_of(sweep: Sweep) -> Grid:
     """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
     if len(sweep.shape) != 2 or min(sweep.shape) < 2 or np.isnan(sweep.direction).any():
-        raise InputError("must be a sweep of rows and columns that knows all directions, got a list of points")
+        raise InputError(
+            "must be a sweep of rows and columns that knows all directions, got a list of points"
+        )
     azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
     step_rad = float(np.median(_wrapped(np.diff(azimuth, axis=1))))
     elevation = np.median(np.arcsin(sweep.direction[..., 2].clip(-1.0, 1.0)), axis=1)
     rows = np.argsort(-elevation, kind="stable")
-    rows_n, columns_n = sweep.shape
+    columns_n = sweep.shape[1]
     shift = np.rint(_wrapped(azimuth[:, 0] - azimuth[rows[0], 0]) / step_rad).astype(int)
     columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
-    pixel = rows[:, None] * columns_n + columns
     half = 0.5 * np.abs(np.diff(elevation[rows]))
-    taken = {
-        one.name: getattr(sweep, one.name).reshape(rows_n * columns_n, -1)[pixel].reshape(
-            getattr(sweep, one.name).shape
-        )
-        for one in fields(Sweep)
-        if isinstance(getattr(sweep, one.name), np.ndarray)
-    }
-    if sweep.second is not None:
-        parts = {name: getattr(sweep.second, name) for name in SECOND}
-        second = replace(
-            sweep.second, **{name: None if v is None else v.reshape(-1)[pixel] for name, v in parts.items()}
-        )
-        taken["second"] = second
     return Grid(
-        sweep=replace(sweep, **taken), pixel=pixel, step_rad=step_rad,
+        sweep=_each(sweep, lambda values: values[rows[:, None], columns]), step_rad=step_rad,
         above_rad=np.r_[half[:1], half], below_rad=np.r_[half, half[-1:]],
     )  # fmt: skip
 
@@ -200,10 +193,8 @@ def _median(around: Numbers) -> Numbers:
     """Over the window, without what is missing; NaN where all is."""
     ordered = np.sort(around, axis=0)
     count = np.isfinite(around).sum(axis=0)
-    return np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0]
+    return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])
 
 
 def _wrapped(angle_rad: Numbers) -> Numbers:
     return np.asarray((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)
-
-

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from ...cloud.points import PointCloud
 from ...errors import InputError
 from ...maths.arrays import Numbers
+from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
@@ -70,21 +72,27 @@ class Pulses:
 
     def at(self, mask: Numbers) -> Pulses:
         """Only these pulses."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        return Pulses(**{name: None if v is None else v[mask] for name, v in values.items()})
+        values: dict[str, Any] = {
+            one.name: None if (value := getattr(self, one.name)) is None else value[mask]
+            for one in fields(self)
+        }
+        return Pulses(**values)
 
 
 def pulses_of(
-    scene: Scene, sensor: Sensor, sweep: Sweep, *, seed: int = 0, chunk: int = DEFAULT_CHUNK
-) -> tuple[Pulses, PointCloud]:
-    """Render the twin and lay its pulses on the recording's; the cloud too.
+    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0,
+    chunk: int = DEFAULT_CHUNK,
+) -> tuple[Pulses, PointCloud]:  # fmt: skip
+    """Render the twin and lay its pulses on the recording's; the cloud too. ``pose`` None: the scene's own.
 
     Raises InputError where the sensor does not fire the recording's pulses.
     """
     numbers, angle_rad = matched(sensor, sweep)
-    simulator = Simulator(scene, sensor, rays=RAYS if sensor.tdc.stops > 1 else 1)
+    simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
     seen: list[tuple[Numbers, Mapping[str, Numbers]]] = []
-    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: seen.append((pulse, columns)))
+    cloud = simulator.render(
+        seed=seed, chunk=chunk, points=lambda pulse, columns: seen.append((pulse, columns))
+    )
     n = sensor.scanner.pulses
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in seen)])
     first, second = _by_pulse(of_points, n)
@@ -99,8 +107,12 @@ def pulses_of(
     recorded_m = _from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
     smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
-    step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
-    gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
+    step = max(
+        1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1))))
+    )
+    gap_m = (
+        np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
+    )
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     strength = sweep.signal if sweep.signal is not None else sweep.intensity
     laid = Pulses(
@@ -119,7 +131,11 @@ def _from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     if start is None and sweep.origin_m is None:
         return sweep.range_m
-    exit_m = np.zeros(3) if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
+    exit_m = (
+        np.zeros(3)
+        if start is None
+        else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
+    )
     return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
 
 
@@ -140,7 +156,9 @@ def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     channel = np.asarray(sensor.scanner.channel(pulse))
     channels = np.unique(channel)
     if len(channels) != sweep.shape[0]:
-        raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
+        raise InputError(
+            f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}"
+        )
     height = [float(np.median(fired[channel == one, 2])) for one in channels]
     rows = np.argsort(-np.median(sweep.direction[..., 2], axis=1), kind="stable")
     numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)

@@ -92,7 +92,8 @@ class Gauge:
 
 def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """Reflectivity of a photon by range, from pixels well above the steps of the reflectivity and below white."""
-    assert sweep.reflectivity is not None and sweep.signal is not None
+    assert sweep.reflectivity is not None
+    assert sweep.signal is not None
     good = (
         sweep.kept
         & (sweep.reflectivity >= _LEAST_COUNTS)

@@ -18,7 +18,7 @@ from .reflect import LEAST, Gauge, largest_reflectivity, scattering_law
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
 KINDS = ("smooth", "rough", "filled", "ground", "bright")
-"""Measured in a plane that goes on, measured elsewhere, a hole in a plane, ground completed, brighter than matt white."""
+"""Measured in a plane that goes on, or elsewhere; a hole in a plane; ground completed; brighter than matt white."""
 
 LAP = 1.04
 """Quads are so much wider than a pixel, so that no beam slips between two."""
@@ -64,7 +64,9 @@ class Surfels:
 
 def together(parts: Sequence[Surfels]) -> Surfels:
     """All in one."""
-    return Surfels(**{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)})
+    return Surfels(
+        **{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)}
+    )
 
 
 def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
@@ -99,7 +101,9 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     lost = ~sweep.kept & planes.there
     if lost.any():
         masked = np.where(sweep.kept, found, np.nan)
-        around = np.sort(np.stack([np.roll(masked, (0, by), axis=(0, 1)) for by in range(-4, 5)])[:, lost], axis=0)
+        around = np.sort(
+            np.stack([np.roll(masked, (0, by), axis=(0, 1)) for by in range(-4, 5)])[:, lost], axis=0
+        )
         middle = np.take_along_axis(around, (np.isfinite(around).sum(axis=0) // 2)[None], axis=0)[0]
         found[lost] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost])
     return np.maximum(found, LEAST)
@@ -107,10 +111,11 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
 
 def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
     """What the strength of a lost pulse allows: makers report its highest peak, though none was kept."""
-    if not grid.sweep.knows_lost or gauge.field != "signal":
+    signal = grid.sweep.signal
+    if not grid.sweep.knows_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
     found = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
-    return np.where(np.nan_to_num(grid.sweep.signal) > 0.0, LOST_SHARE * found, np.inf)
+    return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * found, np.inf)
 
 
 def _two_returns(grid: Grid) -> Numbers:
@@ -120,9 +125,7 @@ def _two_returns(grid: Grid) -> Numbers:
     return np.asarray(grid.sweep.kept & np.isfinite(second.range_m))
 
 
-def _both(
-    grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None
-) -> list[Surfels]:
+def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None) -> list[Surfels]:
     """Of pixels with two returns: the nearer quad covers half of the pixel, the farther shows beside it.
 
     So the share of the beam that each returns is part of its apparent reflectivity.
@@ -144,9 +147,7 @@ def _both(
     return made
 
 
-def _ground(
-    grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None
-) -> Surfels:
+def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None) -> Surfels:
     """Quads of the plane where a beam would meet it: behind what it met, and where nothing came back."""
     sweep = grid.sweep
     up = np.array([-ground[1], -ground[2], 1.0])
@@ -159,7 +160,8 @@ def _ground(
         return _quads(grid, on, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on], 99.0))
     with np.errstate(invalid="ignore"):
-        behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, ~planes.there)
+        shows = ~planes.there & _in_sight(sweep.kept, on, sweep.range_m, meets_m)
+        behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on])))
     octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
@@ -170,6 +172,20 @@ def _ground(
     if gauge is not None:
         strength = np.where(sweep.kept, strength, np.fmin(strength, _allowed(grid, gauge, meets_m)))
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
+
+
+def _in_sight(kept: Numbers, on: Numbers, range_m: Numbers, meets_m: Numbers) -> Numbers:
+    """Mask of the pixels where the ground may show: the next return below is ground, and the next above none nearer.
+
+    Below a roof that returned something are the windows and the paint that did not, and no ground.
+    """
+    rows = np.broadcast_to(np.arange(kept.shape[0])[:, None], kept.shape)
+    above = np.maximum.accumulate(np.where(kept, rows, -1), axis=0)
+    below = np.minimum.accumulate(np.where(kept, rows, len(kept))[::-1], axis=0)[::-1]
+    columns = np.arange(kept.shape[1])[None, :]
+    on_below = (below == len(kept)) | on[np.minimum(below, len(kept) - 1), columns]
+    nearer = (above >= 0) & (range_m[np.maximum(above, 0), columns] < meets_m)
+    return np.asarray(on_below & ~nearer)
 
 
 def _quads(
