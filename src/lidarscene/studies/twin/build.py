@@ -247,7 +247,7 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
         "# Reflectivities are those of the meshes.",
         "[materials.measured]", 'bsdf = "diffuse"', "reflectivity = 0.2", f"facet_slope_deg = {SLOPE_DEG:g}", "",
     ]  # fmt: skip
-    for body, kind, apparent in bodies:
+    for body, _, apparent in bodies:
         if apparent is not None:
             retro = max(apparent - BRIGHT_DIFFUSE, 1e-3) / math.pi
             lines += [

@@ -7,6 +7,7 @@ TU Darmstadt 2022, with C. Linnhoff).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -138,7 +139,7 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
     kept, simulated = pulses.kept, pulses.simulated
     edges = np.quantile(pulses.range_m[kept], np.linspace(0.0, 1.0, RANGE_BINS + 1))
     errors = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         of_real = kept & (pulses.range_m >= low) & (pulses.range_m < high)
         of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
         if of_real.sum() < LEAST or of_simulated.sum() < LEAST:
@@ -168,7 +169,8 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
 def _points(pulses: Pulses) -> Iterator[Row]:
     real, mine = int(pulses.kept.sum()), int(pulses.simulated.sum())
     yield Row(
-        quantity="points", real=real, simulated=mine, value=mine / real - 1.0 if real else None, low=-POINTS, high=POINTS
+        quantity="points", real=real, simulated=mine, value=mine / real - 1.0 if real else None,
+        low=-POINTS, high=POINTS,
     )  # fmt: skip
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.kept], minlength=rings)
@@ -190,11 +192,16 @@ def _points(pulses: Pulses) -> Iterator[Row]:
 def _kept(pulses: Pulses) -> Iterator[Row]:
     kept, mine = pulses.kept, pulses.simulated
     yield Row(quantity="real returns kept", value=_share(mine[kept]), low=KEPT_SHARE)
-    losses = ~kept & (pulses.kind != NOTHING)
+    losses = ~kept & ~pulses.dropped & (pulses.kind != NOTHING)
     yield Row(
         quantity="real losses on surfaces kept", condition=f"of {int(losses.sum())}",
         value=_share(mine[losses]) if losses.sum() >= LEAST else None, high=KEPT_LOSSES,
     )  # fmt: skip
+    if pulses.dropped.any():
+        yield Row(
+            quantity="found but withheld by the real sensor, kept", condition=f"of {int(pulses.dropped.sum())}",
+            value=_share(mine[pulses.dropped]),
+        )  # fmt: skip
     yield Row(quantity="kept or lost otherwise than real", value=_share(kept != mine))
 
 

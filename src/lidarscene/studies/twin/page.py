@@ -145,5 +145,6 @@ _NOTE = (
     "quantity, a ratio (scatter), a relative difference (points, signals, ground) or a share. Ranges count from the "
     "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
     "on both sides. The double validation metric is the difference of the means (bias) and the area between both "
-    "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin."
+    "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin; those "
+    "of which the sensor tells a reflectivity and no range are left out and told apart."
 )

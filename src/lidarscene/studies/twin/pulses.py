@@ -17,6 +17,7 @@ from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.model import Scene
 from ...sensor.model import Sensor
+from .reflect import dropped
 from .surfels import KINDS, SMOOTH
 
 LARGEST_ANGLE_RAD = np.radians(0.5)
@@ -42,6 +43,7 @@ class Pulses:
                        exit in the simulated sensor; makers count from elsewhere
     change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
     gap_m              between the recording's two returns
+    dropped            whether the recording found an echo and told no range (`reflect.dropped`)
     simulated_*        the same of the simulation
     true_range_m       of the twin's surface
     kind               place of the twin's surface in `KINDS`, or `NOTHING`
@@ -53,6 +55,7 @@ class Pulses:
     signal: Numbers | None
     change_m: Numbers
     gap_m: Numbers
+    dropped: Numbers
     simulated_range_m: Numbers
     simulated_signal: Numbers
     simulated_change_m: Numbers
@@ -116,7 +119,7 @@ def pulses_of(
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     strength = sweep.signal if sweep.signal is not None else sweep.intensity
     laid = Pulses(
-        angle_rad=angle_rad, ring=rows, range_m=recorded_m, gap_m=gap_m,
+        angle_rad=angle_rad, dropped=dropped(sweep), ring=rows, range_m=recorded_m, gap_m=gap_m,
         signal=None if strength is None else strength.astype(np.float64),
         change_m=_change(np.where(smooth, recorded_m, np.nan), step),
         simulated_range_m=simulated_m, simulated_signal=_at(cloud.signal, first)[numbers],

@@ -31,6 +31,16 @@ _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
 
 
+def dropped(sweep: Sweep) -> Numbers:
+    """Mask of the lost pulses for which a reflectivity is told: an echo was found there, and its range withheld.
+
+    Ousters do so by the thousand, at edges and close by. What stands there is not known.
+    """
+    if sweep.reflectivity is None:
+        return np.zeros(sweep.shape, bool)
+    return np.asarray(sweep.lost & (sweep.reflectivity > 0.0))
+
+
 def scattering_law(cos: Numbers) -> Numbers:
     """Light sent straight back by a surface at this angle, over that at normal incidence: equation (T7a) times cos."""
     relief = reflection.relief(np.radians(SLOPE_DEG))

@@ -14,7 +14,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from .planes import Grid, Planes, planes_of
-from .reflect import LEAST, Gauge, largest_reflectivity, scattering_law
+from .reflect import LEAST, Gauge, dropped, largest_reflectivity, scattering_law
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
 KINDS = ("smooth", "rough", "filled", "ground", "bright")
@@ -82,7 +82,8 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
     parts = [
         _quads(grid, chosen, range_m, planes.normal, apparent, kind)
         for kind, chosen in (
-            (SMOOTH, kept & smooth & ~two), (ROUGH, kept & ~smooth & ~two), (FILLED, ~kept & planes.there),
+            (SMOOTH, kept & smooth & ~two), (ROUGH, kept & ~smooth & ~two),
+            (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
         )
     ]  # fmt: skip
     if two.any():
@@ -160,7 +161,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         return _quads(grid, on, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = ~planes.there & _in_sight(sweep.kept, on, sweep.range_m, meets_m)
+        shows = ~planes.there & ~dropped(sweep) & _in_sight(sweep.kept, on, sweep.range_m, meets_m)
         behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on])))
