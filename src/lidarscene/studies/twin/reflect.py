@@ -26,7 +26,10 @@ WHITE = 100.0
 ASSUMED_MEDIAN = 0.2
 """Of the apparent reflectivities, where the recording's intensity has no known unit."""
 
-_LEAST_COUNTS = 5.0
+STEEPEST = 4.0
+"""Exponent of the range by which a table is continued, at most."""
+
+_LEAST_COUNTS = 2.0
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
 
@@ -92,11 +95,13 @@ class Gauge:
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges."""
         strength = np.asarray(getattr(returns, self.field), np.float64)
-        factor = np.exp(
-            np.interp(np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count))
-        )
-        if len(self.range_m) > 1:  # beyond the table's last bin the signal falls as 1 / range^2
-            factor = factor * np.maximum(range_m / self.range_m[-1], 1.0) ** 2
+        at, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
+        log_factor = np.interp(at, table, value)
+        if len(table) > 1:
+            # Before the table as between its first two bins; beyond it signals fall as 1 / range^2.
+            slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
+            log_factor = log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
+        factor = np.exp(log_factor)
         return np.maximum(np.nan_to_num(strength * factor), LEAST)
 
 
@@ -113,13 +118,13 @@ def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     if good.sum() < _LEAST_PIXELS:
         return None
     log_range = np.log2(sweep.range_m[good])
-    ratio = sweep.reflectivity[good].astype(np.float64) / WHITE / sweep.signal[good]
+    reflectivity, signal = (one[good].astype(np.float64) for one in (sweep.reflectivity, sweep.signal))
     bins = np.floor(log_range * _BINS_PER_OCTAVE).astype(int)
     range_m, per_count = [], []
     for one in np.unique(bins):
         there = bins == one
         if there.sum() >= _LEAST_PIXELS:
-            # Within a bin the ratio goes about as the square of the range, so a median belongs to the median range.
+            # A ratio of sums: bright pixels count most, whose steps are small.
             range_m.append(2.0 ** float(np.median(log_range[there])))
-            per_count.append(float(np.median(ratio[there])))
+            per_count.append(float(reflectivity[there].sum() / WHITE / signal[there].sum()))
     return (np.array(range_m), np.array(per_count)) if range_m else None
