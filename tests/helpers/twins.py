@@ -41,7 +41,9 @@ def room(direction: Any, pose: Pose | None = None) -> tuple[Any, Any, Any]:
         ways = [(at - start[axis]) / along[..., axis] for axis, at, _ in planes]
     ways = [np.where(way > 0.0, way, np.inf) for way in ways]
     met = np.argmin(ways, axis=0)
-    cos = np.abs(np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1))[..., 0]
+    cos = np.abs(
+        np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1)
+    )[..., 0]
     return np.min(ways, axis=0), cos, np.array([REFLECTIVITY[kind] for _, _, kind in planes])[met]
 
 

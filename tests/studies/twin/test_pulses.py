@@ -42,9 +42,7 @@ def scene_of_room() -> Scene:
          (-90.0, HALF_M[1], HALF_M[0]))
     ):  # fmt: skip
         vertices, faces = plane_mesh(size_m=(20.0, 2.0 * width))
-        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(
-            position_m=(away, 0.0, 0.0), pitch_deg=90.0
-        )
+        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(away, 0.0, 0.0), pitch_deg=90.0)
         part = Part(vertices_m=vertices, faces=faces, material="ends" if number < 2 else "sides")
         bodies.append(Body(name=f"wall{number}", class_name="wall", parts=(part,), pose=pose))
     vertices, faces = plane_mesh(size_m=(2.0 * HALF_M[0], 2.0 * HALF_M[1]))
@@ -167,4 +165,7 @@ def test_other_beams_are_refused(made: Made) -> None:
     recording, _, sensor = made
     sweep = recording[0]
     with pytest.raises(InputError, match="must have 12 channels"):
-        matched(sensor, Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]))
+        matched(
+            sensor,
+            Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]),
+        )

@@ -39,6 +39,9 @@ SAME_M = 0.3
 LEAST = 50
 """Fewer pulses in a bin are not judged."""
 
+LEAST_SCATTER = 200
+"""Fewer make the ratio of two scatters uncertain by more than 8 % (one standard deviation)."""
+
 NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -112,7 +115,7 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
     octave = np.floor(np.log2(np.maximum(both.signal, 1.0))).astype(int)
     for one in np.unique(octave):
         there = both.at((octave == one) & np.isfinite(both.change_m))
-        if len(there.change_m) >= LEAST:
+        if len(there.change_m) >= LEAST_SCATTER:
             yield _scatter(f"signal {2**one} to {2 ** (one + 1)}", there)
 
 

@@ -100,7 +100,9 @@ class Gauge:
         if len(table) > 1:
             # Before the table as between its first two bins; beyond it signals fall as 1 / range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
-            log_factor = log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
+            log_factor = (
+                log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
+            )
         factor = np.exp(log_factor)
         return np.maximum(np.nan_to_num(strength * factor), LEAST)
 
