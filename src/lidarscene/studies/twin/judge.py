@@ -37,10 +37,7 @@ SAME_M = 0.3
 """A recorded return farther from the twin's surface is of another one: at an edge, from another frame."""
 
 LEAST = 50
-"""Fewer pulses in a bin are not judged."""
-
-LEAST_SCATTER = 200
-"""Fewer make the ratio of two scatters uncertain by more than 8 % (one standard deviation)."""
+"""Fewer pulses in a bin are not judged. A ratio of two scatters of so many is uncertain by 16 %."""
 
 NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -115,7 +112,7 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
     octave = np.floor(np.log2(np.maximum(both.signal, 1.0))).astype(int)
     for one in np.unique(octave):
         there = both.at((octave == one) & np.isfinite(both.change_m))
-        if len(there.change_m) >= LEAST_SCATTER:
+        if len(there.change_m) >= LEAST:
             yield _scatter(f"signal {2**one} to {2 ** (one + 1)}", there)
 
 

@@ -29,7 +29,7 @@ ASSUMED_MEDIAN = 0.2
 STEEPEST = 4.0
 """Exponent of the range by which a table is continued, at most."""
 
-_LEAST_COUNTS = 2.0
+_LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
 
@@ -120,13 +120,12 @@ def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     if good.sum() < _LEAST_PIXELS:
         return None
     log_range = np.log2(sweep.range_m[good])
-    reflectivity, signal = (one[good].astype(np.float64) for one in (sweep.reflectivity, sweep.signal))
+    ratio = sweep.reflectivity[good].astype(np.float64) / WHITE / sweep.signal[good]
     bins = np.floor(log_range * _BINS_PER_OCTAVE).astype(int)
     range_m, per_count = [], []
     for one in np.unique(bins):
         there = bins == one
         if there.sum() >= _LEAST_PIXELS:
-            # A ratio of sums: bright pixels count most, whose steps are small.
             range_m.append(2.0 ** float(np.median(log_range[there])))
-            per_count.append(float(reflectivity[there].sum() / WHITE / signal[there].sum()))
+            per_count.append(float(np.median(ratio[there])))
     return (np.array(range_m), np.array(per_count)) if range_m else None
