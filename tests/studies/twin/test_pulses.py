@@ -161,6 +161,24 @@ def test_page_and_numbers(made: Made, tmp_path: Path) -> None:
         compare_twin(folder / "scene.toml", recording, tmp_path / "other", frame=7)
 
 
+def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any, tmp_path: Path) -> None:
+    """Rationale: without rows and lost pulses nothing can be matched; what can be counted is."""
+    recording, folder, _ = made
+    sweep = recording[0]
+    there = sweep.kept
+    listed = Sweep(
+        range_m=sweep.range_m[there], direction=sweep.direction[there], recorded=np.ones(there.sum(), bool),
+        intensity=np.asarray(sweep.reflectivity)[there], metadata={"format": "kitti"},
+    )  # fmt: skip
+    of_list = recording_of(tmp_path / "0.bin", listed)
+    said = build_twin(of_list, Choice(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
+    assert "scaled to a median of 0.2, since its unit is not known" in said
+    text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
+    points = next(line.split() for line in text.splitlines() if line.startswith("points "))
+    # The quads of a list do not meet at edges, and cover no corner.
+    assert float(points[1]) == pytest.approx(float(points[2]), rel=0.1)
+
+
 def test_other_beams_are_refused(made: Made) -> None:
     recording, _, sensor = made
     sweep = recording[0]

@@ -30,7 +30,7 @@ from ..compare.real import ground_plane
 from ..ranging.plane import Target, echoes_of_plane
 from . import listed
 from .places import angles_deg, places_of
-from .planes import grid_of, of_columns
+from .planes import grid_of, has_grid, of_columns
 from .reflect import SLOPE_DEG, Gauge, largest_reflectivity
 from .surfels import BRIGHT, KINDS, Surfels, surfels_of, together
 
@@ -85,8 +85,9 @@ def chosen(recording: Recording, frames: Sequence[int] | None, held_out: int | s
             f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
             f"--held-out {COLUMNS} leaves out every second column"
         )
-    if held_out == COLUMNS and len(left) > 1:
-        raise InputError(f"--held-out {COLUMNS}: must go with one frame, got {len(left)}")
+    if held_out == COLUMNS and (len(left) > 1 or not has_grid(recording[left[0]])):
+        got = f"{len(left)} frames" if len(left) > 1 else "a list of points"
+        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {got}")
     return Choice(frames=left, held_out=held_out)
 
 
@@ -108,10 +109,11 @@ def build_twin(
         sweep = choice.part(sweeps[number])
         gauge = Gauge.of(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.kept])
-        if len(sweep.shape) == 2:
-            made = surfels_of(grid_of(sweep), gauge, plane)
-        else:
-            made = listed.surfels_of(sweep, gauge, plane)
+        made = (
+            surfels_of(grid_of(sweep), gauge, plane)
+            if has_grid(sweep)
+            else listed.surfels_of(sweep, gauge, plane)
+        )
         parts.append(made.placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
     quads = together(parts)

@@ -7,8 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...cloud.points import PointCloud
 from ...figures.page import Page, put_text
 from ...figures.pictures import perspective_picture
@@ -24,7 +22,7 @@ from ...sensor.catalogue import load_sensor
 from ..compare.real import compare_real, side_of_cloud, side_of_sweep
 from .build import COLUMNS, about, place_of
 from .judge import Row, rows_of
-from .planes import of_columns
+from .planes import has_grid, of_columns
 from .pulses import pulses_of
 
 PAGE, NUMBERS = "index.html", "twin.json"
@@ -55,7 +53,7 @@ def compare_twin(
     sweep = whole = recording[number]
     if made["held_out"] == COLUMNS:
         sweep = of_columns(sweep, slice(1, None, 2))
-    if len(sweep.shape) != 2 or np.isnan(sweep.direction).any():
+    if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
         return compare_real(*sides, folder, as_json=as_json)

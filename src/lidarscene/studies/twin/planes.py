@@ -103,9 +103,14 @@ def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
     return replace(sweep, **changed)
 
 
+def has_grid(sweep: Sweep) -> bool:
+    """Whether a sweep has rows and columns, and knows where its lost pulses went."""
+    return len(sweep.shape) == 2 and min(sweep.shape) > 1 and not np.isnan(sweep.direction).any()
+
+
 def grid_of(sweep: Sweep) -> Grid:
     """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
-    if len(sweep.shape) != 2 or min(sweep.shape) < 2 or np.isnan(sweep.direction).any():
+    if not has_grid(sweep):
         raise InputError(
             "must be a sweep of rows and columns that knows all directions, got a list of points"
         )

@@ -17,6 +17,7 @@ from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.model import Scene
 from ...sensor.model import Sensor
+from .planes import has_grid
 from .reflect import dropped
 from .surfels import KINDS, SMOOTH
 
@@ -152,7 +153,7 @@ def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
 
     In each row the pulse of the nearest azimuth is taken; rows go by elevation.
     """
-    if len(sweep.shape) != 2 or np.isnan(sweep.direction).any():
+    if not has_grid(sweep):
         raise InputError("the recording is a list of points: its pulses cannot be told")
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     fired = np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
