@@ -66,6 +66,14 @@ def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(
         assert apparent == pytest.approx(factor * np.asarray(plain.reflectivity))
 
 
+def test_a_table_is_continued() -> None:
+    """Before its first bin as between the first two, beyond the last as the square of the range."""
+    gauge = Gauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
+    sweep = room_sweep(signal=np.full((24, 360), 100.0))
+    found = [float(gauge.apparent(sweep, np.full(sweep.shape, at))[0, 0]) for at in (2.5, 5.0, 20.0)]
+    assert found == pytest.approx([0.05, 0.1, 0.8])
+
+
 def test_without_strengths_there_is_no_gauge() -> None:
     assert Gauge.of(room_sweep(signal=None, reflectivity=None)) is None
 

@@ -40,8 +40,8 @@ class Pulses:
 
     angle_rad          between the recorded direction and the simulated
     ring               row of the recording
-    range_m, signal    of the recording's first return; the signal None if it has none. Ranges count from the beam's
-                       exit in the simulated sensor; makers count from elsewhere
+    range_m, signal    of the recording's first return; the signal None if it has none (an intensity is none). Ranges
+                       count from the beam's exit in the simulated sensor; makers count from elsewhere
     change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
     gap_m              between the recording's two returns
     dropped            whether the recording found an echo and told no range (`reflect.dropped`)
@@ -118,10 +118,9 @@ def pulses_of(
         np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     )
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
-    strength = sweep.signal if sweep.signal is not None else sweep.intensity
     laid = Pulses(
         angle_rad=angle_rad, dropped=dropped(sweep), ring=rows, range_m=recorded_m, gap_m=gap_m,
-        signal=None if strength is None else strength.astype(np.float64),
+        signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
         change_m=_change(np.where(smooth, recorded_m, np.nan), step),
         simulated_range_m=simulated_m, simulated_signal=_at(cloud.signal, first)[numbers],
         simulated_change_m=_change(np.where(smooth, simulated_m, np.nan), step),
