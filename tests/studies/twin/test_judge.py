@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.twin import judge
@@ -143,3 +144,17 @@ def test_second_returns_by_share_and_least_separation() -> None:
         pytest.approx(0.86, abs=0.01), pytest.approx(0.31, abs=0.01), False,
     )  # fmt: skip
     assert list(judge._second(pulses())) == []
+
+
+def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
+    range_m = np.array(room_sweep().range_m)
+    range_m[0, :36] = np.nan
+    between = judge.apart(room_sweep(), room_sweep(range_m=range_m))
+    assert between == pytest.approx(0.1 / 24.0)
+    one = pulses()
+    for share, met in ((0.03, True), (0.04, False)):
+        lost = np.arange(N) < share * N
+        found = judge._kept(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
+        (row,) = named(found, "kept or lost otherwise than real")
+        assert (row.value, row.met) == (pytest.approx(share), met)
+    assert judge.apart(room_sweep(), room_sweep(knows_lost=False)) is None

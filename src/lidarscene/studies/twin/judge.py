@@ -27,6 +27,9 @@ SIGNAL_ERROR = 0.15
 POINTS, POINTS_OF_RING = 0.05, 0.10
 KEPT_SHARE = 0.95
 KEPT_LOSSES = 0.50
+DISAGREEMENT = 0.03
+"""More than between two real frames."""
+
 GROUND = 0.15
 SECOND_SHARE, SECOND_GAP = 1.5, 0.15
 
@@ -69,16 +72,16 @@ class Row:
         return bool(above and (self.high is None or self.value <= self.high))
 
 
-def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud) -> list[Row]:
-    """The whole table."""
+def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None) -> list[Row]:
+    """The whole table; ``between``: the share of pulses that two real frames keep or lose differently (`apart`)."""
     rows = [
         Row(
             quantity="beam direction", condition="median angle", value=float(np.degrees(np.median(pulses.angle_rad))),
             high=DIRECTION_DEG, unit="deg",
         ),
-        *_ranges(pulses), *_signals(pulses), *_points(pulses), *_kept(pulses),
+        *_ranges(pulses), *_signals(pulses), *_points(pulses), *_kept(pulses, between),
     ]  # fmt: skip
-    rows += [*_ground(sweep, cloud, pulses), *_second(pulses)]
+    rows += [*_ground(sweep, cloud), *_second(pulses)]
     return rows
 
 
@@ -189,7 +192,7 @@ def _points(pulses: Pulses) -> Iterator[Row]:
               value=float(np.mean(np.abs(error) <= POINTS_OF_RING)))  # fmt: skip
 
 
-def _kept(pulses: Pulses) -> Iterator[Row]:
+def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
     kept, mine = pulses.kept, pulses.simulated
     yield Row(quantity="real returns kept", value=_share(mine[kept]), low=KEPT_SHARE)
     losses = ~kept & ~pulses.dropped & (pulses.kind != NOTHING)
@@ -202,14 +205,25 @@ def _kept(pulses: Pulses) -> Iterator[Row]:
             quantity="found but withheld by the real sensor, kept", condition=f"of {int(pulses.dropped.sum())}",
             value=_share(mine[pulses.dropped]),
         )  # fmt: skip
-    yield Row(quantity="kept or lost otherwise than real", value=_share(kept != mine))
+    yield Row(
+        quantity="kept or lost otherwise than real", condition="" if between is None else "real: between two frames",
+        real=between, value=_share(kept != mine), high=None if between is None else between + DISAGREEMENT,
+    )  # fmt: skip
+
+
+def apart(sweep: Sweep, other: Sweep) -> float | None:
+    """Share of the pulses that two frames keep or lose differently; None unless they are of one kind."""
+    both = sweep.recorded & other.recorded if sweep.shape == other.shape else np.zeros(0, bool)
+    if not (both.any() and sweep.knows_lost and other.knows_lost):
+        return None
+    return _share((sweep.kept != other.kept)[both])
 
 
 def _share(mask: Numbers) -> float | None:
     return float(np.mean(mask)) if len(mask) else None
 
 
-def _ground(sweep: Sweep, cloud: PointCloud, pulses: Pulses) -> Iterator[Row]:
+def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
     real = ground_of(sweep.xyz_m[sweep.kept])
     local = cloud.in_sensor_frame()
     mine = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))

@@ -21,7 +21,7 @@ from ...scene.model import View
 from ...sensor.catalogue import load_sensor
 from ..compare.real import compare_real, side_of_cloud, side_of_sweep
 from .build import COLUMNS, about, place_of
-from .judge import Row, rows_of
+from .judge import Row, apart, rows_of
 from .planes import has_grid, of_columns
 from .pulses import pulses_of
 
@@ -58,7 +58,9 @@ def compare_twin(
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
         return compare_real(*sides, folder, as_json=as_json)
     pulses, cloud = pulses_of(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
-    rows = rows_of(pulses, sweep, cloud)
+    following = (number + 1) % len(recording)
+    between = apart(whole, recording[following]) if following != number else None
+    rows = rows_of(pulses, sweep, cloud, between=between)
     told: dict[str, Any] = {
         "recording": recording.path.name, "frame": number, "twin": made, "seen": seen(made, number),
         "rows": [asdict(row) | {"met": row.met} for row in rows],
