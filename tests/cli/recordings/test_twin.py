@@ -13,7 +13,7 @@ def test_a_twin_of_a_recording(run: Run) -> None:
     assert (ran.code, ran.err) == (0, "")
     assert "quads of 1 frame(s)" in ran.out
     assert {path.name for path in Path("twin").iterdir()} == {
-        "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes",
+        "scene.toml", "sensor.toml", "twin.json", "meshes",
     }  # fmt: skip
     text = Path("twin/sensor.toml").read_text()
     assert "stops = 2" in text  # it recorded two returns

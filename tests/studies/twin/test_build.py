@@ -1,5 +1,6 @@
 """Which frames, which light, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,21 @@ import pytest
 from helpers.twins import recording_of, room_sweep, unit_json
 
 from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
 from lidarscene.scene.file import load_scene
+from lidarscene.scene.poses import read_poses
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 from lidarscene.studies.recorded import background_w
-from lidarscene.studies.twin.build import COLUMNS, Choice, about, build_twin, chosen, illuminance_klux
+from lidarscene.studies.twin.build import (
+    COLUMNS,
+    Choice,
+    about,
+    build_twin,
+    chosen,
+    illuminance_klux,
+    place_of,
+)
 from lidarscene.studies.twin.reflect import Gauge
 
 
@@ -73,6 +84,24 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
     returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])  # type: ignore[arg-type]
     assert returned == pytest.approx(0.4 * float(sweep.reflectivity[6, 0]), rel=0.1)  # type: ignore[index]
+
+
+def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path) -> None:
+    start = Pose.from_degrees(position_m=(5e5, 5e6, 100.0), yaw_deg=90.0)
+    moved = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=-2.0, roll_deg=1.0)
+    sweeps = (room_sweep(), room_sweep(pose=moved))
+    frames = [
+        replace(one, pose=at, start_s=at_s)
+        for one, at, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
+    ]
+    recording = recording_of(tmp_path / "two.osf", *frames)
+    build_twin(recording, chosen(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
+    assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
+    found = place_of(about(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
+    assert np.allclose(found.rotation, moved.rotation)
+    assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
 
 
 def test_what_is_missing_is_one_line(tmp_path: Path) -> None:

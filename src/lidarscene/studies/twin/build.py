@@ -269,8 +269,11 @@ def _plain(text: str) -> str:
 
 
 def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -> None:
-    """Time and pose of each frame, as scene files take it."""
-    start_s = min(sweep.start_s for sweep in sweeps.values())
+    """Time and pose of each frame, as scene files take it; none of a single frame or of frames without times."""
+    times_s = [sweeps[number].start_s for number in sorted(sweeps)]
+    if len(times_s) < 2 or min(np.diff(times_s)) <= 0.0:
+        return
+    start_s = times_s[0]
     rows = ["time_s,x_m,y_m,z_m,yaw_deg,pitch_deg,roll_deg"]
     for number in sorted(sweeps):
         numbers = (sweeps[number].start_s - start_s, *places[number].position_m, *angles_deg(places[number]))
