@@ -33,6 +33,8 @@ PARSED_ONLY = {
     "lidarscene view os1.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
     "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_options.py::test_compare_real",
     "lidarscene sensor --from": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
+    "lidarscene twin os1.pcap": "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording",
+    "lidarscene compare out/twin/scene.toml --real": "tests/studies/twin/test_pulses.py::test_page_and_numbers",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
     "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",
 }

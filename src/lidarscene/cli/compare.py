@@ -24,6 +24,7 @@ examples:
   lidarscene compare scenes/car.toml --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds
   lidarscene compare out/street.ply --real os1.pcap --frame 3 -o out/real
+  lidarscene compare out/twin/scene.toml --real os1.pcap -o out/judged
 """
 
 MOST_SENSORS = 7
@@ -73,7 +74,7 @@ def add_compare(commands: Any) -> None:
         "--real",
         metavar="REC",
         type=Path,
-        help="compare one cloud, or recording, with a frame of this recording",
+        help="compare one cloud, or recording, or the scene of its twin, with a frame of this recording",
     )
     add_recording(command)
     command.set_defaults(run=compare_text)
@@ -124,12 +125,15 @@ def _real(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
     from ..studies.compare.real import compare_real, side_of_cloud, side_of_sweep
 
+    is_twin = len(arguments.inputs) == 1 and arguments.inputs[0].suffix == ".toml"
     for option in (*_OF_SCENES, "sensors"):
-        if getattr(arguments, option) is not None:
+        if getattr(arguments, option) is not None and not (is_twin and option in ("seed", "chunk")):
             word = "set" if option == "overrides" else option.replace("_", "-")
             raise InputError(f"--{word}: goes with a scene, not with --real")
     if len(arguments.inputs) != 1:
         raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
+    if is_twin:
+        return _twin(arguments)
     given, frame = arguments.inputs[0], arguments.frame or 0
     with open_recording(arguments.real, arguments.metadata) as recording:
         real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
@@ -141,6 +145,18 @@ def _real(arguments: argparse.Namespace) -> str:
 
         side = side_of_cloud(given.name, PointCloud.load(given))
     return compare_real(side, real, arguments.output, as_json=arguments.json)
+
+
+def _twin(arguments: argparse.Namespace) -> str:
+    from ..recordings.opening import open_recording
+    from ..rendering.options import DEFAULT_CHUNK
+    from ..studies.twin.page import compare_twin
+
+    with open_recording(arguments.real, arguments.metadata) as recording:
+        return compare_twin(
+            arguments.inputs[0], recording, arguments.output, frame=arguments.frame, seed=arguments.seed or 0,
+            chunk=arguments.chunk or DEFAULT_CHUNK, as_json=arguments.json,
+        )  # fmt: skip
 
 
 _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")

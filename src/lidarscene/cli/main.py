@@ -19,6 +19,7 @@ from .compare import add_compare
 from .field_of_view import add_fov
 from .ranging import add_commands
 from .recordings.sensor import add_sensor
+from .recordings.twin import add_twin
 from .render import add_render
 from .terminal import Answer, complain, end_cleanly, notes, say, told
 from .view import add_view
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         add_view,
         add_catalogue,
         add_sensor,
+        add_twin,
     ):
         add(commands)
     doctor = commands.add_parser(

@@ -156,8 +156,22 @@ def rings_of(side: Side) -> list[tuple[float, int]] | None:
 def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
     """Height of the sensor [m], the ground's farthest return [m] (99.9 %), share of the points on it; None if no plane.
 
-    The lowest well filled 0.2 m of height near the sensor start a fit of z = a + b x + c y, which is repeated with
-    the points within 0.3, 0.15 and 0.1 m of it. On the ground is what is within 0.1 m, or 0.3 % of its range.
+    On the ground is what is within 0.1 m of `ground_plane`, or 0.3 % of its range.
+    """
+    plane = ground_plane(xyz_m)
+    if plane is None:
+        return None
+    range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
+    on = np.abs(_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
+    height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
+    return float(height_m), float(np.percentile(range_m[on], 99.9)), float(on.mean())
+
+
+def ground_plane(xyz_m: Numbers) -> Numbers | None:
+    """(3,) a, b and c of z = a + b x + c y, the ground near the sensor; None if there is none.
+
+    The lowest well filled 0.2 m of height near the sensor start a fit, which is repeated with the points within
+    0.3, 0.15 and 0.1 m of it.
     """
     level_m = np.hypot(xyz_m[:, 0], xyz_m[:, 1])
     near = xyz_m[(level_m < GROUND_NEAR_M) & (xyz_m[:, 2] < -0.2)]
@@ -165,21 +179,18 @@ def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
         return None
     counts, edges = np.histogram(near[:, 2], bins=np.arange(near[:, 2].min(), 0.2, 0.2))
     start = int(np.argmax(counts >= 0.3 * counts.max()))
-    plane = np.array([0.5 * (edges[start] + edges[start + 1]), 0.0, 0.0])
-
-    def above(points: Numbers) -> Numbers:
-        return np.asarray(points[:, 2] - plane[0] - points[:, :2] @ plane[1:])
-
+    plane: Numbers = np.array([0.5 * (edges[start] + edges[start + 1]), 0.0, 0.0])
     for within_m in (0.3, 0.15, 0.1):
-        chosen = near[np.abs(above(near)) < within_m]
+        chosen = near[np.abs(_above(plane, near)) < within_m]
         if len(chosen) < LEAST_GROUND:
             return None
         design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
         plane = np.linalg.lstsq(design, chosen[:, 2], rcond=None)[0]
-    range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
-    on = np.abs(above(xyz_m)) < np.maximum(0.1, 0.003 * range_m)
-    height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
-    return float(height_m), float(np.percentile(range_m[on], 99.9)), float(on.mean())
+    return plane
+
+
+def _above(plane: Numbers, xyz_m: Numbers) -> Numbers:
+    return np.asarray(xyz_m[:, 2] - plane[0] - xyz_m[:, :2] @ plane[1:])
 
 
 def _rows(sides: list[dict[str, Any]]) -> list[tuple[str, Any, Any, Any]]:

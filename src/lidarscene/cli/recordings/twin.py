@@ -1,0 +1,66 @@
+"""The command `twin`: the scene of a recording, to simulate its sensor in."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+
+TWIN_HELP = """\
+examples:
+  lidarscene twin os1.pcap -o out/twin
+  lidarscene twin os1.pcap --held-out columns -o out/twin
+  lidarscene twin drive.osf --metadata os1.json --frames 0,1,2,4 --held-out 3 -o out/twin
+  lidarscene twin 000000.bin --sensor hdl-64e -o out/kitti
+then:
+  lidarscene render out/twin/scene.toml -o out/twin.ply
+  lidarscene compare out/twin/scene.toml --real os1.pcap -o out/judged
+"""
+
+
+def add_twin(commands: Any) -> None:
+    """Add `twin`."""
+    command = commands.add_parser(
+        "twin", help="the scene of a recording, to simulate its sensor in", epilog=TWIN_HELP,
+        description="Make a scene of what a real lidar recorded: every pixel becomes a small surface with the "
+        "reflectivity that was measured, the ground is completed. With the sensor's file and its poses.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
+    add = command.add_argument
+    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add("--frames", metavar="N,N,...", type=_frames, help="frames to make it of, from 0 (default: all)")
+    add("--held-out", metavar="K|columns", type=_held_out,
+        help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
+        "so that compare --real judges by what the twin has not seen")  # fmt: skip
+    add("--metadata", metavar="F", type=Path, help="json of an Ouster, YAML of a Velodyne, CSV of a Hesai "
+        "(default: json beside the recording)")  # fmt: skip
+    add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
+    command.set_defaults(run=twin_text)
+
+
+def twin_text(arguments: argparse.Namespace) -> str:
+    """Run `twin`; returns what is printed. Raises InputError and OutputError."""
+    from ...recordings.opening import open_recording
+    from ...studies.twin.build import build_twin, chosen
+
+    with open_recording(arguments.recording, arguments.metadata) as recording:
+        choice = chosen(recording, arguments.frames, arguments.held_out)
+        return build_twin(
+            recording, choice, arguments.output, metadata=arguments.metadata, sensor=arguments.sensor
+        )  # fmt: skip
+
+
+def _frames(text: str) -> tuple[int, ...]:
+    words = text.split(",")
+    if not all(word.isdecimal() for word in words):
+        raise InputError(f"--frames: must be numbers with commas between them, such as 0,1,2, got '{text}'")
+    return tuple(dict.fromkeys(int(word) for word in words))
+
+
+def _held_out(text: str) -> int | str:
+    if text != "columns" and not text.isdecimal():
+        raise InputError(f"--held-out: must be the number of a frame, or columns, got '{text}'")
+    return text if text == "columns" else int(text)

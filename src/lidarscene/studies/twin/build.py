@@ -1,0 +1,304 @@
+"""The files of a twin: meshes with reflectivities, sensor, poses and scene, and what they were made of.
+
+The world's axes are the sensor's at the first frame of the twin.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...catalog import path_of
+from ...errors import InputError
+from ...files.atomic import atomic_output, require_writable
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...recordings.recording import Recording
+from ...recordings.sweep import Sweep
+from ...recordings.units.written import unit_from, write_unit
+from ...sensor.catalogue import load_sensor
+from ...sensor.model import Sensor
+from ..compare.real import ground_plane
+from ..ranging.plane import Target, echoes_of_plane
+from . import listed
+from .places import angles_deg, places_of
+from .planes import grid_of, has_grid, of_columns
+from .reflect import SLOPE_DEG, Gauge, largest_reflectivity
+from .surfels import BRIGHT, KINDS, Surfels, surfels_of, together
+
+SCENE, SENSOR, POSES, ABOUT, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
+
+COLUMNS = "columns"
+"""Held out: every second column of the only frame."""
+
+BRIGHT_STEP = 1.15
+"""Bright quads whose apparent reflectivities differ by no more share a material."""
+
+BRIGHT_DIFFUSE = 0.8
+"""Of their reflectivity, which the sun sees; the rest goes straight back."""
+
+RETRO_HALF_ANGLE_DEG = 5.0
+"""Wider than the beam's parallax by far: what is measured is what comes straight back."""
+
+ASSUMED_KLUX = 20.0
+"""Where a recording has no background light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """What of a recording a twin is made of.
+
+    frames    numbers of the frames
+    held_out  the frame that is not used, `COLUMNS`, or None
+    """
+
+    frames: tuple[int, ...]
+    held_out: int | str | None = None
+
+    @property
+    def judged(self) -> int:
+        """The frame at whose pose the scene's sensor stands."""
+        return self.held_out if isinstance(self.held_out, int) else self.frames[0]
+
+    def part(self, sweep: Sweep) -> Sweep:
+        """What the twin may see of a sweep."""
+        return of_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
+
+
+def chosen(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
+    """Check the frames; those of the whole recording if None, without the one held out. Raises InputError."""
+    numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
+    for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
+        if number >= len(recording):
+            raise InputError(f"{recording.path}: frame must be 0 to {len(recording) - 1}, got {number}")
+    left = tuple(number for number in numbers if number != held_out)
+    if not left:
+        raise InputError(
+            f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
+            f"--held-out {COLUMNS} leaves out every second column"
+        )
+    if held_out == COLUMNS and (len(left) > 1 or not has_grid(recording[left[0]])):
+        got = f"{len(left)} frames" if len(left) > 1 else "a list of points"
+        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {got}")
+    return Choice(frames=left, held_out=held_out)
+
+
+def build_twin(
+    recording: Recording, choice: Choice, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
+) -> str:  # fmt: skip
+    """Write the twin; returns what there is to say. Raises InputError and OutputError.
+
+    metadata  of the unit, for its sensor file; None: json beside a pcap
+    sensor    a catalogue name or a sensor file in place of the unit's own
+    """
+    require_writable(folder / SCENE)
+    sweeps = {number: recording[number] for number in {*choice.frames, choice.judged}}
+    notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged])]
+    unit = load_sensor(str(folder / SENSOR))
+    places = places_of(sweeps, choice.frames[0])
+    parts, klux = [], []
+    for number in choice.frames:
+        sweep = choice.part(sweeps[number])
+        gauge = Gauge.of(sweep)
+        plane = ground_plane(sweep.xyz_m[sweep.kept])
+        made = (
+            surfels_of(grid_of(sweep), gauge, plane)
+            if has_grid(sweep)
+            else listed.surfels_of(sweep, gauge, plane)
+        )
+        parts.append(made.placed(places[number]))
+        klux.append(illuminance_klux(sweep, gauge, unit))
+    quads = together(parts)
+    bodies = _meshes(quads, folder / MESHES)
+    _poses_file(folder / POSES, sweeps, places)
+    known = [one for one in klux if one is not None]
+    light = float(np.median(known)) if known else ASSUMED_KLUX
+    text = scene_text(recording.path.stem, bodies, places[choice.judged], light)
+    _put(folder / SCENE, text)
+    about = {
+        "recording": recording.path.name, "frames": list(choice.frames), "held_out": choice.held_out,
+        "judged": choice.judged, "illuminance_klux": light, "illuminance_assumed": not known,
+        "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
+        "reflectivity": _told(gauge),
+        "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
+    }  # fmt: skip
+    _put(folder / ABOUT, json.dumps(about, indent=1) + "\n")
+    notes.append(
+        f"wrote {folder / SCENE}: {len(quads)} quads of {len(choice.frames)} frame(s), {light:.3g} klux"
+    )
+    return "\n".join([*notes, _told(gauge)])
+
+
+def _told(gauge: Gauge | None) -> str:
+    if gauge is None:
+        return "reflectivities: not recorded, so all are 0.2"
+    guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
+    return f"reflectivities: by the recording's {gauge.field}{guess}"
+
+
+def _sensor_file(
+    recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep
+) -> str:
+    """The unit's own, or a copy of the one that was named."""
+    if sensor is not None:
+        source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
+        if not source.is_file():
+            raise InputError(f"--sensor {sensor}: no such file")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, path)
+        return f"wrote {path}: as {sensor}"
+    described = metadata or recording.path.with_suffix(".json")
+    if not described.is_file():
+        raise InputError(
+            f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
+        )
+    said = write_unit(unit_from(described), described, path)
+    if sweep.second is not None:
+        text = path.read_text(encoding="utf-8")
+        _put(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
+    return said
+
+
+def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
+    """Of a uniform sky under which surfaces of these reflectivities have the recorded NEAR_IR, in the median.
+
+    None where NEAR_IR is not known, or the sensor has no such count.
+    """
+    window_s = getattr(sensor.tdc, "ambient_s", None)
+    if sweep.near_ir is None or gauge is None or not window_s or sensor.histogram is None:
+        return None
+
+    def counts(klux: float, reflectivity: float) -> float:
+        target = Target(
+            reflectivity=reflectivity,
+            illuminance_klux=klux,
+            cos_sun=0.0,
+            diffuse_share=1.0,
+            transmittance=1.0,
+        )
+        power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
+        return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
+
+    dark, unit = counts(0.0, 0.2), 0.2 * 20.0
+    per_unit = (counts(20.0, 0.2) - dark) / unit
+    apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
+    good = sweep.kept & (apparent > 0.02) & (apparent < largest_reflectivity())
+    if not good.any():
+        return None
+    return max(0.0, float(np.median((sweep.near_ir[good] - dark) / apparent[good])) / per_unit)
+
+
+def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:
+    """Write a mesh for each kind; returns name, kind and, of bright ones, apparent reflectivity of each body."""
+    bodies: list[tuple[str, str, float | None]] = []
+    for kind, name in enumerate(KINDS):
+        there = quads.kind == kind
+        if not there.any():
+            continue
+        if kind != BRIGHT:
+            _mesh(folder / f"{name}.ply", quads.corners_m[there], quads.reflectivity[there])
+            bodies.append((name, name, None))
+            continue
+        levels = np.rint(np.log(quads.reflectivity[there]) / math.log(BRIGHT_STEP)).astype(int)
+        for level in np.unique(levels):
+            body = f"{name}{level - levels.min()}"
+            of_level = levels == level
+            _mesh(folder / f"{body}.ply", quads.corners_m[there][of_level], None)
+            bodies.append((body, name, float(np.median(quads.reflectivity[there][of_level]))))
+    return bodies
+
+
+def _mesh(path: Path, corners_m: Numbers, reflectivity: Numbers | None) -> None:
+    """A binary PLY of quads as two triangles each, with the reflectivity of their corners."""
+    vertex = np.zeros(4 * len(corners_m), [("xyz", "<f8", 3), ("reflectivity", "<f4")])
+    vertex["xyz"] = corners_m.reshape(-1, 3)
+    if reflectivity is not None:
+        vertex["reflectivity"] = np.repeat(reflectivity, 4)
+    face = np.zeros(2 * len(corners_m), [("count", "u1"), ("corners", "<i4", 3)])
+    face["count"] = 3
+    face["corners"] = (4 * np.arange(len(corners_m))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\ncomment lidarscene twin\nelement vertex {len(vertex)}\n"
+        "property double x\nproperty double y\nproperty double z\nproperty float reflectivity\n"
+        f"element face {len(face)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        file.write(header.encode())
+        file.write(vertex.tobytes())
+        file.write(face.tobytes())
+
+
+def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose: Pose, klux: float) -> str:
+    """The scene file."""
+    yaw, pitch, roll = angles_deg(pose)
+    place = ", ".join(f"{x:.6f}" for x in pose.position_m)
+    lines = [
+        f'name = "{_plain(name)}"', 'description = "Twin of a recording, by lidarscene twin"', "",
+        "# Where the sun stood is not recorded: its light comes from all of the sky.",
+        "[sun]", "elevation_deg = -90.0", f"illuminance_klux = {klux:.6g}", "", "[sky]", "diffuse_share = 1.0", "",
+        "[sensor]", f'name = "{SENSOR}"', f"position_m = [{place}]",
+        f"yaw_deg = {yaw:.6f}", f"pitch_deg = {pitch:.6f}", f"roll_deg = {roll:.6f}", "",
+        "# Reflectivities are those of the meshes.",
+        "[materials.measured]", 'bsdf = "diffuse"', "reflectivity = 0.2", f"facet_slope_deg = {SLOPE_DEG:g}", "",
+    ]  # fmt: skip
+    for body, _, apparent in bodies:
+        if apparent is not None:
+            retro = max(apparent - BRIGHT_DIFFUSE, 1e-3) / math.pi
+            lines += [
+                f"[materials.{body}]", 'bsdf = "retroreflector"', f"reflectivity = {BRIGHT_DIFFUSE}",
+                f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}", f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}", "",
+            ]  # fmt: skip
+    for body, kind, apparent in bodies:
+        lines += ["[[bodies]]", f'name = "{body}"', f'class = "{kind}"', f'mesh = "{MESHES}/{body}.ply"']
+        lines += ['material = "measured"', 'pattern = "reflectivity"', ""] if apparent is None else [
+            f'material = "{body}"', "",
+        ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    return re.sub(r'["\\\x00-\x1f]', " ", text)
+
+
+def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -> None:
+    """Time and pose of each frame, as scene files take it; none of a single frame or of frames without times."""
+    times_s = [sweeps[number].start_s for number in sorted(sweeps)]
+    if len(times_s) < 2 or min(np.diff(times_s)) <= 0.0:
+        return
+    start_s = times_s[0]
+    rows = ["time_s,x_m,y_m,z_m,yaw_deg,pitch_deg,roll_deg"]
+    for number in sorted(sweeps):
+        numbers = (sweeps[number].start_s - start_s, *places[number].position_m, *angles_deg(places[number]))
+        rows.append(",".join(f"{float(x):.9g}" for x in numbers))
+    _put(path, "\n".join(rows) + "\n")
+
+
+def _put(path: Path, text: str) -> None:
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def about(scene: Path) -> dict[str, Any]:
+    """What a twin was made of, by its scene file. Raises InputError if it is no twin's."""
+    path = scene.parent / ABOUT
+    if not path.is_file():
+        raise InputError(f"{scene}: must be the scene of a twin, with {ABOUT} beside it, or a cloud")
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def place_of(made: dict[str, Any], number: int, scene: Path) -> Pose:
+    """Pose of a frame that the twin knows. Raises InputError."""
+    found = made["places"].get(str(number))
+    if found is None:
+        raise InputError(f"--frame {number}: must be one of {', '.join(made['places'])}, which {scene} knows")
+    x, y, z, yaw, pitch, roll = found
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -1,0 +1,254 @@
+"""How far a simulated frame is from the recorded one, and what is allowed.
+
+Bias and scatter are kept apart, in the unit of what is compared (double validation metric; P. Rosenberger, Metrics for
+specification, validation, and uncertainty prediction for credibility in simulation of active perception sensor systems,
+TU Darmstadt 2022, with C. Linnhoff).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...cloud.points import PointCloud
+from ...maths.arrays import Numbers
+from ...recordings.sweep import Sweep
+from ..compare.real import ground_of
+from .pulses import NOTHING, Pulses
+from .surfels import SMOOTH
+
+DIRECTION_DEG = 0.01
+BIAS_MM = 10.0
+SCATTER = (0.8, 1.25)
+SIGNAL_ERROR = 0.15
+POINTS, POINTS_OF_RING = 0.05, 0.10
+KEPT_SHARE = 0.95
+KEPT_LOSSES = 0.50
+DISAGREEMENT = 0.03
+"""More than between two real frames."""
+
+GROUND = 0.15
+SECOND_SHARE, SECOND_GAP = 1.5, 0.15
+
+RANGE_BINS = 8
+"""Of the mean signal, with as many recorded returns in each."""
+
+SAME_M = 0.3
+"""A recorded return farther from the twin's surface is of another one: at an edge, from another frame."""
+
+LEAST = 50
+"""Fewer pulses in a bin are not judged. A ratio of two scatters of so many is uncertain by 16 %."""
+
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One line of the table.
+
+    value  what is held to the limits: a difference, a ratio or a share; None where it cannot be told
+    low, high  the limits, None if there is none
+    """
+
+    quantity: str
+    condition: str = ""
+    real: float | None = None
+    simulated: float | None = None
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the value is within its limits; None without limits or value."""
+        if self.value is None or (self.low is None and self.high is None):
+            return None
+        above = self.low is None or self.value >= self.low
+        return bool(above and (self.high is None or self.value <= self.high))
+
+
+def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None) -> list[Row]:
+    """The whole table; ``between``: the share of pulses that two real frames keep or lose differently (`apart`)."""
+    rows = [
+        Row(
+            quantity="beam direction", condition="median angle", value=float(np.degrees(np.median(pulses.angle_rad))),
+            high=DIRECTION_DEG, unit="deg",
+        ),
+        *_ranges(pulses), *_signals(pulses), *_points(pulses), *_kept(pulses, between),
+    ]  # fmt: skip
+    rows += [*_ground(sweep, cloud), *_second(pulses)]
+    return rows
+
+
+def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
+    """Difference of the means, and the area between both distributions once it is taken off, in their own unit."""
+    share = (np.arange(1000) + 0.5) / 1000.0
+    apart = np.quantile(simulated, share) - np.quantile(real, share)
+    bias = float(np.mean(apart))
+    return bias, float(np.mean(np.abs(apart - bias)))
+
+
+def _ranges(pulses: Pulses) -> Iterator[Row]:
+    """On smooth surfaces that both found: against the surface of the twin."""
+    same = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
+    both = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH) & same)
+    real_mm = 1e3 * (both.range_m - both.true_range_m)
+    simulated_mm = 1e3 * (both.simulated_range_m - both.true_range_m)
+    told = bool(len(real_mm) >= LEAST)
+    yield Row(
+        quantity="range, bias", condition="smooth surfaces", unit="mm", low=-BIAS_MM, high=BIAS_MM,
+        value=float(np.median(simulated_mm - real_mm)) if told else None,
+    )  # fmt: skip
+    if not told:
+        return
+    bias, scatter = bias_and_scatter(real_mm, simulated_mm)
+    yield Row(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
+    yield Row(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
+    if both.signal is None:
+        yield _scatter("all strengths", both)
+        return
+    octave = np.floor(np.log2(np.maximum(both.signal, 1.0))).astype(int)
+    for one in np.unique(octave):
+        there = both.at((octave == one) & np.isfinite(both.change_m))
+        if len(there.change_m) >= LEAST:
+            yield _scatter(f"signal {2**one} to {2 ** (one + 1)}", there)
+
+
+def _scatter(name: str, both: Pulses) -> Row:
+    """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
+    real, simulated = (
+        1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m)
+    )
+    return Row(
+        quantity="range, scatter", condition=name, real=real, simulated=simulated,
+        value=simulated / real if real > 0.0 else None, low=SCATTER[0], high=SCATTER[1], unit="mm",
+    )  # fmt: skip
+
+
+def spread(values: Numbers) -> float:
+    """Standard deviation by the median absolute deviation, which a few edges do not change."""
+    return float(NORMAL * np.median(np.abs(values - np.median(values))))
+
+
+def _signals(pulses: Pulses) -> Iterator[Row]:
+    if pulses.signal is None or not np.nanmax(pulses.simulated_signal, initial=0.0) > 0.0:
+        yield Row(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
+        return
+    kept, simulated = pulses.kept, pulses.simulated
+    edges = np.quantile(pulses.range_m[kept], np.linspace(0.0, 1.0, RANGE_BINS + 1))
+    errors = []
+    for low, high in itertools.pairwise(edges):
+        of_real = kept & (pulses.range_m >= low) & (pulses.range_m < high)
+        of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
+        if of_real.sum() < LEAST or of_simulated.sum() < LEAST:
+            continue
+        real = float(np.mean(pulses.signal[of_real]))
+        mine = float(np.mean(pulses.simulated_signal[of_simulated]))
+        errors.append(mine / real - 1.0)
+        yield Row(
+            quantity="signal, mean", condition=f"{low:.3g} to {high:.3g} m", real=real, simulated=mine,
+            value=errors[-1], unit="photons",
+        )  # fmt: skip
+    yield Row(
+        quantity="signal, mean error over the range", value=float(np.mean(np.abs(errors))) if errors else None,
+        high=SIGNAL_ERROR,
+    )  # fmt: skip
+    both = kept & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
+    if both.sum() >= LEAST:
+        bias, scatter = bias_and_scatter(pulses.signal[both], pulses.simulated_signal[both])
+        yield Row(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
+        yield Row(
+            quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons"
+        )
+        logs = np.log(pulses.signal[both]), np.log(pulses.simulated_signal[both])
+        yield Row(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
+
+
+def _points(pulses: Pulses) -> Iterator[Row]:
+    real, mine = int(pulses.kept.sum()), int(pulses.simulated.sum())
+    yield Row(
+        quantity="points", real=real, simulated=mine, value=mine / real - 1.0 if real else None,
+        low=-POINTS, high=POINTS,
+    )  # fmt: skip
+    rings = int(pulses.ring.max()) + 1
+    of_real = np.bincount(pulses.ring[pulses.kept], minlength=rings)
+    of_mine = np.bincount(pulses.ring[pulses.simulated], minlength=rings)
+    full = of_real >= LEAST
+    if not full.any():
+        return
+    error = of_mine[full] / of_real[full] - 1.0
+    worst = int(np.argmax(np.abs(error)))
+    number = int(np.flatnonzero(full)[worst])
+    yield Row(
+        quantity="points per ring, worst", condition=f"ring {number}", real=int(of_real[number]),
+        simulated=int(of_mine[number]), value=float(error[worst]), low=-POINTS_OF_RING, high=POINTS_OF_RING,
+    )  # fmt: skip
+    yield Row(quantity="rings within 10 %", condition=f"of {int(full.sum())}",
+              value=float(np.mean(np.abs(error) <= POINTS_OF_RING)))  # fmt: skip
+
+
+def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
+    kept, mine = pulses.kept, pulses.simulated
+    yield Row(quantity="real returns kept", value=_share(mine[kept]), low=KEPT_SHARE)
+    losses = ~kept & ~pulses.dropped & (pulses.kind != NOTHING)
+    yield Row(
+        quantity="real losses on surfaces kept", condition=f"of {int(losses.sum())}",
+        value=_share(mine[losses]) if losses.sum() >= LEAST else None, high=KEPT_LOSSES,
+    )  # fmt: skip
+    if pulses.dropped.any():
+        yield Row(
+            quantity="found but withheld by the real sensor, kept", condition=f"of {int(pulses.dropped.sum())}",
+            value=_share(mine[pulses.dropped]),
+        )  # fmt: skip
+    yield Row(
+        quantity="kept or lost otherwise than real", condition="" if between is None else "real: between two frames",
+        real=between, value=_share(kept != mine), high=None if between is None else between + DISAGREEMENT,
+    )  # fmt: skip
+
+
+def apart(sweep: Sweep, other: Sweep) -> float | None:
+    """Share of the pulses that two frames keep or lose differently; None unless they are of one kind."""
+    both = sweep.recorded & other.recorded if sweep.shape == other.shape else np.zeros(0, bool)
+    if not (both.any() and sweep.knows_lost and other.knows_lost):
+        return None
+    return _share((sweep.kept != other.kept)[both])
+
+
+def _share(mask: Numbers) -> float | None:
+    return float(np.mean(mask)) if len(mask) else None
+
+
+def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
+    real = ground_of(sweep.xyz_m[sweep.kept])
+    local = cloud.in_sensor_frame()
+    mine = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
+    told = real is not None and mine is not None
+    yield Row(
+        quantity="farthest ground, 99.9 %", real=real[1] if real else None, simulated=mine[1] if mine else None,
+        value=mine[1] / real[1] - 1.0 if told and real and mine else None, low=-GROUND, high=GROUND, unit="m",
+    )  # fmt: skip
+
+
+def _second(pulses: Pulses) -> Iterator[Row]:
+    real, mine = (
+        pulses.gap_m[np.isfinite(pulses.gap_m)],
+        pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
+    )
+    if not len(real) and not len(mine):
+        return
+    shares = len(real) / max(int(pulses.kept.sum()), 1), len(mine) / max(int(pulses.simulated.sum()), 1)
+    yield Row(
+        quantity="second returns, share", real=shares[0], simulated=shares[1],
+        value=shares[1] / shares[0] if shares[0] else None, low=1.0 / SECOND_SHARE, high=SECOND_SHARE,
+    )  # fmt: skip
+    enough = len(real) >= LEAST and len(mine) >= LEAST
+    gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, mine)]
+    yield Row(
+        quantity="second returns, least separation", condition="1 %", real=gaps[0], simulated=gaps[1], unit="m",
+        value=gaps[1] / gaps[0] - 1.0 if enough and gaps[0] and gaps[1] else None, low=-SECOND_GAP, high=SECOND_GAP,
+    )  # fmt: skip

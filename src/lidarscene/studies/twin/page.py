@@ -1,0 +1,150 @@
+"""The page of a twin beside its recording: the table of `judge`, both clouds as pictures, and the same as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ...cloud.points import PointCloud
+from ...figures.page import Page, put_text
+from ...figures.pictures import perspective_picture
+from ...files.atomic import require_writable
+from ...recordings.as_cloud import cloud_of
+from ...recordings.recording import Recording
+from ...recordings.sweep import Sweep
+from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.simulator import Simulator
+from ...scene.file import load_scene
+from ...scene.model import View
+from ...sensor.catalogue import load_sensor
+from ..compare.real import compare_real, side_of_cloud, side_of_sweep
+from .build import COLUMNS, about, place_of
+from .judge import Row, apart, rows_of
+from .planes import has_grid, of_columns
+from .pulses import pulses_of
+
+PAGE, NUMBERS = "index.html", "twin.json"
+REAL, SIMULATED = "recorded", "simulated"
+"""Pictures."""
+
+_VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
+"""From behind and above the sensor."""
+
+
+def compare_twin(
+    scene_file: Path, recording: Recording, folder: Path, *, frame: int | None = None, seed: int = 0,
+    chunk: int = DEFAULT_CHUNK, as_json: bool = False,
+) -> str:  # fmt: skip
+    """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
+
+    frame  None: the one that was held out, or the first
+    A list of points has no pulses to compare: then the statistics of `compare.real` are written.
+    Raises InputError and OutputError.
+    """
+    made = about(scene_file)
+    number = made["judged"] if frame is None else frame
+    pose = place_of(made, number, scene_file)
+    for name in (PAGE, NUMBERS):
+        require_writable(folder / name)
+    scene = load_scene(scene_file)
+    sensor = load_sensor(scene.sensor_name)
+    sweep = whole = recording[number]
+    if made["held_out"] == COLUMNS:
+        sweep = of_columns(sweep, slice(1, None, 2))
+    if not has_grid(sweep):
+        cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
+        sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
+        return compare_real(*sides, folder, as_json=as_json)
+    pulses, cloud = pulses_of(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
+    following = (number + 1) % len(recording)
+    between = apart(whole, recording[following]) if following != number else None
+    rows = rows_of(pulses, sweep, cloud, between=between)
+    told: dict[str, Any] = {
+        "recording": recording.path.name, "frame": number, "twin": made, "seen": seen(made, number),
+        "rows": [asdict(row) | {"met": row.met} for row in rows],
+    }  # fmt: skip
+    text = json.dumps(told, indent=1)
+    put_text(folder / NUMBERS, text + "\n")
+    _page(rows, told, (whole, cloud), folder)
+    return text if as_json else "\n".join([as_text(rows), told["seen"], f"wrote {folder / PAGE}"])
+
+
+def seen(made: dict[str, Any], number: int) -> str:
+    """What of the judged frame the twin was made of, for people."""
+    if made["held_out"] == COLUMNS:
+        return "Judged by every second column; the twin is made of the others."
+    if number in made["frames"]:
+        return "The twin is made of this frame: surfaces and reflectivities are its own, only the sensor is judged."
+    return f"Held out: the twin is made of frames {', '.join(map(str, made['frames']))}."
+
+
+def as_text(rows: list[Row]) -> str:
+    """The table for a terminal, limits last."""
+    cells = [_cells(row) for row in rows]
+    head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
+    widths = [max(len(line[k]) for line in (head, *cells)) for k in range(len(head))]
+    lines = [
+        "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in (head, *cells)
+    ]
+    judged = [row.met for row in rows if row.met is not None]
+    return "\n".join([*lines, f"{sum(judged)} of {len(judged)} limits met"])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    met = {None: "", True: "met", False: "NOT MET"}[row.met]
+    quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
+    return (
+        quantity,
+        row.condition,
+        _shown(row.real),
+        _shown(row.simulated),
+        _shown(row.value),
+        _limit(row),
+        met,
+    )
+
+
+def _limit(row: Row) -> str:
+    if row.low is not None and row.high is not None:
+        return f"{row.low:.3g} to {row.high:.3g}"
+    if row.high is not None:
+        return f"at most {row.high:.3g}"
+    return "" if row.low is None else f"at least {row.low:.3g}"
+
+
+def _shown(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
+    sweep, cloud = clouds
+    for name, one in ((REAL, cloud_of(sweep)), (SIMULATED, cloud.in_sensor_frame())):
+        picture(one, folder / f"{name}.png")
+    page = Page(f"{told['recording']}, frame {told['frame']}, and its twin", folder=folder)
+    page.paragraph(told["seen"])
+    page.paragraph(_NOTE)
+    page.table(
+        ("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows]
+    )
+    page.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
+    put_text(folder / PAGE, page.as_html())
+
+
+def picture(cloud: PointCloud, path: Path) -> None:
+    """A cloud in the sensor's frame, as seen from behind and above the sensor. Raises OutputError."""
+    perspective_picture(
+        cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720)
+    )
+
+
+_NOTE = (
+    "The recorded pulses beside the same pulses of the simulation. The value is a difference in the unit of the "
+    "quantity, a ratio (scatter), a relative difference (points, signals, ground) or a share. Ranges count from the "
+    "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
+    "on both sides. The double validation metric is the difference of the means (bias) and the area between both "
+    "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin; those "
+    "of which the sensor tells a reflectivity and no range are left out and told apart."
+)

@@ -1,0 +1,205 @@
+"""A plane through each pixel of a sweep, from its neighbours on ring and column.
+
+Symbols: p points of a window, w their weights, m normal over distance from the origin: m p = 1 on the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from ...recordings.sweep import SECOND, Sweep
+
+REACH_RAD = math.radians(0.5)
+"""A window reaches so far to each side, but at least to the next ring and the second next column."""
+
+LARGEST_REACH = 3
+"""Rings or columns to each side, at most."""
+
+SMOOTH_COS = math.cos(math.radians(8.0))
+"""Length of the mean normal of a pixel and its neighbours from which on a surface is called smooth."""
+
+SCALES_M = (0.5, 0.2, 0.1, 0.05)
+"""Distances from the plane at which a neighbour counts half, one for each step of the fit."""
+
+NEAR_SHARE = 0.2
+"""Neighbours whose ranges differ by more of the range are no start for the fit."""
+
+MOST_OFF_M = 0.1
+"""A pixel farther from the plane of its neighbours, along the normal, is none of theirs."""
+
+LEAST_SHARE = 0.5
+"""Of a window's weight, on the plane: less makes no plane."""
+
+LEAST_COS = 0.03
+"""Flatter planes are not trusted: a hundredth of a degree would move the pixel by 1 % of its range."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grid:
+    """A sweep whose columns are at one azimuth for all rows. Arrays are (rows, columns) or (rows, columns, 3).
+
+    sweep      the same pixels in the order of the grid
+    step_rad   azimuth from a column to the next, with its sign
+    above_rad  (rows,) half the angle to the row above, and below to that below
+    """
+
+    sweep: Sweep
+    step_rad: float
+    above_rad: Numbers
+    below_rad: Numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Planes:
+    """The plane at each pixel; its fields have the grid's shape.
+
+    range_m  along the beam to the plane; NaN where there is none
+    normal   (..., 3) towards the sensor
+    """
+
+    range_m: Numbers
+    normal: Numbers
+
+    @property
+    def there(self) -> Numbers:
+        """Mask of the pixels that have a plane."""
+        return np.isfinite(self.range_m)
+
+    def smooth(self) -> Numbers:
+        """Mask of the pixels where the planes of a pixel and its neighbours agree: no leaves, no edges.
+
+        Each pixel's own range has a small share in it, so its noise is not cut off.
+        """
+        around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
+        mean = sum(_moved(np.where(self.there[..., None], self.normal, np.nan), *by) for by in around)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
+
+
+def of_columns(sweep: Sweep, chosen: slice) -> Sweep:
+    """A sweep of only these columns."""
+    return _each(sweep, lambda values: values[:, chosen])
+
+
+def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
+    """The sweep with every array changed alike."""
+    changed: dict[str, Any] = {
+        one.name: take(value)
+        for one in fields(Sweep)
+        if isinstance(value := getattr(sweep, one.name), np.ndarray)
+    }
+    if sweep.second is not None:
+        parts: dict[str, Any] = {
+            name: take(value) for name in SECOND if (value := getattr(sweep.second, name)) is not None
+        }
+        changed["second"] = replace(sweep.second, **parts)
+    return replace(sweep, **changed)
+
+
+def has_grid(sweep: Sweep) -> bool:
+    """Whether a sweep has rows and columns, and knows where its lost pulses went."""
+    return len(sweep.shape) == 2 and min(sweep.shape) > 1 and not np.isnan(sweep.direction).any()
+
+
+def grid_of(sweep: Sweep) -> Grid:
+    """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
+    if not has_grid(sweep):
+        raise InputError(
+            "must be a sweep of rows and columns that knows all directions, got a list of points"
+        )
+    azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
+    step_rad = float(np.median(_wrapped(np.diff(azimuth, axis=1))))
+    elevation = np.median(np.arcsin(sweep.direction[..., 2].clip(-1.0, 1.0)), axis=1)
+    rows = np.argsort(-elevation, kind="stable")
+    columns_n = sweep.shape[1]
+    shift = np.rint(_wrapped(azimuth[:, 0] - azimuth[rows[0], 0]) / step_rad).astype(int)
+    columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
+    half = 0.5 * np.abs(np.diff(elevation[rows]))
+    return Grid(
+        sweep=_each(sweep, lambda values: values[rows[:, None], columns]), step_rad=step_rad,
+        above_rad=np.r_[half[:1], half], below_rad=np.r_[half, half[-1:]],
+    )  # fmt: skip
+
+
+def planes_of(grid: Grid) -> Planes:
+    """Fit a plane at every pixel, of lost ones too if enough of their neighbours are on one.
+
+    Least squares of m p = 1 with Cauchy's weights, whose width falls step by step: what stands before or behind drops
+    out. The point where the beam meets the plane has less noise than the pixel's own.
+    """
+    sweep = grid.sweep
+    origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
+    direction, range_m = sweep.direction, np.array(sweep.range_m)
+    offsets = _window(grid)
+    around = np.stack([_moved(range_m, *by) for by in offsets])
+    middle = np.where(np.isfinite(range_m), range_m, _median(around))
+    normal, found = -direction, middle
+    unit, points = np.eye(3), origin_m + range_m[..., None] * direction
+    neighbours = [_moved(points, *by) for by in offsets]
+    near = [np.abs(_moved(range_m, *by) - middle) < NEAR_SHARE * middle + SCALES_M[0] for by in offsets]
+    for scale_m in SCALES_M:
+        sums = np.zeros((10, *sweep.shape))
+        start_m = np.einsum("...i,...i", origin_m + found[..., None] * direction, normal)
+        for point, close in zip(neighbours, near, strict=True):
+            off_m = np.einsum("...i,...i", point, normal) - start_m
+            weight = 1.0 / (1.0 + (off_m / scale_m) ** 2)
+            weight = np.where(np.isfinite(weight) & (close | (scale_m < SCALES_M[0])), weight, 0.0)
+            x, y, z = (np.nan_to_num(point[..., axis]) for axis in range(3))
+            for place, product in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
+                sums[place] += weight * product
+        total, vector = sums[0], np.moveaxis(sums[1:4], 0, -1)
+        matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*sweep.shape, 3, 3)
+        # A little of a plane square to the beam: of a single point, or of a line of them, nothing else is known.
+        matrix = matrix + (1e-9 * np.trace(matrix, axis1=-2, axis2=-1) + 1e-12)[..., None, None] * unit
+        slope = np.linalg.solve(matrix, vector[..., None])[..., 0]
+        length = np.linalg.norm(slope, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normal = -slope / length[..., None]
+            cos = -np.einsum("...i,...i", normal, direction)
+            found = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
+            weak = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(found > 0.0)
+        normal = np.where(weak[..., None], -direction, normal)
+        found = np.where(weak, middle, found)
+    with np.errstate(invalid="ignore"):
+        off_m = np.abs(found - range_m) * cos
+    good = ~weak & ~(off_m > MOST_OFF_M) & np.isfinite(found)
+    return Planes(range_m=np.where(good, found, np.nan), normal=np.where(good[..., None], normal, -direction))
+
+
+_SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+"""Where the nine numbers of a symmetric matrix lie among its six."""
+
+
+def _window(grid: Grid) -> list[tuple[int, int]]:
+    """Rows and columns from a pixel to its neighbours, itself included."""
+    rows = int(np.clip(round(REACH_RAD / float(np.median(2.0 * grid.above_rad))), 1, LARGEST_REACH))
+    columns = int(np.clip(round(REACH_RAD / abs(grid.step_rad)), 2, LARGEST_REACH))
+    return [(row, column) for row in range(-rows, rows + 1) for column in range(-columns, columns + 1)]
+
+
+def _moved(values: Numbers, row: int, column: int) -> Numbers:
+    """Of the neighbour so many rows below and columns on; NaN beyond the first and the last row."""
+    turned = np.roll(values, (-row, -column), axis=(0, 1))
+    if row > 0:
+        turned[-row:] = np.nan
+    elif row < 0:
+        turned[:-row] = np.nan
+    return turned
+
+
+def _median(around: Numbers) -> Numbers:
+    """Over the window, without what is missing; NaN where all is."""
+    ordered = np.sort(around, axis=0)
+    count = np.isfinite(around).sum(axis=0)
+    return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])
+
+
+def _wrapped(angle_rad: Numbers) -> Numbers:
+    return np.asarray((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)

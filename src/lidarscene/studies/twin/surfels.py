@@ -1,0 +1,225 @@
+"""A sweep of rows and columns as quads: each pixel in its tangent plane, the ground completed by its plane.
+
+Symbols: n quads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from .planes import Grid, Planes, planes_of
+from .reflect import LEAST, Gauge, dropped, largest_reflectivity, scattering_law
+
+SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
+KINDS = ("smooth", "rough", "filled", "ground", "bright")
+"""Measured in a plane that goes on, or elsewhere; a hole in a plane; ground completed; brighter than matt white."""
+
+LAP = 1.04
+"""Quads are so much wider than a pixel, so that no beam slips between two."""
+
+STRETCH = 1.6
+"""Corners are nearer or farther than the middle by this factor at most."""
+
+GROUND_BEYOND = 1.3
+"""Ground is completed up to so many times the range of its farthest return (99 %)."""
+
+BEHIND_M = 0.3
+"""Ground is put behind a return if it lies so much farther."""
+
+LOST_SHARE = 0.5
+"""Of a lost pulse's highest peak, for its echo: the peak may be all echo or all noise."""
+
+BEAM_SHARE = 0.5
+"""Of a pixel that the nearer of two returns covers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surfels:
+    """Quads with the apparent and the true reflectivity of each.
+
+    corners_m     (n, 4, 3)
+    reflectivity  (n,) at normal incidence; of bright ones the apparent one, above that of matt white
+    kind          (n,) place in `KINDS`
+    """
+
+    corners_m: Numbers
+    reflectivity: Numbers
+    kind: Numbers
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def placed(self, pose: Pose) -> Surfels:
+        """Moved to where the sensor stood."""
+        return Surfels(
+            corners_m=self.corners_m @ pose.rotation.T + pose.position_m, reflectivity=self.reflectivity, kind=self.kind
+        )  # fmt: skip
+
+
+def together(parts: Sequence[Surfels]) -> Surfels:
+    """All in one."""
+    return Surfels(
+        **{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)}
+    )
+
+
+def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
+    """Quads of a sweep, in the sensor's frame.
+
+    ground  (3,) z = a + b x + c y of the plane of the ground [m]; None if there is none
+    """
+    sweep, planes = grid.sweep, planes_of(grid)
+    kept, smooth = sweep.kept, planes.smooth()
+    apparent = _apparent(grid, gauge, planes)
+    range_m = np.where(planes.there, planes.range_m, sweep.range_m)
+    two = _two_returns(grid)
+    parts = [
+        _quads(grid, chosen, range_m, planes.normal, apparent, kind)
+        for kind, chosen in (
+            (SMOOTH, kept & smooth & ~two), (ROUGH, kept & ~smooth & ~two),
+            (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
+        )
+    ]  # fmt: skip
+    if two.any():
+        parts += _both(grid, two, range_m, planes.normal, gauge)
+    if ground is not None:
+        parts.append(_ground(grid, planes, apparent, ground, gauge))
+    return together(parts)
+
+
+def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
+    """Of every pixel; of lost ones the median of their row's neighbours, but no more than what they reported."""
+    sweep = grid.sweep
+    if gauge is None:
+        return np.full(sweep.shape, 0.2)
+    found = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
+    lost = ~sweep.kept & planes.there
+    if lost.any():
+        masked = np.where(sweep.kept, found, np.nan)
+        around = np.sort(
+            np.stack([np.roll(masked, (0, by), axis=(0, 1)) for by in range(-4, 5)])[:, lost], axis=0
+        )
+        middle = np.take_along_axis(around, (np.isfinite(around).sum(axis=0) // 2)[None], axis=0)[0]
+        found[lost] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost])
+    return np.maximum(found, LEAST)
+
+
+def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
+    """What the strength of a lost pulse allows: makers report its highest peak, though none was kept."""
+    signal = grid.sweep.signal
+    if not grid.sweep.knows_lost or gauge.field != "signal" or signal is None:
+        return np.full(grid.sweep.shape, np.inf)
+    found = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
+    return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * found, np.inf)
+
+
+def _two_returns(grid: Grid) -> Numbers:
+    second = grid.sweep.second
+    if second is None:
+        return np.zeros(grid.sweep.shape, bool)
+    return np.asarray(grid.sweep.kept & np.isfinite(second.range_m))
+
+
+def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None) -> list[Surfels]:
+    """Of pixels with two returns: the nearer quad covers half of the pixel, the farther shows beside it.
+
+    So the share of the beam that each returns is part of its apparent reflectivity.
+    """
+    sweep = grid.sweep
+    assert sweep.second is not None
+    second = sweep.second
+    facing = -sweep.direction
+    one = gauge.apparent(sweep, sweep.range_m) if gauge else np.full(sweep.shape, 0.2)
+    other = gauge.apparent(second, second.range_m) if gauge else np.full(sweep.shape, 0.2)
+    first_nearer = sweep.range_m < second.range_m
+    made = []
+    for nearer in (True, False):
+        of_first = two & (first_nearer == nearer)
+        of_second = two & (first_nearer != nearer)
+        half = BEAM_SHARE if nearer else 1.0
+        made.append(_quads(grid, of_first, range_m, normal, one / BEAM_SHARE, ROUGH, half=half))
+        made.append(_quads(grid, of_second, second.range_m, facing, other / BEAM_SHARE, ROUGH, half=half))
+    return made
+
+
+def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None) -> Surfels:
+    """Quads of the plane where a beam would meet it: behind what it met, and where nothing came back."""
+    sweep = grid.sweep
+    up = np.array([-ground[1], -ground[2], 1.0])
+    normal = up / np.linalg.norm(up)
+    origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meets_m = (ground[0] - origin_m @ up) / (sweep.direction @ up)
+        on = sweep.kept & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
+    if not on.any():
+        return _quads(grid, on, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
+    farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on], 99.0))
+    with np.errstate(invalid="ignore"):
+        shows = ~planes.there & ~dropped(sweep) & _in_sight(sweep.kept, on, sweep.range_m, meets_m)
+        behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
+        chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
+    strength = np.full(sweep.shape, float(np.median(apparent[on])))
+    octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
+    for one in np.unique(octave[chosen]):
+        near = on & (octave == one)
+        if near.sum() >= 10:
+            strength[octave == one] = np.median(apparent[near])
+    if gauge is not None:
+        strength = np.where(sweep.kept, strength, np.fmin(strength, _allowed(grid, gauge, meets_m)))
+    return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
+
+
+def _in_sight(kept: Numbers, on: Numbers, range_m: Numbers, meets_m: Numbers) -> Numbers:
+    """Mask of the pixels where the ground may show: the next return below is ground, and the next above none nearer.
+
+    Below a roof that returned something are the windows and the paint that did not, and no ground.
+    """
+    rows = np.broadcast_to(np.arange(kept.shape[0])[:, None], kept.shape)
+    above = np.maximum.accumulate(np.where(kept, rows, -1), axis=0)
+    below = np.minimum.accumulate(np.where(kept, rows, len(kept))[::-1], axis=0)[::-1]
+    columns = np.arange(kept.shape[1])[None, :]
+    on_below = (below == len(kept)) | on[np.minimum(below, len(kept) - 1), columns]
+    nearer = (above >= 0) & (range_m[np.maximum(above, 0), columns] < meets_m)
+    return np.asarray(on_below & ~nearer)
+
+
+def _quads(
+    grid: Grid, chosen: Numbers, range_m: Numbers, normal: Numbers, apparent: Numbers, kind: int, *, half: float = 1.0
+) -> Surfels:  # fmt: skip
+    """Quads of these pixels: where the four corners of a pixel, seen from its exit, meet its plane.
+
+    half  share of the pixel's width that is covered, from its left edge
+    """
+    sweep = grid.sweep
+    direction = sweep.direction[chosen]
+    origin_m = np.zeros_like(direction) if sweep.origin_m is None else sweep.origin_m[chosen]
+    middle_m, facing = range_m[chosen], normal[chosen]
+    cos = -np.einsum("ni,ni->n", facing, direction)
+    reflectivity = apparent[chosen] / scattering_law(cos)
+    # Brighter than a matt surface can be: a retro-reflector, square to its beam.
+    bright = reflectivity > largest_reflectivity()
+    reflectivity = np.where(bright, apparent[chosen], reflectivity)
+    facing = np.where(bright[:, None], -direction, facing)
+    kinds = np.where(bright, BRIGHT, kind)
+    azimuth = np.arctan2(direction[:, 1], direction[:, 0])
+    elevation = np.arcsin(direction[:, 2].clip(-1.0, 1.0))
+    row = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)[chosen]
+    wide = 0.5 * abs(grid.step_rad) * LAP
+    above, below = (LAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
+    depth = np.einsum("ni,ni->n", facing, direction) * middle_m
+    corners = []
+    for left, up in ((1.0, above), (1.0 - 2.0 * half, above), (1.0 - 2.0 * half, -below), (1.0, -below)):
+        a, e = azimuth + left * wide, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
+        along = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach_m = depth / np.einsum("ni,ni->n", facing, along)
+        # Beyond the plane's horizon the quotient is negative or huge; the quad ends before.
+        reach_m = np.where(reach_m > 0.0, reach_m, np.inf).clip(middle_m / STRETCH, middle_m * STRETCH)
+        corners.append(origin_m + reach_m[:, None] * along)
+    return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=reflectivity, kind=kinds)

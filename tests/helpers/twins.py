@@ -1,0 +1,78 @@
+"""A room that a lidar stands in, known in closed form, as a sweep and as a recording."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarscene.maths.pose import Pose
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Sweep
+
+HALF_M = (10.0, 8.0)
+"""Walls at plus and minus x and y; no ceiling."""
+
+HEIGHT_M = 1.8
+REFLECTIVITY = (0.4, 0.2, 0.3)
+"""Of the walls across x, those across y, and the ground."""
+
+RINGS, COLUMNS = 24, 360
+ELEVATION_DEG = np.linspace(8.0, -22.5, RINGS)
+WHITE_M2 = 20_000.0
+"""Photons of a white board square to the beam, times the square of its range."""
+
+
+def directions(columns: int = COLUMNS, shear_deg: float = 0.0) -> Any:
+    """(rings, columns, 3), clockwise from behind; every second ring's azimuth is ahead by the shear."""
+    azimuth = np.pi - 2.0 * np.pi * np.arange(columns) / columns
+    azimuth = azimuth[None, :] + np.radians(shear_deg) * (np.arange(RINGS)[:, None] % 2)
+    elevation = np.radians(ELEVATION_DEG)[:, None]
+    parts = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+def room(direction: Any, pose: Pose | None = None) -> tuple[Any, Any, Any]:
+    """Range, cosine of incidence and reflectivity of what each beam meets first, from this pose."""
+    pose = pose or Pose()
+    along, start = direction @ pose.rotation.T, pose.position_m
+    planes = [(0, HALF_M[0], 0), (0, -HALF_M[0], 0), (1, HALF_M[1], 1), (1, -HALF_M[1], 1), (2, -HEIGHT_M, 2)]
+    with np.errstate(divide="ignore"):
+        ways = [(at - start[axis]) / along[..., axis] for axis, at, _ in planes]
+    ways = [np.where(way > 0.0, way, np.inf) for way in ways]
+    met = np.argmin(ways, axis=0)
+    cos = np.abs(
+        np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1)
+    )[..., 0]
+    return np.min(ways, axis=0), cos, np.array([REFLECTIVITY[kind] for _, _, kind in planes])[met]
+
+
+def room_sweep(
+    *, pose: Pose | None = None, noise_m: float = 0.0, seed: int = 0, shear_deg: float = 0.0, **changed: Any
+) -> Sweep:  # fmt: skip
+    """What a perfect sensor records of the room: Lambert's law, signals as the square of the range."""
+    direction = directions(shear_deg=shear_deg)
+    range_m, cos, reflectivity = room(direction, pose)
+    apparent = reflectivity * cos
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, range_m.shape)
+    given: dict[str, Any] = {
+        "range_m": range_m + noise_m * noise, "recorded": np.ones_like(range_m, bool), "direction": direction,
+        "signal": WHITE_M2 * apparent / range_m**2, "reflectivity": 100.0 * apparent, "knows_lost": True,
+        "ring": np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
+    }  # fmt: skip
+    return Sweep(**given | changed)
+
+
+def recording_of(path: Path, *sweeps: Sweep) -> Recording:
+    """These sweeps as the frames of a file of this name."""
+    return Recording(path=path, count=len(sweeps), read=lambda number: sweeps[number])
+
+
+def unit_json(path: Path) -> Path:
+    """Metadata of an Ouster with the rings of the room, 512 columns."""
+    unit = {
+        "prod_line": "OS-0-24", "prod_sn": "1", "lidar_mode": "512x10",
+        "beam_altitude_angles": ELEVATION_DEG.tolist(), "beam_azimuth_angles": [0.0] * RINGS,
+    }  # fmt: skip
+    path.write_text(json.dumps(unit), encoding="utf-8")
+    return path

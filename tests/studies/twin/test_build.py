@@ -1,0 +1,114 @@
+"""Which frames, which light, and what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.twins import recording_of, room_sweep, unit_json
+
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.scene.file import load_scene
+from lidarscene.scene.poses import read_poses
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+from lidarscene.studies.recorded import background_w
+from lidarscene.studies.twin.build import (
+    COLUMNS,
+    Choice,
+    about,
+    build_twin,
+    chosen,
+    illuminance_klux,
+    place_of,
+)
+from lidarscene.studies.twin.reflect import Gauge
+
+
+def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path / "four.pcap", *[room_sweep()] * 4)
+    assert chosen(recording, None, 2) == Choice(frames=(0, 1, 3), held_out=2)
+    assert chosen(recording, (1, 3), None).judged == 1
+    assert chosen(recording, (1, 3), 0).judged == 0
+    for frames, held_out, message in (
+        (None, 4, "frame must be 0 to 3, got 4"),
+        ((2,), 2, "must leave a frame"),
+        (None, COLUMNS, "must go with one frame of rows and columns, got 4 frames"),
+    ):
+        with pytest.raises(InputError, match=message):
+            chosen(recording, frames, held_out)
+
+
+def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
+    direction = np.array(room_sweep().direction)
+    direction[0, 0] = np.nan
+    recording = recording_of(tmp_path / "bag.mcap", room_sweep(direction=direction))
+    with pytest.raises(InputError, match="got a list of points"):
+        chosen(recording, None, COLUMNS)
+
+
+def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
+    """Rationale: two ways to the same count: the sensor's background by bisection, and the plane's by its echo."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
+    plain = room_sweep()
+    near_ir = 500.0 * np.asarray(plain.reflectivity) / 20.0
+    counted = float(background_w(sensor, 500.0)[0])
+    target = Target(reflectivity=0.2, illuminance_klux=30.0, cos_sun=0.0, diffuse_share=1.0)
+    klux = 30.0 * counted / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
+    sweep = room_sweep(near_ir=near_ir)
+    found = illuminance_klux(sweep, Gauge.of(sweep), sensor)
+    # Counts of the dark do not scale with the reflectivity; they are some 100 of 500.
+    assert found == pytest.approx(klux, rel=0.25)
+    assert illuminance_klux(plain, Gauge.of(plain), sensor) is None
+    assert illuminance_klux(sweep, Gauge.of(sweep), load_sensor("vlp-16")) is None
+
+
+def test_the_files_of_a_twin(tmp_path: Path) -> None:
+    signal = np.array(room_sweep().signal)
+    signal[6, 0] *= 40.0  # brighter than white
+    sweep = room_sweep(signal=signal)
+    unit = unit_json(tmp_path / "unit.json")
+    recording = recording_of(tmp_path / "room.pcap", sweep)
+    text = build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit)
+    assert "quads of 1 frame(s), 20 klux" in text
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
+    assert scene.sun.illuminance_klux == 20.0
+    assert load_sensor(scene.sensor_name).scanner.pulses == 24 * 512
+    made = about(tmp_path / "twin" / "scene.toml")
+    assert sum(n for kind, n in made["quads"].items() if kind != "ground") == sweep.range_m.size
+    assert (made["frames"], made["held_out"], made["illuminance_assumed"]) == ([0], None, True)
+    bright = next(body for body in scene.bodies if body.class_name == "bright")
+    material = scene.materials[bright.parts[0].material]  # type: ignore[union-attr]
+    # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
+    returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])  # type: ignore[arg-type]
+    assert returned == pytest.approx(0.4 * float(sweep.reflectivity[6, 0]), rel=0.1)  # type: ignore[index]
+
+
+def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path) -> None:
+    start = Pose.from_degrees(position_m=(5e5, 5e6, 100.0), yaw_deg=90.0)
+    moved = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=-2.0, roll_deg=1.0)
+    sweeps = (room_sweep(), room_sweep(pose=moved))
+    frames = [
+        replace(one, pose=at, start_s=at_s)
+        for one, at, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
+    ]
+    recording = recording_of(tmp_path / "two.osf", *frames)
+    build_twin(recording, chosen(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
+    assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
+    found = place_of(about(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
+    assert np.allclose(found.rotation, moved.rotation)
+    assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
+
+
+def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path / "room.pcap", room_sweep())
+    with pytest.raises(InputError, match="must have the unit's metadata"):
+        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin")
+    with pytest.raises(InputError, match=r"--sensor no\.toml: no such file"):
+        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", sensor="no.toml")
+    with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
+        about(tmp_path / "scene.toml")

@@ -1,0 +1,160 @@
+"""What the table counts, on pulses made by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.twins import room_sweep
+
+from lidarscene.maths.arrays import Numbers
+from lidarscene.studies.twin import judge
+from lidarscene.studies.twin.judge import Row, bias_and_scatter, spread
+from lidarscene.studies.twin.pulses import NOTHING, Pulses
+from lidarscene.studies.twin.surfels import FILLED, SMOOTH
+
+N = 4000
+
+
+def pulses(seed: int = 5, **changed: Any) -> Pulses:
+    """20 mm of scatter, the same changes on both sides, signals from 20 to 300 over 5 to 40 m."""
+    rng = np.random.default_rng(seed)
+    change_m = rng.normal(0.0, 0.02, N)
+    true_m = np.linspace(5.0, 40.0, N)
+    signal = 8000.0 / true_m**2 + 15.0
+    given: dict[str, Any] = {
+        "angle_rad": np.zeros(N), "ring": np.arange(N) % 8, "signal": signal,
+        "range_m": true_m + rng.normal(0.0, 0.02, N), "change_m": change_m,
+        "gap_m": np.full(N, np.nan), "dropped": np.zeros(N, bool),
+        "simulated_range_m": true_m + rng.normal(0.0, 0.02, N), "simulated_signal": signal,
+        "simulated_change_m": change_m, "simulated_gap_m": np.full(N, np.nan),
+        "true_range_m": true_m, "kind": np.full(N, SMOOTH),
+    }  # fmt: skip
+    return Pulses(**given | changed)
+
+
+def named(rows: Any, quantity: str) -> list[Row]:
+    return [row for row in rows if row.quantity == quantity]
+
+
+def without(values: Numbers, mask: Numbers) -> Numbers:
+    return np.where(mask, np.nan, values)
+
+
+def test_bias_and_scatter_come_apart() -> None:
+    """A shift is bias alone. A normal twice as wide has its area: 2 sigma phi(0) = 0.798 sigma between quantiles."""
+    rng = np.random.default_rng(2)
+    values = rng.normal(0.0, 1.0, 100_000)
+    assert bias_and_scatter(values, values + 3.0) == pytest.approx((3.0, 0.0), abs=1e-9)
+    bias, scatter = bias_and_scatter(values, 2.0 * values)
+    assert (bias, scatter) == (pytest.approx(0.0, abs=0.01), pytest.approx(0.798, abs=0.01))
+
+
+def test_spread_is_the_deviation_whatever_a_few_do() -> None:
+    values = np.random.default_rng(1).normal(0.0, 3.0, 20_000)
+    values[:400] = 100.0
+    assert spread(values) == pytest.approx(3.0, rel=0.05)
+
+
+def test_limits_are_one_or_two_sided() -> None:
+    assert Row(quantity="", value=0.5, low=0.4).met is True
+    assert Row(quantity="", value=0.5, high=0.4).met is False
+    assert Row(quantity="", value=-11.0, low=-10.0, high=10.0).met is False
+    assert Row(quantity="", value=None, high=1.0).met is None
+    assert Row(quantity="", value=1.0).met is None
+
+
+def test_a_range_bias_beyond_ten_millimetres_fails() -> None:
+    one = pulses()
+    for bias_mm, met in ((8.0, True), (12.0, False)):
+        shifted = pulses(simulated_range_m=one.simulated_range_m + 1e-3 * bias_mm)
+        (row,) = named(judge._ranges(shifted), "range, bias")
+        # The median of 4000 differences of two scatters of 20 mm is sure to 0.6 mm.
+        assert row.value == pytest.approx(bias_mm, abs=2.0)
+        assert row.met is met
+
+
+def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
+    one = pulses()
+    assert one.signal is not None
+    weak = one.signal < 32.0
+    found = named(
+        judge._ranges(pulses(simulated_change_m=one.simulated_change_m * np.where(weak, 2.0, 1.0))),
+        "range, scatter",
+    )
+    assert {row.condition: row.met for row in found} == {
+        "signal 16 to 32": False, "signal 32 to 64": True, "signal 64 to 128": True, "signal 128 to 256": True,
+        "signal 256 to 512": True,
+    }  # fmt: skip
+
+
+def test_what_is_of_another_surface_has_no_bias() -> None:
+    one = pulses()
+    far = np.arange(N) % 3 == 0
+    (row,) = named(judge._ranges(pulses(range_m=one.range_m + 5.0 * far)), "range, bias")
+    assert row.met
+
+
+def test_signals_are_compared_by_range() -> None:
+    one = pulses()
+    (row,) = named(
+        judge._signals(pulses(simulated_signal=1.2 * one.simulated_signal)),
+        "signal, mean error over the range",
+    )
+    assert row.value == pytest.approx(0.2, abs=0.02)
+    assert row.met is False
+    (unknown,) = judge._signals(pulses(signal=None))
+    assert unknown.met is None
+
+
+def test_points_and_the_worst_ring() -> None:
+    one = pulses()
+    lost = (one.ring == 3) & (np.arange(N) < N // 2)
+    found = list(judge._points(pulses(simulated_range_m=without(one.simulated_range_m, lost))))
+    (points,), (worst,) = named(found, "points"), named(found, "points per ring, worst")
+    assert points.value == pytest.approx(-1.0 / 16.0)
+    assert (worst.condition, worst.value, worst.met) == ("ring 3", pytest.approx(-0.5), False)
+
+
+def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
+    one = pulses()
+    number = np.arange(N)
+    lost, withheld, sky = number < 400, number < 100, (number >= 100) & (number < 200)
+    kept_anyway = (number >= 200) & (number < 230)
+    found = list(
+        judge._kept(
+            pulses(
+                range_m=without(one.range_m, lost), dropped=withheld, kind=np.where(sky, NOTHING, FILLED),
+                simulated_range_m=without(one.simulated_range_m, (number >= 230) & (number < 400)),
+            )
+        )
+    )  # fmt: skip
+    (losses,) = named(found, "real losses on surfaces kept")
+    assert (losses.condition, losses.value) == ("of 200", pytest.approx(kept_anyway.sum() / 200.0))
+    (kept,) = named(found, "real returns kept")
+    assert (kept.value, kept.met) == (1.0, True)
+
+
+def test_second_returns_by_share_and_least_separation() -> None:
+    number = np.arange(N)
+    real = np.where(number % 10 == 0, 0.85 + number / N, np.nan)
+    mine = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
+    share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=mine))
+    assert (share.value, share.met) == (pytest.approx(0.5), False)
+    assert (gap.real, gap.simulated, gap.met) == (
+        pytest.approx(0.86, abs=0.01), pytest.approx(0.31, abs=0.01), False,
+    )  # fmt: skip
+    assert list(judge._second(pulses())) == []
+
+
+def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
+    range_m = np.array(room_sweep().range_m)
+    range_m[0, :36] = np.nan
+    between = judge.apart(room_sweep(), room_sweep(range_m=range_m))
+    assert between == pytest.approx(0.1 / 24.0)
+    one = pulses()
+    for share, met in ((0.03, True), (0.04, False)):
+        lost = np.arange(N) < share * N
+        found = judge._kept(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
+        (row,) = named(found, "kept or lost otherwise than real")
+        assert (row.value, row.met) == (pytest.approx(share), met)
+    assert judge.apart(room_sweep(), room_sweep(knows_lost=False)) is None

@@ -1,0 +1,93 @@
+"""Planes through pixels and their neighbours, against a room in closed form."""
+
+import numpy as np
+import pytest
+from helpers.twins import COLUMNS, RINGS, directions, room_sweep
+
+from lidarscene.errors import InputError
+from lidarscene.maths.arrays import Numbers
+from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.studies.twin.planes import Planes, grid_of, of_columns, planes_of
+
+
+def truth_of(sweep: Sweep) -> Numbers:
+    """Normals of the room, in the grid's order, towards the sensor."""
+    grid = grid_of(sweep)
+    x, y, z = np.moveaxis(np.abs(grid.sweep.xyz_m), -1, 0)
+    axis = np.argmin([np.abs(x - 10.0), np.abs(y - 8.0), np.abs(z - 1.8)], axis=0)
+    normal = np.zeros((*sweep.shape, 3))
+    np.put_along_axis(normal, axis[..., None], 1.0, axis=-1)
+    return normal * -np.sign(np.einsum("...i,...i", normal, grid.sweep.direction))[..., None]
+
+
+@pytest.fixture(scope="module")
+def exact() -> tuple[Sweep, Planes]:
+    sweep = room_sweep(shear_deg=4.0)
+    return sweep, planes_of(grid_of(sweep))
+
+
+def test_planes_of_a_room_are_exact(exact: tuple[Sweep, Planes]) -> None:
+    """Rationale: without noise only corners, where windows span two planes, may be off; 0.1 mm is rounding and more."""
+    sweep, planes = exact
+    smooth = planes.smooth()
+    assert smooth.mean() > 0.6
+    off_mm = 1e3 * np.abs(planes.range_m - grid_of(sweep).sweep.range_m)[smooth]
+    assert np.quantile(off_mm, 0.9) < 0.1
+    cos = np.einsum("...i,...i", planes.normal, truth_of(sweep))[smooth]
+    assert np.quantile(cos, 0.1) > 1.0 - 1e-6
+
+
+def test_rows_that_are_ahead_are_turned_back() -> None:
+    """An Ouster's rows are up to six columns apart: neighbours in the array are none in space."""
+    grid = grid_of(room_sweep(shear_deg=4.0))
+    azimuth = np.arctan2(grid.sweep.direction[..., 1], grid.sweep.direction[..., 0])
+    apart = np.angle(np.exp(1j * (azimuth - azimuth[:1])))
+    assert np.abs(np.degrees(apart)).max() < 1e-6
+    assert np.degrees(grid.step_rad) == pytest.approx(-360.0 / COLUMNS)
+
+
+def test_noise_is_averaged_and_not_bent() -> None:
+    """Rationale: 15 neighbours leave a quarter of 20 mm, Cauchy's weights a third; 3000 of them are sure to 1 mm."""
+    noisy, exact = room_sweep(noise_m=0.02, seed=4), room_sweep()
+    planes = planes_of(grid_of(noisy))
+    smooth = planes.smooth()
+    off = (planes.range_m - grid_of(exact).sweep.range_m)[smooth]
+    # Grazing planes stretch the noise of the normal; the median pixel is what a surfel is.
+    assert 1.4826 * np.median(np.abs(off)) < 0.4 * 0.02
+    assert abs(np.median(off)) < 2e-3
+
+
+def test_a_pole_before_a_wall_is_none_of_it() -> None:
+    sweep = room_sweep()
+    range_m = np.array(sweep.range_m)
+    range_m[:, 100] = 3.0
+    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    beside, pole = planes.range_m[:8, 98], planes.range_m[:8, 100]
+    assert np.abs(beside - range_m[:8, 98]).max() < 0.02
+    assert not np.any(np.abs(pole - 3.0) > 0.1)
+
+
+def test_a_hole_in_a_wall_is_found_and_the_sky_is_none() -> None:
+    sweep = room_sweep()
+    range_m = np.array(sweep.range_m)
+    range_m[5, 45], range_m[:3] = np.nan, np.nan
+    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    assert planes.range_m[5, 45] == pytest.approx(sweep.range_m[5, 45], abs=0.01)
+    assert not planes.there[0].any()
+
+
+def test_columns_are_taken_of_all_arrays() -> None:
+    sweep = room_sweep(second=Second(range_m=np.ones((RINGS, COLUMNS))))
+    half = of_columns(sweep, slice(1, None, 2))
+    assert half.shape == (RINGS, COLUMNS // 2)
+    assert half.second is not None
+    assert half.second.range_m.shape == half.shape
+    assert np.array_equal(half.direction, directions()[:, 1::2])
+
+
+def test_a_list_of_points_has_no_grid() -> None:
+    sweep = room_sweep()
+    flat = Sweep(range_m=sweep.range_m.ravel(), recorded=np.ones(RINGS * COLUMNS, bool),
+                 direction=sweep.direction.reshape(-1, 3))  # fmt: skip
+    with pytest.raises(InputError, match="must be a sweep of rows and columns"):
+        grid_of(flat)

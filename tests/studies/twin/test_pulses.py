@@ -1,0 +1,189 @@
+"""A recording that we rendered ourselves becomes a twin, whose rendering agrees with the closed truth."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.twins import HALF_M, HEIGHT_M, REFLECTIVITY, recording_of, room, unit_json
+
+from lidarscene.errors import InputError
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Sweep
+from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.file import load_scene
+from lidarscene.scene.meshes import plane_mesh
+from lidarscene.scene.model import Body, Part, Scene, Sun
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.twin.build import COLUMNS, Choice, build_twin
+from lidarscene.studies.twin.judge import rows_of
+from lidarscene.studies.twin.page import compare_twin
+from lidarscene.studies.twin.planes import of_columns
+from lidarscene.studies.twin.pulses import Pulses, matched, pulses_of
+from lidarscene.studies.twin.surfels import SMOOTH
+
+Made = tuple[Recording, Path, Sensor]
+
+
+def scene_of_room() -> Scene:
+    """The walls and the ground of `helpers.twins`, 8 m high."""
+    flat = {
+        name: Material(name=name, bsdf="diffuse", reflectivity=Spectrum.constant(value))
+        for name, value in zip(("ends", "sides", "ground"), REFLECTIVITY, strict=True)
+    }
+    bodies = []
+    for number, (yaw, away, width) in enumerate(
+        ((0.0, HALF_M[0], HALF_M[1]), (180.0, HALF_M[0], HALF_M[1]), (90.0, HALF_M[1], HALF_M[0]),
+         (-90.0, HALF_M[1], HALF_M[0]))
+    ):  # fmt: skip
+        vertices, faces = plane_mesh(size_m=(20.0, 2.0 * width))
+        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(away, 0.0, 0.0), pitch_deg=90.0)
+        part = Part(vertices_m=vertices, faces=faces, material="ends" if number < 2 else "sides")
+        bodies.append(Body(name=f"wall{number}", class_name="wall", parts=(part,), pose=pose))
+    vertices, faces = plane_mesh(size_m=(2.0 * HALF_M[0], 2.0 * HALF_M[1]))
+    ground = Part(vertices_m=vertices, faces=faces, material="ground")
+    bodies.append(
+        Body(name="ground", class_name="ground", parts=(ground,), pose=Pose(position_m=np.array([0.0, 0.0, -HEIGHT_M])))
+    )  # fmt: skip
+    return Scene(bodies=tuple(bodies), materials=flat, sun=Sun(illuminance_klux=0.0))
+
+
+def recorded(scene: Scene, sensor: Sensor) -> Sweep:
+    """What the sensor records of a scene, as its maker would have it."""
+    seen: list[Any] = []
+    cloud = Simulator(scene, sensor).render(seed=3, points=lambda pulse, _: seen.append(pulse))
+    pulse = np.concatenate(seen).astype(int)
+    every = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    rows, columns = sensor.scanner.line_pulses, sensor.scanner.pulses // sensor.scanner.line_pulses
+
+    def laid(values: Any, where: Any = None) -> Any:
+        flat = np.full((sensor.scanner.pulses, *np.shape(values)[1:]), np.nan)
+        flat[slice(None) if where is None else where] = values
+        return np.moveaxis(flat.reshape(columns, rows, *flat.shape[1:]), 0, 1)
+
+    start = sensor.scanner.offset_m(every)
+    assert start is not None
+    return Sweep(
+        range_m=laid(cloud.range_m, pulse), recorded=np.ones((rows, columns), bool),
+        direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(every)], axis=-1)),
+        origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
+        signal=laid(cloud.signal, pulse), reflectivity=laid(cloud.intensity, pulse), knows_lost=True,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """A recording of the room, its twin made of every second column, and the sensor."""
+    folder = tmp_path_factory.mktemp("twin")
+    unit = unit_json(folder / "unit.json")
+    write_unit(unit_from(unit), unit, folder / "unit.toml")
+    sensor = load_sensor(str(folder / "unit.toml"))
+    recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
+    told = build_twin(recording, Choice(frames=(0,), held_out=COLUMNS), folder / "twin")
+    assert "reflectivities: by the recording's signal" in told
+    return recording, folder / "twin", sensor
+
+
+@pytest.fixture(scope="module")
+def pulses(made: Made) -> Pulses:
+    recording, folder, _ = made
+    scene = load_scene(folder / "scene.toml")
+    sweep = of_columns(recording[0], slice(1, None, 2))
+    return pulses_of(scene, load_sensor(scene.sensor_name), sweep)[0]
+
+
+def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: Pulses) -> None:
+    """Rationale: planes of 15 noisy pixels are sure to some 5 mm; the median over thousands to 1 mm."""
+    recording, _, _ = made
+    sweep = of_columns(recording[0], slice(1, None, 2))
+    assert sweep.origin_m is not None
+    truth_m, _, _ = zip(
+        *(
+            room(one[None], Pose(position_m=start))
+            for one, start in zip(
+                sweep.direction.reshape(-1, 3)[::50], sweep.origin_m.reshape(-1, 3)[::50], strict=True
+            )
+        ),
+        strict=True,
+    )
+    error = (pulses.true_range_m[::50] - np.concatenate(truth_m))[pulses.kind[::50] == SMOOTH]
+    assert len(error) > 50
+    assert abs(np.median(error)) < 2e-3
+    assert np.quantile(np.abs(error), 0.8) < 0.02
+
+
+def test_signals_agree_to_per_cent(pulses: Pulses) -> None:
+    """The reflectivities are right: the same sensor has the same photons from the twin as from the room."""
+    both = pulses.kept & pulses.simulated & (pulses.kind == SMOOTH)
+    assert pulses.signal is not None
+    ratio = pulses.simulated_signal[both].sum() / pulses.signal[both].sum()
+    assert ratio == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: Pulses) -> None:
+    """Rationale: whoever recorded is who simulates, so the limits for real sensors are met with ease."""
+    recording, folder, sensor = made
+    scene = load_scene(folder / "scene.toml")
+    cloud = Simulator(scene, sensor).render()
+    rows = rows_of(pulses, recording[0], cloud)
+    failed = [(row.quantity, row.condition, row.value) for row in rows if row.met is False]
+    assert failed == []
+    assert {"beam direction", "range, bias", "range, scatter", "points", "real returns kept"} <= {
+        row.quantity for row in rows if row.met
+    }
+
+
+def test_another_sensor_is_not(made: Made) -> None:
+    """Half of the light: signals are off, and the page says so."""
+    recording, folder, _ = made
+    scene = load_scene(folder / "scene.toml")
+    weak = load_sensor(scene.sensor_name, overrides=["laser.peak_power_w=0.1"])
+    found, cloud = pulses_of(scene, weak, recording[0])
+    failed = {row.quantity for row in rows_of(found, recording[0], cloud) if row.met is False}
+    assert "signal, mean error over the range" in failed
+
+
+def test_page_and_numbers(made: Made, tmp_path: Path) -> None:
+    recording, folder, _ = made
+    text = compare_twin(folder / "scene.toml", recording, tmp_path / "page")
+    assert "limits met" in text
+    assert "every second column" in text
+    told = json.loads((tmp_path / "page" / "twin.json").read_text())
+    assert told["twin"]["held_out"] == COLUMNS
+    assert {"quantity", "value", "low", "high", "met"} <= told["rows"][0].keys()
+    assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()
+    with pytest.raises(InputError, match="--frame 7: must be one of 0"):
+        compare_twin(folder / "scene.toml", recording, tmp_path / "other", frame=7)
+
+
+def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any, tmp_path: Path) -> None:
+    """Rationale: without rows and lost pulses nothing can be matched; what can be counted is."""
+    recording, folder, _ = made
+    sweep = recording[0]
+    there = sweep.kept
+    listed = Sweep(
+        range_m=sweep.range_m[there], direction=sweep.direction[there], recorded=np.ones(there.sum(), bool),
+        intensity=np.asarray(sweep.reflectivity)[there], metadata={"format": "kitti"},
+    )  # fmt: skip
+    of_list = recording_of(tmp_path / "0.bin", listed)
+    said = build_twin(of_list, Choice(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
+    assert "scaled to a median of 0.2, since its unit is not known" in said
+    text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
+    points = next(line.split() for line in text.splitlines() if line.startswith("points "))
+    # The quads of a list do not meet at edges, and cover no corner.
+    assert float(points[1]) == pytest.approx(float(points[2]), rel=0.1)
+
+
+def test_other_beams_are_refused(made: Made) -> None:
+    recording, _, sensor = made
+    sweep = recording[0]
+    with pytest.raises(InputError, match="must have 12 channels"):
+        matched(
+            sensor,
+            Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]),
+        )

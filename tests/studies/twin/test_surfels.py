@@ -1,0 +1,130 @@
+"""Quads of a sweep."""
+
+import numpy as np
+import pytest
+from helpers.twins import COLUMNS, HEIGHT_M, RINGS, room_sweep
+
+from lidarscene.maths.arrays import Numbers
+from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.studies.twin.planes import grid_of
+from lidarscene.studies.twin.reflect import Gauge
+from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, SMOOTH, Surfels, surfels_of
+
+GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
+
+
+def made(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
+    return surfels_of(grid_of(sweep), Gauge.of(sweep), ground)
+
+
+def kinds(quads: Surfels) -> list[int]:
+    return [int(n) for n in np.bincount(quads.kind, minlength=len(KINDS))]
+
+
+def off_room_m(corners_m: Numbers) -> Numbers:
+    """Distance of points to the nearest of the room's planes."""
+    x, y, z = np.moveaxis(np.abs(corners_m), -1, 0)
+    return np.min([np.abs(x - 10.0), np.abs(y - 8.0), np.abs(z - HEIGHT_M)], axis=0)
+
+
+def test_quads_lie_on_the_room_and_are_as_wide_as_pixels() -> None:
+    """Rationale: off corners the fit is exact, and all that remains is rounding."""
+    quads = made(room_sweep())
+    assert len(quads) == RINGS * COLUMNS
+    smooth = quads.corners_m[quads.kind == SMOOTH]
+    assert np.quantile(off_room_m(smooth), 0.9) < 1e-4
+    straight = smooth[np.abs(np.abs(smooth[:, 0, 0]) - 10.0) < 1e-3]
+    straight = straight[np.abs(straight[:, :, 1]).max(axis=1) < 1.0]
+    width = np.linalg.norm(straight[:, 0] - straight[:, 1], axis=1)
+    assert np.median(width) == pytest.approx(10.0 * 2.0 * np.pi / COLUMNS * 1.04, rel=0.02)
+
+
+def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
+    """The lost pulse reported a tenth of its neighbours' signal, half of which may be its echo."""
+    plain = room_sweep()
+    range_m, signal, reflectivity = (
+        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
+    )
+    range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
+    assert kinds(quads)[FILLED] == 1
+    here = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
+    near = np.linalg.norm(quads.corners_m.mean(axis=1) - here, axis=1)
+    neighbours = quads.reflectivity[(near < 0.5) & (quads.kind == SMOOTH)]
+    assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(
+        0.05 * np.median(neighbours), rel=0.05
+    )
+
+
+def test_an_echo_that_was_withheld_leaves_a_hole() -> None:
+    range_m = np.array(room_sweep().range_m)
+    range_m[6, 45] = np.nan  # its reflectivity stays
+    assert len(made(room_sweep(range_m=range_m))) == RINGS * COLUMNS - 1
+
+
+def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> None:
+    plain = room_sweep()
+    lowest = slice(RINGS - 12, RINGS)
+    range_m, signal, reflectivity = (
+        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
+    )
+    range_m[lowest, 40:60] = 3.0  # a box before the ground
+    for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
+        values[lowest, 200:220] = value  # nothing at all
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    ground = quads.corners_m[quads.kind == GROUND]
+    assert len(ground) > 100
+    assert np.abs(ground[..., 2] + HEIGHT_M).max() < 1e-6
+    azimuth = np.degrees(np.arctan2(ground[..., 1].mean(axis=1), ground[..., 0].mean(axis=1)))
+    behind = (azimuth > 120.0) & (azimuth < 140.5)
+    lost = (azimuth > -40.5) & (azimuth < -19.0)
+    assert behind.sum() > 50
+    assert lost.sum() > 50
+
+
+def test_no_ground_is_seen_through_a_roof() -> None:
+    """Below returns of a roof, a car's dark side gave nothing back: the ground there is hidden, not black."""
+    plain = room_sweep()
+    range_m, signal, reflectivity = (
+        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
+    )
+    range_m[10:13, 40:60] = 4.0
+    for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
+        values[13:20, 40:60] = value
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
+    azimuth = np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))
+    elevation = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1])))
+    hidden = (azimuth > 123.0) & (azimuth < 137.0) & (elevation < -9.5) & (elevation > -17.0)
+    assert not hidden.any()
+
+
+def test_two_returns_share_the_pixel() -> None:
+    """Each covers half of the beam, so each reflects twice of what it would alone."""
+    plain = room_sweep()
+    far = np.full(plain.shape, np.nan)
+    far[6, 2] = plain.range_m[6, 2] + 2.0
+    share = np.full(plain.shape, 0.0)
+    share[6, 2] = plain.signal[6, 2]
+    quads = made(room_sweep(second=Second(range_m=far, signal=share, reflectivity=share)))
+    assert len(quads) == RINGS * COLUMNS + 1
+    width = np.linalg.norm(quads.corners_m[:, 0] - quads.corners_m[:, 1], axis=1)
+    reach = np.linalg.norm(quads.corners_m.mean(axis=1), axis=1)
+    beyond = int(np.argmin(np.abs(reach - far[6, 2])))
+    assert width[beyond] == pytest.approx(far[6, 2] * 2.0 * np.pi / COLUMNS, rel=0.1)
+    halves = np.flatnonzero(np.abs(width / reach / (np.pi / COLUMNS * 1.04) - 1.0) < 0.3)
+    assert len(halves) == 1
+
+
+def test_brighter_than_white_is_square_to_its_beam() -> None:
+    plain = room_sweep()
+    signal = np.array(plain.signal)
+    signal[6, 52] *= 40.0
+    quads = made(room_sweep(signal=signal))
+    there = quads.kind == BRIGHT
+    assert there.sum() == 1
+    a, b, c, d = quads.corners_m[there][0]
+    normal = np.cross(b - a, d - a)
+    middle = (a + b + c + d) / 4.0
+    assert abs(normal @ middle) / np.linalg.norm(normal) / np.linalg.norm(middle) > 0.9999
+    assert quads.reflectivity[there][0] == pytest.approx(0.4 * plain.reflectivity[6, 52], rel=0.1)
