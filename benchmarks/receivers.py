@@ -24,7 +24,7 @@ LEAST_RESPONSE, LEAST_HISTOGRAM = 0.9, 0.5
 
 TEXT = """Points per second of frames that end at the first surface, over those of `table1-apd`, in the same round.
 The histogram is that of `os1-128` with the beams of `table1-apd`. `peak of the strongest` looks for all peaks of the
-waveform, as all that ranks pulses does; it has no goal."""
+waveform, as all that ranks pulses does."""
 
 
 def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
@@ -46,11 +46,9 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     for name in list(sensors)[1:]:
         rate = points[name] / seconds[name]
         share = rate / (points[PLAIN] / seconds[PLAIN])
-        least = {HISTOGRAM: LEAST_HISTOGRAM, PLAIN: None, "peak of the strongest": None}.get(
-            name, LEAST_RESPONSE
-        )
+        least = LEAST_HISTOGRAM if name == HISTOGRAM else LEAST_RESPONSE
         note = f"{points[name]:,} points, {float(np.median(rate)) / 1e6:.2f} million a second"
-        goal = "" if least is None else verdict(f"at least {least:g}", np.median(share) >= least)
+        goal = verdict(f"at least {least:g}", np.median(share) >= least)
         spread = f"{share.min():.2f} to {share.max():.2f}"
         rows.append(Row(f"{name} / {PLAIN}", f"{np.median(share):.2f}", spread, note, goal))
     return Section("Receivers", TEXT, rows)
