@@ -89,7 +89,8 @@ def parsed_only(command: str) -> bool:
 
 def in_a_longer_one(command: str) -> bool:
     """Whether another command that is shown is this one with more options."""
-    return any(one.startswith(f"{command} --") for page in PAGES for one in commands(page))
+    start = f"{by_names(command)} --"
+    return any(by_names(one).startswith(start) for page in PAGES for one in commands(page))
 
 
 def coarse_job() -> str:
