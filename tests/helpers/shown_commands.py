@@ -25,7 +25,7 @@ from lidarscene.kernel.world.build import World
 from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import file as scene_file
-from lidarscene.scene.file import load_scene, scene_path
+from lidarscene.scene.file import load_scene, scene_path, sensor_of_scene
 from lidarscene.scene.model import Scene
 
 # What needs more than this machine, and what another test runs as it stands.
@@ -139,7 +139,7 @@ def coarse(arguments: list[str]) -> list[str]:
         names = (value_of("--sensors", rest) or ",".join(rest)).split(",")
         sets = tuple(f"{name}:{one}" for name in names if name in COARSE for one in COARSE[name])
     elif command in ("render", "view") and scene is not None and rig is None:
-        sensor = value_of("--sensor", rest) or load_scene(scene).sensor_name
+        sensor = value_of("--sensor", rest) or sensor_of_scene(scene)
         sets = COARSE.get(sensor, ())
     else:
         sets = ()
