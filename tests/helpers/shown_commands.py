@@ -43,8 +43,9 @@ COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning"
 MESH = "my_mesh.glb"
 """A box of this name is written."""
 MADE_BEFORE = {
+    "recipes.md": ("lidarscene render car -o out/car.ply --picture out/car.png",),
     "view.md": (
-        "lidarscene render scenes/car.toml -o out/car.ply",
+        "lidarscene render car -o out/car.ply --picture out/car.png",
         "lidarscene render scenes/drive.toml -o out/frames --frames 2",
     ),
 }
