@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from helpers.documentation import PAGES, ROOT, commands, shell_lines
-from helpers.shown_commands import PARSED_ONLY, Reader, pages
+from helpers.shown_commands import PARSED_ONLY, Reader, by_names, pages
 
 OTHERS = ("git", "cd", "pip", "python", "python3", "source", ".")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -18,7 +18,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
     """What a page of studies shows too is run there."""
-    done = {command for page in pages(of_studies=True) for command in commands(page)}
+    done = {by_names(command) for page in pages(of_studies=True) for command in commands(page)}
     return Reader(tmp_path_factory.mktemp("documentation"), done)
 
 

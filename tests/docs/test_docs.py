@@ -48,7 +48,10 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+BESIDE = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md")
+
+
+@pytest.mark.parametrize("page", [*PAGES, *BESIDE], ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
         if re.match(r"[a-z]+:", link):
@@ -64,6 +67,17 @@ def test_readme_is_short_and_its_picture_small() -> None:
     assert len(text_of(README).splitlines()) <= 200
     assert (ROOT / "docs" / "images" / "car.png").stat().st_size < 400_000
     assert (ROOT / "docs" / "images" / "drive.png").stat().st_size < 300_000
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    version = lidarscene.__version__
+    assert f"\nversion: {version}\n" in text_of(ROOT / "CITATION.cff")
+    assert f"\n## {version}" in text_of(ROOT / "CHANGELOG.md")
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    navigation = text_of(ROOT / "mkdocs.yml")
+    assert [page.name for page in PAGES[1:] if f": {page.name}\n" not in navigation] == []
 
 
 # --- examples ---------------------------------------------------------------------------------------

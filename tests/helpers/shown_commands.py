@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trimesh
 
 from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
 from helpers.in_this_process import draw_nothing, draw_roughly
@@ -24,7 +25,7 @@ from lidarscene.kernel.world.build import World
 from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import file as scene_file
-from lidarscene.scene.file import load_scene
+from lidarscene.scene.file import load_scene, scene_path, sensor_of_scene
 from lidarscene.scene.model import Scene
 
 # What needs more than this machine, and what another test runs as it stands.
@@ -41,9 +42,12 @@ PARSED_ONLY = {
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
 COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning": "vlp-16"}
+MESH = "my_mesh.glb"
+"""A box of this name is written."""
 MADE_BEFORE = {
+    "recipes.md": ("lidarscene render car -o out/car.ply --picture out/car.png",),
     "view.md": (
-        "lidarscene render scenes/car.toml -o out/car.ply",
+        "lidarscene render car -o out/car.ply --picture out/car.png",
         "lidarscene render scenes/drive.toml -o out/frames --frames 2",
     ),
 }
@@ -88,7 +92,8 @@ def parsed_only(command: str) -> bool:
 
 def in_a_longer_one(command: str) -> bool:
     """Whether another command that is shown is this one with more options."""
-    return any(one.startswith(f"{command} --") for page in PAGES for one in commands(page))
+    start = f"{by_names(command)} --"
+    return any(by_names(one).startswith(start) for page in PAGES for one in commands(page))
 
 
 def coarse_job() -> str:
@@ -101,6 +106,16 @@ def coarse_job() -> str:
 
 def value_of(option: str, words: list[str]) -> str | None:
     return words[words.index(option) + 1] if option in words else None
+
+
+def is_shipped(word: str) -> bool:
+    """Whether a word is a scene of `scenes/`, by its file or its name, or the mesh."""
+    return word.startswith("scenes/") or word in catalog.names("scenes") or word == MESH
+
+
+def by_names(line: str) -> str:
+    """The command with files of `scenes/` called by their names, so that `car` and `scenes/car.toml` are one."""
+    return re.sub(rf"scenes/({'|'.join(catalog.names('scenes'))})\.toml", r"\1", line)
 
 
 def coarse(arguments: list[str]) -> list[str]:
@@ -120,14 +135,14 @@ def coarse(arguments: list[str]) -> list[str]:
         rest[rest.index("--illuminance") + 1] = "10,100"
     if command == "fov":
         rest += ["--time", "0.05", "--cell", "4"]
-    rig, scene = value_of("--rig", rest), next((word for word in rest if word.startswith("scenes/")), None)
+    rig, scene = value_of("--rig", rest), next(filter(is_shipped, rest), None)
     if rig == "scenes/rig.toml":
         sets: tuple[str, ...] = COARSE_RIG
     elif command in ("compare", "fov"):
         names = (value_of("--sensors", rest) or ",".join(rest)).split(",")
         sets = tuple(f"{name}:{one}" for name in names if name in COARSE for one in COARSE[name])
     elif command in ("render", "view") and scene is not None and rig is None:
-        sensor = value_of("--sensor", rest) or load_scene(scene).sensor_name
+        sensor = value_of("--sensor", rest) or sensor_of_scene(scene)
         sets = COARSE.get(sensor, ())
     else:
         sets = ()
@@ -153,6 +168,8 @@ class Reader:
                 Path(f"{name}.toml").write_text(
                     catalog.path_of("sensors", original).read_text("utf-8"), "utf-8"
                 )
+        if not Path(MESH).exists():
+            trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
         self._run(capsys, MADE_BEFORE.get(page.name, ()))
         shown = set(shell_lines(page))
         own_files = any(block.file_name for block in blocks(page))
@@ -172,7 +189,7 @@ class Reader:
         whole, build = load_scene, simulator.build_world
 
         def load(path: Path, **options: Any) -> Scene:
-            key = (Path(path).resolve(), repr(options))
+            key = (scene_path(path).resolve(), repr(options))
             if key != self.kept.get("key") or key[0].parent != ROOT / "scenes":
                 self.kept.clear()
                 self.kept.update(key=key, scene=whole(path, **options))
@@ -193,9 +210,9 @@ class Reader:
     def _run(self, capsys: pytest.CaptureFixture[str], shown: Iterable[str]) -> None:
         """Run or parse those of ours; `> FILE` takes what one prints."""
         for line in shown:
-            if not line.startswith("lidarscene ") or line in self.done:
+            if not line.startswith("lidarscene ") or by_names(line) in self.done:
                 continue
-            self.done.add(line)
+            self.done.add(by_names(line))
             command, _, target = line.partition(" > ")
             arguments = shlex.split(command)[1:]
             assert main._parser().parse_args(main.with_joined_pose(arguments)).run
