@@ -2,4 +2,5 @@
 
 options  `--frame` and `--metadata`, and what is a recording
 sensor   `sensor --from`
+fit      `fit`
 """
