@@ -86,7 +86,7 @@ class Solved:
     def bootstrap(self) -> Numbers:
         """(p, p) covariance of the drawn solutions; few blocks scatter less than they should, by (b - 1) / b."""
         blocks = len(self.scores)
-        if blocks < 2:
+        if blocks < 2 or not np.isfinite(_inverse(self.slope)).all():
             return np.full_like(self.slope, np.inf)
         return np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
 
@@ -100,7 +100,8 @@ class Solved:
                 for move, step in zip(np.diag(steps), steps, strict=True)
             ]
         )
-        variances = [slopes @ one @ slopes for one in (self.covariance, self.bootstrap)]
+        with np.errstate(invalid="ignore"):
+            variances = [slopes @ one @ slopes for one in (self.covariance, self.bootstrap)]
         fisher, bootstrap = (
             float(np.sqrt(max(one, 0.0))) if np.isfinite(one) else np.inf for one in variances
         )

@@ -10,22 +10,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers
+from ...maths.special import expm1
 from ...physics.optics import receiver
 from .estimates import Estimate, Solved, least_squares
 from .pulses import Pulses
 
-LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 10.0, 100.0
+LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
 """Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
 
 LEAST_SIGNAL = 20.0
 """Photons are whole numbers, too."""
 
-STEP = 0.08
+STEP = 0.03
 """Of ln R, from bin to bin."""
 
 LEAST = 30
@@ -39,8 +40,8 @@ OUTLIER = 0.5
 HUBER = 1.5
 """Sigmas from which on a bin counts less: the nearest ranges follow laws of their own."""
 
-SPOTS = (0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 2.0)
-"""Radius of the laser's spot (1/e^2) over that of the field of view, in the table."""
+SPOTS = (0.1, 2.0)
+"""Least and largest radius of the laser's spot (1/e^2) over that of the field of view: beyond them none can be told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,30 +82,17 @@ class NearField:
         )
 
 
-def share(range_over_r0: Numbers, spot_over_field: float) -> Numbers:
+def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
     """Share of the light on the detector over that far away (T18)."""
-    grid, table = _table()
-    place = np.interp(spot_over_field, SPOTS, np.arange(len(SPOTS)))
-    k = min(int(place), len(SPOTS) - 2)
-    x = np.log(range_over_r0)
-    low, high = (np.interp(x, grid, table[one]) for one in (k, k + 1))
-    return np.asarray(np.exp(low + (place - k) * (high - low)))
-
-
-@cache
-def _table() -> tuple[Numbers, Numbers]:
-    grid = np.linspace(-4.5, 3.5, 161)
-    x, spot = (one.ravel() for one in np.meshgrid(grid, np.array(SPOTS)))
-    shares = receiver.spot_share(
-        profile="gaussian", spot_rad=spot, off_axis_rad=np.zeros_like(x), field_rad=np.ones_like(x),
-        blur_rad=np.exp(-x),
-    )  # fmt: skip
-    far = -np.expm1(-2.0 / np.array(SPOTS) ** 2)
-    return grid, np.log(np.asarray(shares).reshape(len(SPOTS), -1) / far[:, None])
+    far = -expm1(-2.0 / (spot_over_field * spot_over_field))
+    near = receiver.gaussian_share_on_axis(
+        spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0
+    )
+    return near / far
 
 
 def _law(p: Numbers, x: Numbers) -> Numbers:
-    return np.asarray(p[0] + np.log(share(np.exp(x - p[1]), math.exp(p[2]))))
+    return np.asarray(p[0] + np.log(share(np.exp(x - p[1]), np.exp(p[2]))))
 
 
 def _residuals(root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
@@ -170,16 +158,17 @@ def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] 
     number[enough] = np.arange(len(enough))
     used = number[place] >= 0
     x, y, block, place = x[used], y[used], block[used], number[place[used]]
+    # To the middle of its bin, along the bin's own slope: what a pulse adds is then its noise, not its place.
+    n = np.bincount(place)
+    middle_x, middle_y = (np.bincount(place, one) / n for one in (x, y))
+    off = x - middle_x[place]
+    rise = np.bincount(place, off * y) / np.maximum(np.bincount(place, off * off), 1e-12)
+    y = y - rise[place] * off
+    spread = np.sqrt(np.bincount(place, (y - middle_y[place]) ** 2) / n)
     shape = (int(block.max()) + 1, len(enough))
     flat = block * shape[1] + place
-    counts = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape)
-    sums, squares, places = (
-        np.bincount(flat, one, minlength=shape[0] * shape[1]).reshape(shape) for one in (y, y * y, x)
-    )
-    n = counts.sum(axis=0)
-    mean = sums.sum(axis=0) / n
-    spread = np.sqrt(np.maximum(squares.sum(axis=0) / n - mean**2, 0.0))
-    return places.sum(axis=0) / n, mean, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
+    counts, sums = (np.bincount(flat, one, minlength=shape[0] * shape[1]).reshape(shape) for one in (None, y))
+    return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
 
 
 def _medians(values: Numbers, place: Numbers) -> Numbers:

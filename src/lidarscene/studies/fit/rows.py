@@ -59,10 +59,9 @@ def _gains(light: Numbers) -> Numbers:
     course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
     place = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
-    for k in range(len(course)):  # a parabola through the neighbours, the row itself apart
+    for k in range(len(course)):  # a parabola through the rows around
         near = np.abs(place - k) <= SMOOTH
-        near[k] = False
-        smooth[k] = np.polyval(np.polyfit(place[near] - k, course[near], min(2, int(near.sum()) - 1)), 0.0)
+        smooth[k] = np.polyval(np.polyfit(place[near] - k, course[near], 2), 0.0)
     gains = course - smooth
     return np.asarray(gains - gains.mean())
 
