@@ -126,7 +126,7 @@ class Products:
 
         By Gauss's elimination: each free key, and what the pivots do when it grows by 1 %.
         """
-        matrix, pivots = _reduced(self.exponents)
+        matrix, pivots = reduced(self.exponents)
         told = []
         for free, key in enumerate(self.keys):
             if free in pivots:
@@ -145,7 +145,7 @@ class Products:
     @property
     def fixed(self) -> tuple[str, ...]:
         """Keys that stay at the values of the file that the fit started from."""
-        pivots = _reduced(self.exponents)[1]
+        pivots = reduced(self.exponents)[1]
         return tuple(
             key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY
         )
@@ -170,9 +170,9 @@ def products_of(sensor: Sensor, known: Sequence[str]) -> Products:
     return Products(keys=(*(one[0] for one in present), REFLECTIVITY), known=names, exponents=exponents)
 
 
-def _reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
+def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
     """Reduced row echelon form and the columns of its pivots, the earlier keys first."""
-    matrix, pivots = exponents.copy(), []
+    matrix, pivots = np.array(exponents), []
     row = 0
     for column in range(matrix.shape[1]):
         if row == len(matrix):
