@@ -59,7 +59,9 @@ def told(off: dict[str, list[float]]) -> None:
     for key, far in off.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
         largest = max(map(abs, far))
-        print(f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}")
+        print(
+            f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}"
+        )
 
 
 if __name__ == "__main__":

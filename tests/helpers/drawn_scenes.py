@@ -87,7 +87,10 @@ def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.n
     albedo = np.geomspace(0.05, 0.9, GROUPS)[group]
     sensor = published()
     target = Target(
-        reflectivity=albedo, illuminance_klux=klux, cos_incidence=random.uniform(0.3, 1.0, pulses), transmittance=1.0
+        reflectivity=albedo,
+        illuminance_klux=klux,
+        cos_incidence=random.uniform(0.3, 1.0, pulses),
+        transmittance=1.0,
     )
     scene = Scene.of(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
     return scene, range_m, target, REFLECTIVITY_SIGMA * random.standard_normal(GROUPS)
@@ -105,5 +108,3 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Re
         kept=kept, signal=np.where(kept, stop.photons, np.nan), near_ir=np.asarray(seen.ambient, float),
         range_m=np.where(kept, stop.range_m, np.nan),
     )  # fmt: skip
-
-

@@ -26,7 +26,7 @@ def drawn() -> Sweep:
 
 
 def test_the_gains_are_found() -> None:
-    """A row's sigma is 0.3 % (median of 512 steps, Poisson noise of 5 %); five of them, and what the smoothing takes."""
+    """A row's sigma is 0.3 % (median of 512 steps, Poisson noise of 5 %); five, and what is smoothed off."""
     found = fit_rows(pulses_of([drawn()]))
     assert found is not None
     inner = slice(4, -4)

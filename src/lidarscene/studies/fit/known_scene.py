@@ -18,6 +18,7 @@ import numpy as np
 from ...detection.photon_counting.bins import BOX, BOX_SHARE
 from ...light.echoes import Echoes
 from ...maths.arrays import Lanes, Numbers, is_drjit, xp
+from ...maths.special import normal_tail
 from ...physics.constants import SPEED_OF_LIGHT_M_S
 from ...physics.photon_counting import matched_filter
 from ...sensor.model import Sensor
@@ -43,6 +44,10 @@ PARAMETERS = (
 
 STRONG = 3.0
 """Signal over the threshold from which on a return tells its signal and its range: nearly all such are kept."""
+
+MOST_FIRED = 0.4
+"""Share of the SPADs up to which it does. More of them fire early and the echo gets narrower: at 0.85 by 0.2 % of the
+signal and 2 mm of the range, which is not in what is expected here."""
 
 LEAST_CHANCE = 1e-9
 
@@ -98,6 +103,7 @@ class Expected:
     near_ir           background counts
     sigma_m           scatter of the range
     level             threshold
+    fired             share of the free SPADs that the echo fires
     """
 
     signal: Lanes
@@ -106,6 +112,7 @@ class Expected:
     near_ir: Lanes
     sigma_m: Lanes
     level: Lanes
+    fired: Lanes
 
 
 def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Expected:
@@ -149,12 +156,18 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     point = sensor.working_point(background)
     pixel = sensor.pixel(background)
     signal, level = point.signal(power), sensor.threshold(point)
+    # The counts' box has sloping edges, a bin wide, beyond which a little more of the echo lies.
+    edge = sensor.histogram.bin_s / pixel.sigma_s  # type: ignore[union-attr]
+    captured = (1.0 - 2.0 * normal_tail(BOX / ops.sqrt(1.0 + edge * edge / 12.0))) / BOX_SHARE
+    told = signal * captured
     counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
     assert point.echo_tail is not None
     return Expected(
-        signal=signal, variance=(signal + counted / BOX_SHARE) / BOX_SHARE, chance=point.echo_tail(level, signal),
-        near_ir=rate * sensor.tdc.ambient_s, level=level,
+        signal=told, chance=point.echo_tail(level, signal),
+        near_ir=rate * sensor.tdc.ambient_s, level=level, fired=-point.kappa_2 / point.kappa_1 * signal,
+        # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
+        variance=(told + counted / BOX_SHARE) / BOX_SHARE + point.kappa_2 / point.kappa_1 * told * told,
         sigma_m=_sigma_m(signal, pixel.sigma_s, pixel.variance_share * pixel.count_rate_hz, floor_m),
     )  # fmt: skip
 

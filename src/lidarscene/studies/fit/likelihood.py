@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import BackendError
 from ...maths.arrays import Lanes, Numbers
 from .estimates import MOST_EVALUATIONS, UNKNOWN, Estimate, Solved
-from .known_scene import LEAST_CHANCE, PARAMETERS, STRONG, Expected, Reported, Scene, expected
+from .known_scene import LEAST_CHANCE, MOST_FIRED, PARAMETERS, STRONG, Expected, Reported, Scene, expected
 from .products import reduced
 
 BLOCKS = 40
@@ -165,7 +165,7 @@ def slopes_of(
 
 def _strong(scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
     now = expected(scene, values, surfaces[scene.group])
-    return np.asarray((now.signal > STRONG * now.level) & reported.kept)
+    return np.asarray((now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & reported.kept)
 
 
 def _step(
