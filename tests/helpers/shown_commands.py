@@ -23,6 +23,7 @@ from lidarscene.scene.file import load_scene
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
+    "lidarscene fit os2.pcap": "tests/studies/fit/test_study.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
 }
 

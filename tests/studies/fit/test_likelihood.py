@@ -75,3 +75,11 @@ def test_slopes_are_those_of_differences(mi) -> None:
             np.testing.assert_allclose(one, other, atol=1e-3 * max(float(np.abs(other).max()), 1e-12))
     assert np.abs(exact["laser.peak_power_w"][0]).max() > 1.0
     assert np.abs(exact["histogram.threshold_floor"][1]).max() > 0.01
+
+
+def test_few_parameters_are_enough(mi) -> None:
+    """Numbers that stay are no Dr.Jit arrays: the stages must take both side by side."""
+    scene, reported = drawn_report(published(), 2, pulses=300)
+    found = fit_known(scene, reported, ["laser.peak_power_w", "near_field_m"], reflectivity_sigma=0.05)
+    assert found.names == ("laser.peak_power_w", "near_field_m")
+    assert all(abs(one.value - 1.0) < 4.0 * one.sigma for one in found.estimates)

@@ -158,7 +158,8 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     signal, level = point.signal(power), sensor.threshold(point)
     # The counts' box has sloping edges, a bin wide, beyond which a little more of the echo lies.
     edge = sensor.histogram.bin_s / pixel.sigma_s  # type: ignore[union-attr]
-    captured = (1.0 - 2.0 * normal_tail(BOX / ops.sqrt(1.0 + edge * edge / 12.0))) / BOX_SHARE
+    wider = 1.0 + edge * edge / 12.0
+    captured = (1.0 - 2.0 * normal_tail(BOX / xp(wider).sqrt(wider))) / BOX_SHARE
     told = signal * captured
     counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
