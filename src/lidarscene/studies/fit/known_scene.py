@@ -127,13 +127,15 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
         return type(like)(np.ascontiguousarray(values)) if is_drjit(like) else values
 
     def grown(name: str) -> Lanes:
-        return ops.exp(parameters[name]) if name in parameters else 1.0
+        if name in parameters:
+            return ops.exp(parameters[name])
+        # NumPy's numbers and Dr.Jit's arrays do not mix: all are of one kind.
+        return type(like)(1.0) if is_drjit(like) else 1.0
 
     sensor = scene.sensor
     for name, (part, field) in IN_SENSOR.items():
-        if name in parameters:
-            own = getattr(sensor, part)
-            sensor = replace(sensor, **{part: replace(own, **{field: getattr(own, field) * grown(name)})})
+        own = getattr(sensor, part)
+        sensor = replace(sensor, **{part: replace(own, **{field: float(getattr(own, field)) * grown(name)})})
     floor_m = scene.floor_m * grown("scatter_floor")
     if "detector.jitter_ps" in parameters:
         detector: Any = sensor.detector
