@@ -1,12 +1,14 @@
 """Known scenes: a unit is rendered, forgotten, and fitted; slopes; what cannot be told apart."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
 
+from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene
 from lidarscene.studies.fit.likelihood import KnownFit, fit_known, slopes_of
@@ -77,9 +79,34 @@ def test_slopes_are_those_of_differences(mi) -> None:
     assert np.abs(exact["histogram.threshold_floor"][1]).max() > 0.01
 
 
-def test_few_parameters_are_enough(mi) -> None:
-    """Numbers that stay are no Dr.Jit arrays: the stages must take both side by side."""
-    scene, reported = drawn_report(published(), 2, pulses=300)
-    found = fit_known(scene, reported, ["laser.peak_power_w", "near_field_m"], reflectivity_sigma=0.05)
-    assert found.names == ("laser.peak_power_w", "near_field_m")
-    assert all(abs(one.value - 1.0) < 4.0 * one.sigma for one in found.estimates)
+def test_the_light_of_a_render_is_a_scene() -> None:
+    """Pulses without a surface are left out; of two echoes the stronger one counts, with its near field given back."""
+    sensor = published()
+    overlap = sensor.optics.overlap
+    assert overlap is not None
+    light = EchoTrain(
+        parts=tuple(
+            SubEchoes(range_m=np.array(ranges), peak_power_w=np.array(powers), count=1)
+            for ranges, powers in (([3.0, 1.0, 5.0], [1e-9, 0.0, 1e-9]), ([4.0, 1.0, 60.0], [2e-9, 0.0, 1e-10]))
+        ),
+        surfaces=2, found=np.array([True, False, True]), background_power_w=np.array([1e-9, 2e-9, 3e-9]),
+    )  # fmt: skip
+    scene = Scene.of(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
+    np.testing.assert_array_equal(scene.range_m, [4.0, 5.0])
+    np.testing.assert_array_equal(scene.group, [7, 9])
+    np.testing.assert_array_equal(scene.background_w, [1e-9, 3e-9])
+    share = np.asarray(overlap.share(np.array([4.0, 5.0])))
+    np.testing.assert_allclose(scene.power_w, np.array([2e-9, 1e-9]) / share, rtol=1e-12)
+    rays = replace(light, parts=(replace(light.parts[0], count=3),))
+    with pytest.raises(ValueError, match="must be of one ray a pulse, got several"):
+        Scene.of(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
+
+
+def test_a_range_of_something_else_counts_for_nothing(mi) -> None:
+    """Rationale: scenes have edges. One pulse in twenty, a metre off, would make the laser's pulse much longer."""
+    scene, reported = recorded()
+    wrong = np.arange(len(reported.kept)) % 20 == 0
+    moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
+    found = fit_known(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
+    (pulse,) = (one for one in found.estimates if one.key == "laser.pulse_fwhm_ns")
+    assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...detection.photon_counting.bins import BOX, BOX_SHARE
-from ...light.echoes import Echoes
+from ...light.echoes import Echoes, EchoTrain
 from ...maths.arrays import Lanes, Numbers, is_drjit, xp
 from ...maths.special import normal_tail
 from ...physics.constants import SPEED_OF_LIGHT_M_S
@@ -74,13 +74,31 @@ class Scene:
     floor_m: float = 3e-3
 
     @classmethod
-    def of(cls, echoes: Echoes, sensor: Sensor, group: Numbers, *, spot_over_field: float) -> Scene:
-        """From traced light; what the sensor's own near field took off is given back."""
+    def of(
+        cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float
+    ) -> Scene:
+        """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
+
+        Of several echoes, behind a pane, the strongest.
+
+        What the sensor's own near field took off is given back.
+
+        group  (n,) of all pulses of the light
+        """
+        if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
+            raise ValueError("light: must be of one ray a pulse, got several")
+        parts = light.parts if isinstance(light, EchoTrain) else (light,)
+        there = np.asarray(light.found)
+        powers = np.stack([np.asarray(part.peak_power_w, np.float64)[there] for part in parts])
+        strongest = np.argmax(powers, axis=0)[None]
+        ranges = np.stack([np.asarray(part.range_m, np.float64)[there] for part in parts])
+        range_m, power_w = (np.take_along_axis(one, strongest, axis=0)[0] for one in (ranges, powers))
         overlap = sensor.optics.overlap
-        seen = 1.0 if overlap is None else overlap.share(echoes.range_m)
+        seen = 1.0 if overlap is None else np.asarray(overlap.share(range_m))
+        background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), there.shape)
         return cls(
-            sensor=sensor, range_m=np.asarray(echoes.range_m), power_w=np.asarray(echoes.peak_power_w / seen),
-            background_w=np.asarray(echoes.background_power_w), group=group, spot_over_field=spot_over_field,
+            sensor=sensor, range_m=range_m, power_w=power_w / seen,
+            background_w=background[there], group=np.asarray(group)[there], spot_over_field=spot_over_field,
         )  # fmt: skip
 
 

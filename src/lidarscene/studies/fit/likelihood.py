@@ -25,6 +25,9 @@ BLOCKS = 40
 LONGEST_STEP = 0.5
 """Of a logarithm."""
 
+OUTLIER = 5.0
+"""Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
+
 DONE = 1e-3
 """A step of so many sigmas is the last."""
 
@@ -177,6 +180,8 @@ def _step(
     chance = np.clip(now.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong, reported.signal - now.signal, 0.0)
     apart = np.where(strong, (reported.range_m - scene.range_m) / now.sigma_m, 0.0)
+    near = strong & (np.abs(apart) < OUTLIER)
+    apart = np.where(near, apart, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,
@@ -186,7 +191,7 @@ def _step(
     )
     weights = (
         strong / now.variance, said / (chance * (1.0 - chance)), 1.0 / np.maximum(now.near_ir, 1.0),
-        strong / now.sigma_m**2,
+        near / now.sigma_m**2,
     )  # fmt: skip
     # The variance of (z^2 - 1) sigma is 2 sigma^2: its information is twice the square of the slope over sigma^2.
     information = (1.0, 1.0, 1.0, 2.0)
