@@ -3,7 +3,8 @@
     python benchmarks/fit_coverage.py [seeds per unit]
 
 First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted. Then with a known
-one: tests/helpers/drawn_scenes.py renders it by the stages of `render` (docs/fit.md has the results).
+one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit in a street, ray by ray
+(docs/fit.md has the results).
 """
 
 import math
@@ -11,16 +12,22 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from helpers.drawn_recordings import drawn_sweep, drawn_truth
-from helpers.drawn_scenes import REFLECTIVITY_SIGMA, drawn_report, drawn_unit, unit_of
+from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published, unit_of
 
+from lidarscene import load_scene
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.studies.fit.known_scene import Reported, Scene, expected
 from lidarscene.studies.fit.likelihood import fit_known
 from lidarscene.studies.fit.pulses import pulses_of
 from lidarscene.studies.fit.study import fit_pulses
 
 UNITS = 5
+STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
 
 
 def without_scene(seeds: int) -> None:
@@ -55,6 +62,38 @@ def with_scene(seeds: int) -> None:
     print(f"at most {max(evaluations)} evaluations; held: {', '.join(fit.held)}")
 
 
+def rendered() -> None:
+    """One unit in a street, with every ray traced: columns of 256, one reflectivity for all, known to 1 %."""
+    truth, base, street = drawn_unit(3), published(columns=256), load_scene(STREET)
+    light = Simulator(street, base).light()
+    numbers: list[np.ndarray] = []
+    cloud = Simulator(street, unit_of(truth, base)).render(
+        seed=1, points=lambda pulse, _: numbers.append(pulse)
+    )
+    there, pulse = np.asarray(light.found), np.concatenate(numbers).astype(int)
+    echo = cloud.status == 0
+    told_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
+    for name, values in told_of.items():
+        chosen = np.ones_like(echo) if name == "ambient" else echo
+        values[pulse[chosen]] = getattr(cloud, name)[chosen]
+    signal, range_m, ambient = (one[there] for one in told_of.values())
+    scene = Scene.of(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
+    # `render` tells no background of lost pulses: none, at the truth, moves nothing.
+    silent = np.asarray(expected(scene, truth).near_ir)
+    reported = Reported(
+        kept=np.isfinite(range_m),
+        signal=signal,
+        near_ir=np.where(np.isfinite(ambient), ambient, silent),
+        range_m=range_m,
+    )
+    fit = fit_known(scene, reported, reflectivity_sigma=0.01)
+    for one in fit.estimates:
+        if one.key in truth:
+            off = (one.value - math.exp(truth[one.key])) / one.sigma
+            print(f"{one.key:<28} {one.value:.4f} +/- {one.sigma:.4f}, {off:+.1f} sigma from the truth")
+    print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
+
+
 def told(off: dict[str, list[float]]) -> None:
     for key, far in off.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
@@ -68,3 +107,4 @@ if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     without_scene(count)
     with_scene(count)
+    rendered()

@@ -25,9 +25,9 @@ DRAWN = {
 """How far, as a logarithm, a unit is drawn from what is published."""
 
 
-def published() -> Sensor:
+def published(columns: int = 1024) -> Sensor:
     """The sensor that a fit starts from."""
-    sensor = load_sensor("os1-128", overrides=("scanner.columns_per_turn=1024",))
+    sensor = load_sensor("os1-128", overrides=(f"scanner.columns_per_turn={columns}",))
     return with_spot(sensor, SPOT)
 
 
@@ -49,9 +49,9 @@ def drawn_unit(seed: int) -> dict[str, float]:
     return {name: float(random.uniform(-far, far)) for name, far in DRAWN.items()}
 
 
-def unit_of(truth: dict[str, float]) -> Sensor:
-    """The sensor with these numbers; the lens moves so that the background stays."""
-    sensor = published()
+def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
+    """The sensor with these numbers; the lens moves so that the background stays. ``base`` None: the published one."""
+    sensor = published() if base is None else base
     grown = {name: math.exp(value) for name, value in truth.items()}
     moved = math.sqrt(grown["near_field_m"])
     laser, optics, detector, histogram = sensor.laser, sensor.optics, sensor.detector, sensor.histogram

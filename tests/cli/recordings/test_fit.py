@@ -51,3 +51,25 @@ def test_one_packet_tells_too_little(
 def test_the_name_must_end_in_toml(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(tmp_path, "-o", str(tmp_path / "u.json")) == 2
     assert "the name must end in .toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"\xff", "not UTF-8 text"),
+        (b"a = = 1", "no TOML: Invalid value"),
+    ],
+)
+def test_a_sensor_file_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, complaint: str
+) -> None:
+    file = tmp_path / "mine.toml"
+    if content is not None:
+        file.write_bytes(content)
+    argv = ["fit", str(OUSTER), "--sensor", str(file), "--report", str(tmp_path / "r")]
+    assert main.main([*argv, "-o", str(tmp_path / "u.toml")]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert f"--sensor {file}" in message
+    assert complaint in message

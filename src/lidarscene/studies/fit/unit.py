@@ -41,7 +41,8 @@ def base_text(sensor: str, metadata: Path | None) -> str:
         try:
             return path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"--sensor {sensor}: cannot be read: {error}") from None
+            told = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise InputError(f"--sensor {sensor}: cannot be read: {told}") from None
     with TemporaryDirectory(prefix="lidarscene-") as folder:
         written = Path(folder) / "unit.toml"
         write_unit(unit_from(metadata), metadata, written, like=sensor)
@@ -50,7 +51,11 @@ def base_text(sensor: str, metadata: Path | None) -> str:
 
 def sensor_of(text: str, where: str) -> Sensor:
     """The sensor that a file's text describes. Raises InputError."""
-    return sensor_from_tables(tomllib.loads(text), where=where)
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: no TOML: {error}") from None
+    return sensor_from_tables(tables, where=where)
 
 
 def fitted_text(
