@@ -55,9 +55,7 @@ def jacobian(
     attached = {name: dr.opaque(Float64, value) for name, value in values.items()}
     for number in attached.values():
         dr.enable_grad(number)
-    # Another vertex for each result: one that others are computed from would lose its derivative on the way.
-    zero = dr.opaque(Float64, 0.0)
-    results = [Float64(one) + zero for one in formula(attached)]
+    results = [Float64(one) for one in formula(attached)]
     slopes = {}
     for name, number in attached.items():
         dr.set_grad(number, 1.0)
