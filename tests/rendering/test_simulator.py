@@ -41,6 +41,26 @@ def test_pieces_are_the_whole() -> None:
     assert streamed.beams == sim.sensor.scanner.pulses
 
 
+def test_light_is_that_of_the_render() -> None:
+    """Traced once for studies: the same surfaces at the same ranges, and power only where there is one."""
+    sim, seen = simulator(rows=2), list[tuple[np.ndarray, dict[str, np.ndarray]]]()
+    sim.render(seed=5, points=lambda pulse, columns: seen.append((pulse, dict(columns))))
+    light = sim.light(seed=5)
+    powers, ranges = (
+        np.stack([np.asarray(getattr(part, name)) for part in light.parts])
+        for name in ("peak_power_w", "range_m")
+    )
+    strongest = powers.argmax(axis=0)
+    found, range_m = np.asarray(light.found), ranges[strongest, np.arange(len(strongest))]
+    assert found.shape == (sim.sensor.scanner.pulses,)
+    assert np.array_equal(powers.max(axis=0) > 0.0, found)
+    ((pulse, columns),) = seen
+    echo = columns["body"] >= 0
+    assert np.count_nonzero(echo) > 100
+    assert found[pulse[echo]].all()
+    np.testing.assert_allclose(range_m[pulse[echo]], columns["true_range_m"][echo], rtol=1e-6)
+
+
 def test_a_wrong_frame_is_refused_before_anything_is_handed_out() -> None:
     pieces: list[PointCloud] = []
     with pytest.raises(

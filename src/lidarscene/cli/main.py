@@ -18,6 +18,7 @@ from .catalogue import add_catalogue
 from .compare import add_compare
 from .field_of_view import add_fov
 from .ranging import add_commands
+from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
         add_catalogue,
         add_sensor,
         add_twin,
+        add_fit,
     ):
         add(commands)
     doctor = commands.add_parser(

@@ -325,6 +325,21 @@ class Simulator:
             train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed
         )
 
+    def light(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> EchoTrain:
+        """All that comes back of each pulse of a frame, before any detector; NumPy arrays.
+
+        It depends on places, surfaces and light, and goes with the laser's power: traced once, it serves any receiver.
+
+        frame, options  as for `render`; coordinates and chunk change nothing here
+        """
+        asked, _ = _asked(frame, None, options)
+        now = self._frame(asked)
+        begin, count = now.first_pulse, self.sensor.scanner.pulses
+        train = self._stages.pulse_train(
+            now, transfer.counter(begin, count), numbered(begin, count), transfer.opaque_uint32(asked.seed)
+        )
+        return cast(EchoTrain, transfer.fetched(train))
+
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing
     ) -> tuple[Numbers, dict[str, Any] | None]:

@@ -3,4 +3,5 @@
 options  `--frame` and `--metadata`, and what is a recording
 sensor   `sensor --from`
 twin     `twin`
+fit      `fit`
 """

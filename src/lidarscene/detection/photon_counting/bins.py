@@ -19,10 +19,10 @@ from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
 from ...sensor.photon_counting.model import Macropixel
 
-_BOX = 2.4
+BOX = 2.4
 """Half width of the bins whose counts are an echo's photons, in sigmas."""
 
-_BOX_SHARE = math.erf(_BOX / math.sqrt(2.0))
+BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 
 _LEAST = 1e-3
 """Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
@@ -299,7 +299,7 @@ class Bins:
     def _centroid(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:
         """Centroid of the counts above the background within 2.4 sigmas of a bin, in bins from it."""
         ops = self.ops
-        half = _BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
+        half = BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
         total, moment = 0.0 * middle, 0.0 * middle
         for i, count in enumerate(counts):
             off = i - middle
@@ -312,7 +312,7 @@ class Bins:
     def _photons(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:
         """Counts above the background within 2.4 sigmas of a place, which is in bins from the first one's centre."""
         ops = self.ops
-        half = _BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
+        half = BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
         total: Lanes = 0.0 * middle
         for i, count in enumerate(counts):
             # The bins at both ends count by the part that lies inside, or the number would jump with the place.
@@ -320,6 +320,6 @@ class Bins:
             total = total + inside * (count - background)
         pixel = self.pixel
         if not (pixel.corrected or pixel.spad.coincidence > 1):
-            shade = pile_up.shade_of_box(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s, half_width=_BOX)
+            shade = pile_up.shade_of_box(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s, half_width=BOX)
             total = total * (pixel.shade / shade)
-        return ops.maximum(total, 0.0) / _BOX_SHARE
+        return ops.maximum(total, 0.0) / BOX_SHARE

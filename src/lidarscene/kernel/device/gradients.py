@@ -6,9 +6,12 @@ respect to every number of a sensor needs no second formula and no step width, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from ...maths.arrays import Array, Lanes
+import numpy as np
+
+from ...maths.arrays import Array, Lanes, Numbers
 from . import backend
 
 
@@ -22,11 +25,7 @@ def gradient(
 
     Reverse mode: one pass, however many numbers there are. Raises `BackendError` without a back end.
     """
-    backend.mitsuba()
-    if backend.is_cuda():
-        from drjit.cuda.ad import Float64
-    else:
-        from drjit.llvm.ad import Float64
+    Float64 = _numbers()  # first: it is the back end that loads LLVM
     import drjit as dr
 
     # Opaque: a literal would be folded into the kernel, and each new value would compile a new one.
@@ -39,3 +38,45 @@ def gradient(
         dr.backward(result)
     slopes = {name: float(dr.grad(number)[0]) for name, number in attached.items()}
     return float(result[0]), slopes
+
+
+def jacobian(
+    formula: Callable[[Mapping[str, Array]], Sequence[Lanes]], values: Mapping[str, float]
+) -> tuple[list[Numbers], dict[str, list[Numbers]]]:
+    """Return the formula's values, (n,) each, and their derivatives with respect to every number.
+
+    formula   as of `gradient`; returns arrays of n, or single numbers
+
+    Forward mode: one pass for each number, whatever n is. Raises `BackendError` without a back end.
+    """
+    Float64 = _numbers()  # first: it is the back end that loads LLVM
+    import drjit as dr
+
+    attached = {name: dr.opaque(Float64, value) for name, value in values.items()}
+    for number in attached.values():
+        dr.enable_grad(number)
+    results = [Float64(one) for one in formula(attached)]
+    slopes = {}
+    for name, number in attached.items():
+        dr.set_grad(number, 1.0)
+        dr.enqueue(dr.ADMode.Forward, number)
+        dr.traverse(dr.ADMode.Forward, flags=dr.ADFlag.ClearVertices)
+        slopes[name] = [dr.grad(one) for one in results]
+        dr.clear_grad(results)
+    dr.eval(results, slopes)
+    found = [np.array(dr.detach(one)) for one in results]
+    shaped = {
+        name: [np.broadcast_to(np.array(one), f.shape) for one, f in zip(derived, found, strict=True)]
+        for name, derived in slopes.items()
+    }
+    return found, shaped
+
+
+def _numbers() -> Any:
+    """The double precision of the back end. Raises `BackendError` without one."""
+    backend.mitsuba()
+    if backend.is_cuda():
+        from drjit.cuda.ad import Float64
+    else:
+        from drjit.llvm.ad import Float64
+    return Float64

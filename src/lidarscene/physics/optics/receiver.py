@@ -17,6 +17,7 @@ Symbols: R range, R_f focus, R_0 crossing of the axes, o offset, phi field of vi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1
@@ -128,10 +129,23 @@ def spot_share(
     .. math:: \frac{1}{\pi b^2}\int_{|b-\varphi|}^{b+\varphi} c(r)\,P(r)\,dr
     """
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
+    spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
+    return ops.minimum(
+        ops.maximum(_smeared(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0
+    )
+
+
+def gaussian_share_on_axis(*, spot_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
+    """`spot_share` of a Gaussian spot on the axis, where the light within a circle needs no sum of its own."""
+    return _smeared(lambda r: -expm1(-2.0 * r * r / (spot_rad * spot_rad)), field_rad, blur_rad)
+
+
+def _smeared(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_rad: Lanes) -> Lanes:
+    """The share, by the integral of `spot_share`; ``within``: P(r), the spot's light within a circle."""
+    ops = xp(field_rad, blur_rad)
     blur = ops.maximum(blur_rad, 1e-6 * field_rad)
     least, near = ops.minimum(blur, field_rad), ops.abs(blur - field_rad)
-    spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     # Substituting r^2 = near^2 + half (1 - cos t) makes the chord smooth and periodic in t, so a plain sum converges.
     # Near its start 1 / r^2 may be steep. What the sum misses there is known, because c(r) integrates to pi least^2,
     # and it is added at the start.
@@ -142,10 +156,10 @@ def spot_share(
         t = math.pi * (k + 0.5) / _RADII
         square = near * near + half * (1.0 - math.cos(t))
         weight = (0.5 * math.pi / _RADII * math.sin(t) ** 2) * half * half / square
-        total = total + weight * within(circle_radius=ops.sqrt(square), **spot)
+        total = total + weight * within(ops.sqrt(square))
         missing = missing - weight
-    total = total + missing * within(circle_radius=near, **spot)
-    return ops.minimum(ops.maximum(total / (math.pi * blur * blur), 0.0), 1.0)
+    total = total + missing * within(near)
+    return total / (math.pi * blur * blur)
 
 
 def blind_range_m(

@@ -1,0 +1,110 @@
+"""How often the truth lies within two sigma of the fit: five units drawn at random, twenty recordings of each.
+
+    python benchmarks/fit_coverage.py [seeds per unit]
+
+First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted. Then with a known
+one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit in a street, ray by ray
+(docs/fit.md has the results).
+"""
+
+import math
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from helpers.drawn_recordings import drawn_sweep, drawn_truth
+from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published, unit_of
+
+from lidarscene import load_scene
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.studies.fit.known_scene import Reported, Scene, expected
+from lidarscene.studies.fit.likelihood import fit_known
+from lidarscene.studies.fit.pulses import pulses_of
+from lidarscene.studies.fit.study import fit_pulses
+
+UNITS = 5
+STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
+
+
+def without_scene(seeds: int) -> None:
+    off: dict[str, list[float]] = {}
+    held = 0
+    for unit in range(UNITS):
+        truth = drawn_truth(unit)
+        for seed in range(seeds):
+            pulses = pulses_of([drawn_sweep(truth, 1000 * unit + seed)])
+            fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
+            held += fit.passed
+            for one in fit.estimates:
+                off.setdefault(one.key, []).append((one.value - asdict(truth)[one.key]) / one.sigma)
+    told(off)
+    print(f"{held} of {UNITS * seeds} pass on what was not fitted")
+
+
+def with_scene(seeds: int) -> None:
+    off: dict[str, list[float]] = {}
+    evaluations = []
+    for unit in range(UNITS):
+        truth = drawn_unit(unit)
+        sensor = unit_of(truth)
+        for seed in range(seeds):
+            scene, reported = drawn_report(sensor, 1000 * unit + seed)
+            fit = fit_known(scene, reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
+            evaluations.append(fit.solved.evaluations)
+            for one in fit.estimates:
+                if one.key in truth:
+                    off.setdefault(one.key, []).append((one.value - math.exp(truth[one.key])) / one.sigma)
+    told(off)
+    print(f"at most {max(evaluations)} evaluations; held: {', '.join(fit.held)}")
+
+
+def rendered() -> None:
+    """One unit in a street, with every ray traced: columns of 256, one reflectivity for all, known to 1 %."""
+    truth, base, street = drawn_unit(3), published(columns=256), load_scene(STREET)
+    light = Simulator(street, base).light()
+    numbers: list[np.ndarray] = []
+    cloud = Simulator(street, unit_of(truth, base)).render(
+        seed=1, points=lambda pulse, _: numbers.append(pulse)
+    )
+    there, pulse = np.asarray(light.found), np.concatenate(numbers).astype(int)
+    echo = cloud.status == 0
+    told_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
+    for name, values in told_of.items():
+        chosen = np.ones_like(echo) if name == "ambient" else echo
+        values[pulse[chosen]] = getattr(cloud, name)[chosen]
+    signal, range_m, ambient = (one[there] for one in told_of.values())
+    scene = Scene.of(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
+    # `render` tells no background of lost pulses: none, at the truth, moves nothing.
+    silent = np.asarray(expected(scene, truth).near_ir)
+    reported = Reported(
+        kept=np.isfinite(range_m),
+        signal=signal,
+        near_ir=np.where(np.isfinite(ambient), ambient, silent),
+        range_m=range_m,
+    )
+    fit = fit_known(scene, reported, reflectivity_sigma=0.01)
+    for one in fit.estimates:
+        if one.key in truth:
+            off = (one.value - math.exp(truth[one.key])) / one.sigma
+            print(f"{one.key:<28} {one.value:.4f} +/- {one.sigma:.4f}, {off:+.1f} sigma from the truth")
+    print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
+
+
+def told(off: dict[str, list[float]]) -> None:
+    for key, far in off.items():
+        inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
+        largest = max(map(abs, far))
+        print(
+            f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}"
+        )
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    without_scene(count)
+    with_scene(count)
+    rendered()

@@ -1,0 +1,53 @@
+"""The command `fit`: what a recording says of its sensor, as a sensor file and a page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..terminal import Answer
+
+FIT_HELP = """\
+examples:
+  lidarscene fit os1.pcap --sensor os1-128 -o my-os1.toml --report out/fit
+  lidarscene fit a.osf b.osf --sensor os2-128 --metadata unit.json -o my-os2.toml --report out/fit --json
+"""
+
+
+def add_fit(commands: Any) -> None:
+    """Add `fit`."""
+    command = commands.add_parser(
+        "fit", help="what a recording says of its sensor, with uncertainties", epilog=FIT_HELP,
+        description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit. "
+        "Writes its sensor file, with value, uncertainty and recording in [sources], and a page. "
+        "Ends with 1 if a law fails on pulses that were not fitted.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    add = command.add_argument
+    add("recordings", metavar="REC", nargs="+", type=Path, help="recordings of one unit in one mode")
+    add("--sensor", metavar="NAME", required=True,
+        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell")  # fmt: skip
+    add("--metadata", metavar="F", type=Path,
+        help="what the maker says of the unit (default: the json beside the recording)")  # fmt: skip
+    add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
+    add(
+        "--report",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="folder of the page, its figures and fit.json",
+    )
+    add("--json", action="store_true", help="print the numbers as JSON")
+    command.set_defaults(run=fit_text)
+
+
+def fit_text(arguments: argparse.Namespace) -> Answer:
+    """Run `fit`; returns what is printed and the code."""
+    from ...studies.fit.study import fit_recordings
+
+    text, passed = fit_recordings(
+        arguments.recordings, arguments.sensor, arguments.output, arguments.report, metadata=arguments.metadata,
+        as_json=arguments.json,
+    )  # fmt: skip
+    return Answer(text, 0 if passed else 1)

@@ -1,0 +1,206 @@
+"""A sensor that counts photons, before surfaces whose places are known: the likelihood of what it reported.
+
+The light is traced once. Its power follows the laser, the lens and the reflectivities as factors, and what becomes of
+it is computed by the stages that `render` runs: photons of the return, chance to be kept (T98), background counts. The
+scatter of the range is that of the filter's peak. Numbers are changed by the exponential of a parameter each, so that
+0 is the sensor as it was given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...detection.photon_counting.bins import BOX, BOX_SHARE
+from ...light.echoes import Echoes, EchoTrain
+from ...maths.arrays import Lanes, Numbers, is_drjit, xp
+from ...maths.special import normal_tail
+from ...physics.constants import SPEED_OF_LIGHT_M_S
+from ...physics.photon_counting import matched_filter
+from ...sensor.model import Sensor
+from .near_field import share
+from .products import near_field_m, scatter_over_sigma
+
+IN_SENSOR: Mapping[str, tuple[str, str]] = {
+    "laser.pulse_fwhm_ns": ("laser", "pulse_fwhm_s"),
+    "detector.pde": ("detector", "pde"),
+    "detector.spads": ("detector", "spads"),
+    "detector.dark_count_rate_hz": ("detector", "dark_count_rate_hz"),
+    "histogram.threshold_floor": ("histogram", "threshold_floor"),
+    "histogram.threshold_slope": ("histogram", "threshold_slope"),
+}
+"""Parameters that are fields of a part of the sensor."""
+
+PARAMETERS = (
+    "laser.peak_power_w", "near_field_m", "spot_over_field", "laser.pulse_fwhm_ns", "detector.spads",
+    "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
+    "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde", "optics.efficiency_laser", "detector.jitter_ps",
+)  # fmt: skip
+"""All of them, what is best known from publications last: of what cannot be told apart, the last is held."""
+
+STRONG = 3.0
+"""Signal over the threshold from which on a return tells its signal and its range: nearly all such are kept."""
+
+MOST_FIRED = 0.4
+"""Share of the SPADs up to which it does. More of them fire early and the echo gets narrower: at 0.85 by 0.2 % of the
+signal and 2 mm of the range, which is not in what is expected here."""
+
+LEAST_CHANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """What stood before the sensor, and the sensor that it was traced with.
+
+    range_m       (n,) of the surface
+    power_w       (n,) peak power of the echo, with all of the spot on the detector
+    background_w  (n,) power of sun and sky
+    group         (n,) number of the reflectivity that the pulse shares with others
+    jitter_s      that a `detector.jitter_ps` of 0 stands for
+    floor_m       scatter of the range that strong echoes have, for a `scatter_floor` of 0: steps of the clock and bins
+    """
+
+    sensor: Sensor
+    range_m: Numbers
+    power_w: Numbers
+    background_w: Numbers
+    group: Numbers
+    spot_over_field: float
+    jitter_s: float = 100e-12
+    floor_m: float = 3e-3
+
+    @classmethod
+    def of(
+        cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float
+    ) -> Scene:
+        """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
+
+        Of several echoes, behind a pane, the strongest.
+
+        What the sensor's own near field took off is given back.
+
+        group  (n,) of all pulses of the light
+        """
+        if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
+            raise ValueError("light: must be of one ray a pulse, got several")
+        parts = light.parts if isinstance(light, EchoTrain) else (light,)
+        there = np.asarray(light.found)
+        powers = np.stack([np.asarray(part.peak_power_w, np.float64)[there] for part in parts])
+        strongest = np.argmax(powers, axis=0)[None]
+        ranges = np.stack([np.asarray(part.range_m, np.float64)[there] for part in parts])
+        range_m, power_w = (np.take_along_axis(one, strongest, axis=0)[0] for one in (ranges, powers))
+        overlap = sensor.optics.overlap
+        seen = 1.0 if overlap is None else np.asarray(overlap.share(range_m))
+        background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), there.shape)
+        return cls(
+            sensor=sensor, range_m=range_m, power_w=power_w / seen,
+            background_w=background[there], group=np.asarray(group)[there], spot_over_field=spot_over_field,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reported:
+    """What the sensor said, (n,) each; signal and range_m are NaN where nothing was kept."""
+
+    kept: Numbers
+    signal: Numbers
+    near_ir: Numbers
+    range_m: Numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """What is expected of it, (n,) each; NumPy or Dr.Jit.
+
+    signal, variance  photons of the return: counts around its peak less those of the background
+    chance            to be kept
+    near_ir           background counts
+    sigma_m           scatter of the range
+    level             threshold
+    fired             share of the free SPADs that the echo fires
+    """
+
+    signal: Lanes
+    variance: Lanes
+    chance: Lanes
+    near_ir: Lanes
+    sigma_m: Lanes
+    level: Lanes
+    fired: Lanes
+
+
+def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Expected:
+    """What the sensor reports with these parameters, by name; those left out are 0.
+
+    reflectivity  (n,) logarithm of that of each pulse's surface over the one it was traced with
+    """
+    like: Any = next(iter(parameters.values()), 0.0)
+    ops = xp(like)
+
+    def lanes(values: Numbers) -> Lanes:
+        return type(like)(np.ascontiguousarray(values)) if is_drjit(like) else values
+
+    def grown(name: str) -> Lanes:
+        if name in parameters:
+            return ops.exp(parameters[name])
+        # NumPy's numbers and Dr.Jit's arrays do not mix: all are of one kind.
+        return type(like)(1.0) if is_drjit(like) else 1.0
+
+    sensor = scene.sensor
+    for name, (part, field) in IN_SENSOR.items():
+        own = getattr(sensor, part)
+        sensor = replace(sensor, **{part: replace(own, **{field: float(getattr(own, field)) * grown(name)})})
+    floor_m = scene.floor_m * grown("scatter_floor")
+    if "detector.jitter_ps" in parameters:
+        detector: Any = sensor.detector
+        detector = replace(detector, jitter_s=scene.jitter_s * grown("detector.jitter_ps"))
+        sensor = replace(sensor, detector=detector)
+    range_m = lanes(scene.range_m)
+    shared = share(
+        range_m / (near_field_m(scene.sensor) * grown("near_field_m")),
+        scene.spot_over_field * grown("spot_over_field"),
+    )
+    surface = lanes(np.exp(np.asarray(reflectivity) * np.ones_like(scene.range_m)))
+    power = (
+        lanes(scene.power_w)
+        * shared
+        * surface
+        * grown("laser.peak_power_w")
+        * grown("optics.efficiency_laser")
+    )
+    background = lanes(scene.background_w) * surface * grown("optics.sun_irradiance_w_m2")
+    point = sensor.working_point(background)
+    pixel = sensor.pixel(background)
+    signal, level = point.signal(power), sensor.threshold(point)
+    # The counts' box has sloping edges, a bin wide, beyond which a little more of the echo lies.
+    edge = sensor.histogram.bin_s / pixel.sigma_s  # type: ignore[union-attr]
+    wider = 1.0 + edge * edge / 12.0
+    captured = (1.0 - 2.0 * normal_tail(BOX / xp(wider).sqrt(wider))) / BOX_SHARE
+    told = signal * captured
+    counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
+    rate, _ = sensor.background_counts(background)
+    assert point.echo_tail is not None
+    return Expected(
+        signal=told, chance=point.echo_tail(level, signal),
+        near_ir=rate * sensor.tdc.ambient_s, level=level, fired=-point.kappa_2 / point.kappa_1 * signal,
+        # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
+        variance=(told + counted / BOX_SHARE) / BOX_SHARE + point.kappa_2 / point.kappa_1 * told * told,
+        sigma_m=_sigma_m(signal, pixel.sigma_s, pixel.variance_share * pixel.count_rate_hz, floor_m),
+    )  # fmt: skip
+
+
+def _sigma_m(signal: Lanes, sigma_s: Lanes, rate_hz: Lanes, floor_m: Lanes) -> Lanes:
+    """Of the place of the filter's peak: by the echo's photons, and by the background's.
+
+    The second is r int h'^2 / (S int h' s')^2 = r sigma^3 sqrt(pi) / 2 w^3 (1 + 1 / w^2)^3 / S^2.
+    """
+    w = matched_filter.TEMPLATE
+    ops = xp(signal, sigma_s)
+    own = scatter_over_sigma(w) ** 2 / signal
+    noise = rate_hz * sigma_s * (0.5 * math.sqrt(math.pi) * w**3 * (1.0 + w**-2) ** 3) / (signal * signal)
+    scale_m = 0.5 * SPEED_OF_LIGHT_M_S * sigma_s
+    return ops.sqrt(scale_m * scale_m * (own + noise) + floor_m * floor_m)

@@ -1,0 +1,179 @@
+"""The near field: how much of the light of a target falls on the detector, over the range, from a recording alone.
+
+An Ouster reports SIGNAL, the photons of a return, and REFLECTIVITY, which its maker corrected for range and near
+field. So SIGNAL R^2 100 / REFLECTIVITY is K share(R), K being the photons of a white wall times the square of its
+range, far away. The share is that of T18 with the lens focused at infinity: the blur has the radius r_A / R, the
+detector r_PD / f, and below R0 = r_A f / r_PD the blur is the larger one. The laser's spot makes the knee at R0 round.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ...maths.arrays import Lanes, Numbers
+from ...maths.special import expm1
+from ...physics.optics import receiver
+from .estimates import Estimate, Solved, least_squares
+from .pulses import Pulses
+
+LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
+"""Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
+
+LEAST_SIGNAL = 20.0
+"""Photons are whole numbers, too."""
+
+STEP = 0.03
+"""Of ln R, from bin to bin."""
+
+LEAST = 30
+"""Pulses of a bin."""
+
+LEAST_BINS = 6
+
+OUTLIER = 0.5
+"""Farther from the median of its bin (logarithm): another light than that of the return."""
+
+HUBER = 1.5
+"""Sigmas from which on a bin counts less: the nearest ranges follow laws of their own."""
+
+SPOTS = (0.1, 2.0)
+"""Least and largest radius of the laser's spot (1/e^2) over that of the field of view: beyond them none can be told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NearField:
+    """The curve and its fit.
+
+    range_m, white_m2   (n,) of the bins: K share
+    sigma               (n,) of ln white_m2
+    misfit              what the law misses, of ln white_m2 (standard deviation)
+    solved              ln K, ln R0, ln of the spot's radius over the field's
+    check_range_m, check_white_m2  of the blocks that were not fitted
+    """
+
+    range_m: Numbers
+    white_m2: Numbers
+    sigma: Numbers
+    misfit: float
+    solved: Solved
+    check_range_m: Numbers
+    check_white_m2: Numbers
+
+    def law(self, range_m: Numbers) -> Numbers:
+        """White_m2 at these ranges, of the fit."""
+        return np.asarray(np.exp(_law(self.solved.value, np.log(range_m))))
+
+    @property
+    def error(self) -> float:
+        """Mean absolute error of the blocks that were not fitted, relative."""
+        return float(np.mean(np.abs(self.check_white_m2 / self.law(self.check_range_m) - 1.0)))
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """K, R0, spot over field of view."""
+        return (
+            self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
+            self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
+            self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])),
+        )
+
+
+def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
+    """Share of the light on the detector over that far away (T18)."""
+    far = -expm1(-2.0 / (spot_over_field * spot_over_field))
+    near = receiver.gaussian_share_on_axis(
+        spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0
+    )
+    return near / far
+
+
+def _law(p: Numbers, x: Numbers) -> Numbers:
+    return np.asarray(p[0] + np.log(share(np.exp(x - p[1]), np.exp(p[2]))))
+
+
+def _residuals(root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
+    return np.asarray((y - _law(p, x)) * root)
+
+
+def fit_near_field(pulses: Pulses) -> NearField | None:
+    """From the pulses of a recording; None if it lacks a field, or has too few ranges."""
+    if pulses.signal is None or pulses.reflectivity is None:
+        return None
+    fitted = pulses.part(pulses.fitted)
+    binned = _bins(fitted)
+    check = _bins(pulses.part(~pulses.fitted))
+    if binned is None or check is None:
+        return None
+    x, y, sigma, sums, counts = binned
+    low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOTS[0])])
+    high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOTS[-1])])
+    far = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
+    knee = float(x[np.argmin(np.abs(y - far + math.log(2.0)))])
+    start, misfit, evaluations = np.array([far, knee, math.log(0.35)]), 0.05, 0
+    weight = np.ones_like(y)
+    value, slope = start, np.zeros((len(y), 3))
+    for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
+        root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
+        value, slope, count = least_squares(partial(_residuals, root, x, y), value, low, high)
+        evaluations = max(evaluations, count)
+        residual = y - _law(value, x)
+        excess = np.median(np.abs(residual)) * 1.4826
+        misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
+        weight = np.minimum(1.0, HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
+    root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
+    # Each block's part of the mean of a bin, times the bin's slope: its score.
+    apart = np.divide(sums - counts * _law(value, x), counts.sum(axis=0))
+    scores = (apart * root) @ -slope
+    solved = Solved(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
+    return NearField(
+        range_m=np.exp(x), white_m2=np.exp(y), sigma=sigma, misfit=misfit, solved=solved,
+        check_range_m=np.exp(check[0]), check_white_m2=np.exp(check[1]),
+    )  # fmt: skip
+
+
+def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
+    """Mean ln R, mean ln white_m2 and its sigma by bin; sums of ln white_m2 and counts by block and bin."""
+    assert pulses.signal is not None
+    assert pulses.reflectivity is not None
+    mask = pulses.kept & (pulses.signal >= LEAST_SIGNAL)
+    mask &= (pulses.reflectivity >= LEAST_REFLECTIVITY) & (pulses.reflectivity < MOST_REFLECTIVITY)
+    if mask.sum() < LEAST:
+        return None
+    x = np.log(pulses.range_m[mask])
+    y = np.log(pulses.signal[mask] * 100.0 / pulses.reflectivity[mask]) + 2.0 * x
+    block = pulses.blocks(mask)
+    place = np.floor(x / STEP).astype(int)
+    place -= place.min()
+    middle = _medians(y, place)
+    near = np.abs(y - middle[place]) < OUTLIER
+    x, y, block, place = x[near], y[near], block[near], place[near]
+    enough = np.flatnonzero(np.bincount(place) >= LEAST)
+    if len(enough) < LEAST_BINS:
+        return None
+    number = np.full(place.max() + 1, -1)
+    number[enough] = np.arange(len(enough))
+    used = number[place] >= 0
+    x, y, block, place = x[used], y[used], block[used], number[place[used]]
+    # To the middle of its bin, along the bin's own slope: what a pulse adds is then its noise, not its place.
+    n = np.bincount(place)
+    middle_x, middle_y = (np.bincount(place, one) / n for one in (x, y))
+    off = x - middle_x[place]
+    rise = np.bincount(place, off * y) / np.maximum(np.bincount(place, off * off), 1e-12)
+    y = y - rise[place] * off
+    spread = np.sqrt(np.bincount(place, (y - middle_y[place]) ** 2) / n)
+    shape = (int(block.max()) + 1, len(enough))
+    flat = block * shape[1] + place
+    counts, sums = (np.bincount(flat, one, minlength=shape[0] * shape[1]).reshape(shape) for one in (None, y))
+    return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
+
+
+def _medians(values: Numbers, place: Numbers) -> Numbers:
+    order = np.lexsort((values, place))
+    counts = np.bincount(place)
+    starts = np.cumsum(counts) - counts
+    middle = np.minimum(starts + counts // 2, len(values) - 1)
+    return np.asarray(values[order][middle])

@@ -1,0 +1,190 @@
+"""What a recording says of the numbers of a sensor file: products of them, and nothing of how these divide.
+
+The photons of a white wall, for one, are a product of power, lens, efficiency and PDE. Which products are known is
+found, not listed: each measured quantity is computed from the sensor file, by the stages that `render` runs, and its
+logarithm is differentiated by that of each number. The null space of these slopes is what cannot be told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ...physics.constants import SPEED_OF_LIGHT_M_S
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ...physics.photon_counting import matched_filter
+from ...sensor.model import Sensor
+from ..ranging.plane import Target, echoes_of_plane
+
+FAR = 30.0
+"""In ranges R0: the near field is over, within 0.1 %."""
+
+REFLECTIVITY = "reflectivity of all targets"
+"""Its scale is the maker's, and goes with the power."""
+
+EXACT = 0.02
+"""A smaller exponent is none."""
+
+
+def scatter_over_sigma(width: float = matched_filter.TEMPLATE) -> float:
+    """Scatter of the peak behind a Gaussian filter so many times as wide as the echo, over sigma / sqrt(S).
+
+    The variance is int h'^2 s / (int h' s')^2, of filter h and echo s, which is (1 + 1/w^2)^3 (1 + 2/w^2)^(-3/2).
+    """
+    inverse = 1.0 / width**2
+    return math.sqrt((1.0 + inverse) ** 3 * (1.0 + 2.0 * inverse) ** -1.5)
+
+
+def white_m2(sensor: Sensor) -> float:
+    """Photons of a white wall times the square of its range, far away, weak enough that no SPAD fires twice."""
+    range_m = FAR * near_field_m(sensor)
+    dim = 1e-3
+    light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), np.array([range_m]))
+    photons = sensor.working_point(light.background_power_w).signal(light.peak_power_w)
+    return float(np.ravel(np.asarray(photons))[0]) * range_m**2 / dim
+
+
+def near_field_m(sensor: Sensor) -> float:
+    """R0 = r_A f / r_PD."""
+    optics = sensor.optics
+    return float(optics.aperture_radius_m * optics.focal_length_m / sensor.detector.radius_m)
+
+
+def scatter_c_mm(sensor: Sensor) -> float:
+    """Scatter of the range times the root of the photons, without background: of pulse, jitter and bin."""
+    sigma_s = float(sensor.laser.pulse_fwhm_s) / SIGMAS_PER_FWHM
+    return 0.5e3 * SPEED_OF_LIGHT_M_S * math.sqrt(sigma_s**2 + _rest_s2(sensor)) * scatter_over_sigma()
+
+
+def pulse_fwhm_s(sensor: Sensor, scatter_mm: float) -> float | None:
+    """The pulse that scatters the range so, beside the sensor's jitter and bin; None if these alone scatter more."""
+    square = (scatter_mm / (0.5e3 * SPEED_OF_LIGHT_M_S * scatter_over_sigma())) ** 2 - _rest_s2(sensor)
+    return SIGMAS_PER_FWHM * math.sqrt(square) if square > 0.0 else None
+
+
+def _rest_s2(sensor: Sensor) -> float:
+    assert sensor.histogram is not None
+    jitter_s, bin_s = float(getattr(sensor.detector, "jitter_s", 0.0)), float(sensor.histogram.bin_s)
+    return jitter_s**2 + bin_s**2 / 12.0
+
+
+Quantity = Callable[[Sensor], float]
+
+KEYS: tuple[tuple[str, str, str], ...] = (
+    ("laser.peak_power_w", "laser", "peak_power_w"),
+    ("laser.pulse_fwhm_ns", "laser", "pulse_fwhm_s"),
+    ("optics.aperture_radius_mm", "optics", "aperture_radius_m"),
+    ("optics.focal_length_mm", "optics", "focal_length_m"),
+    ("optics.efficiency_laser", "optics", "efficiency_laser"),
+    ("detector.radius_mm", "detector", "radius_m"),
+    ("detector.pde", "detector", "pde"),
+    ("histogram.shots", "histogram", "shots"),
+    ("histogram.threshold_floor", "histogram", "threshold_floor"),
+    ("histogram.threshold_slope", "histogram", "threshold_slope"),
+)
+"""Numbers of a sensor file that the measured quantities depend on: key, part of the sensor, field of the part."""
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "white_m2": white_m2,
+    "near_field_m": near_field_m,
+    "scatter_c": scatter_c_mm,
+    "threshold_floor": lambda sensor: float(sensor.histogram.threshold_floor),  # type: ignore[union-attr]
+    "threshold_slope": lambda sensor: float(sensor.histogram.threshold_slope),  # type: ignore[union-attr]
+}
+"""By the key of the estimate, computed from a sensor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Products:
+    """What is known of the keys.
+
+    keys       of the sensor file, and `REFLECTIVITY`
+    known      the quantities that the recording gave
+    exponents  (known, keys) d ln quantity / d ln key
+    """
+
+    keys: tuple[str, ...]
+    known: tuple[str, ...]
+    exponents: Numbers
+
+    def product(self, quantity: str) -> str:
+        """A quantity as a product of powers of keys."""
+        row = self.exponents[self.known.index(quantity)]
+        return " x ".join(
+            key if abs(power - 1.0) < EXACT else f"{key}^{power:.2g}"
+            for key, power in zip(self.keys, row, strict=True)
+            if abs(power) > EXACT
+        )
+
+    @property
+    def null(self) -> tuple[str, ...]:
+        """Directions that leave all known quantities as they are, one for each key that must be fixed.
+
+        By Gauss's elimination: each free key, and what the pivots do when it grows by 1 %.
+        """
+        matrix, pivots = reduced(self.exponents)
+        told = []
+        for free, key in enumerate(self.keys):
+            if free in pivots:
+                continue
+            moves = [
+                (self.keys[pivot], -matrix[row, free])
+                for row, pivot in enumerate(pivots)
+                if abs(matrix[row, free]) > EXACT
+            ]
+            if not moves:
+                told.append(f"{key}: alone")
+                continue
+            told.append(f"{key} +1 %: " + ", ".join(f"{name} {power:+.2g} %" for name, power in moves))
+        return tuple(told)
+
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """Keys that stay at the values of the file that the fit started from."""
+        pivots = reduced(self.exponents)[1]
+        return tuple(
+            key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY
+        )
+
+
+def products_of(sensor: Sensor, known: Sequence[str]) -> Products:
+    """Of these quantities, at this sensor."""
+    names = tuple(name for name in known if name in QUANTITIES)
+    present = [one for one in KEYS if getattr(sensor, one[1]) is not None]
+    exponents = np.zeros((len(names), len(present) + 1))
+    step = 1e-4
+    for column, (_, part, field) in enumerate(present):
+        logs = []
+        for sign in (1.0, -1.0):
+            own = getattr(sensor, part)
+            moved = replace(own, **{field: getattr(own, field) * math.exp(sign * step)})
+            varied = replace(sensor, **{part: moved})
+            logs.append([math.log(QUANTITIES[name](varied)) for name in names])
+        exponents[:, column] = (np.array(logs[0]) - np.array(logs[1])) / (2.0 * step)
+    if "white_m2" in names:
+        exponents[names.index("white_m2"), -1] = 1.0
+    return Products(keys=(*(one[0] for one in present), REFLECTIVITY), known=names, exponents=exponents)
+
+
+def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
+    """Reduced row echelon form and the columns of its pivots, the earlier keys first."""
+    matrix, pivots = np.array(exponents), []
+    row = 0
+    for column in range(matrix.shape[1]):
+        if row == len(matrix):
+            break
+        best = row + int(np.argmax(np.abs(matrix[row:, column])))
+        if abs(matrix[best, column]) < EXACT:
+            continue
+        matrix[[row, best]] = matrix[[best, row]]
+        matrix[row] /= matrix[row, column]
+        for other in range(len(matrix)):
+            if other != row:
+                matrix[other] -= matrix[other, column] * matrix[row]
+        pivots.append(column)
+        row += 1
+    return matrix, pivots

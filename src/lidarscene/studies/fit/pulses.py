@@ -1,0 +1,124 @@
+"""What a recording tells of its pulses, flat, and the blocks of columns that uncertainties and checks are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ...recordings.sweep import Sweep
+
+BLOCK = 20
+"""Columns of a block: two patches of `scatter`, and some 50 blocks in a turn."""
+
+HELD_OUT = 4
+"""Each fourth block is not fitted but judges the fit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pulses:
+    """Pulses of spinning sweeps: arrays of (rows, columns), the columns of all frames side by side.
+
+    range_m       NaN where nothing came back
+    recorded      whether the recording tells what became of the pulse
+    signal, near_ir, reflectivity  as in `recordings.sweep.Sweep`; None if the recording lacks them
+    azimuth_rad   of the beam, NaN where not known
+    frame         (columns,) number of the frame
+    block         (columns,) number of the block
+    """
+
+    range_m: Numbers
+    recorded: Numbers
+    signal: Numbers | None
+    near_ir: Numbers | None
+    reflectivity: Numbers | None
+    azimuth_rad: Numbers
+    frame: Numbers
+    block: Numbers
+
+    @property
+    def kept(self) -> Numbers:
+        """Mask of the pulses with a return."""
+        return np.isfinite(self.range_m)
+
+    @property
+    def fitted(self) -> Numbers:
+        """(columns,) mask of those that are fitted; the others judge the fit."""
+        return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
+
+    @property
+    def frames(self) -> int:
+        """How many."""
+        return int(self.frame.max()) + 1
+
+    def part(self, columns: Numbers) -> Pulses:
+        """The pulses of these columns."""
+        return Pulses(
+            range_m=self.range_m[:, columns], recorded=self.recorded[:, columns],
+            signal=None if self.signal is None else self.signal[:, columns],
+            near_ir=None if self.near_ir is None else self.near_ir[:, columns],
+            reflectivity=None if self.reflectivity is None else self.reflectivity[:, columns],
+            azimuth_rad=self.azimuth_rad[:, columns], frame=self.frame[columns], block=self.block[columns],
+        )  # fmt: skip
+
+    def blocks(self, mask: Numbers) -> Numbers:
+        """(n,) of each pulse of the mask the number of its block, counted from 0 without gaps."""
+        wide = np.broadcast_to(self.block, self.range_m.shape)[mask]
+        return np.asarray(np.unique(wide, return_inverse=True)[1])
+
+
+def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
+    """Of the sweeps that have rows and columns; columns of which nothing was recorded are left out.
+
+    Raises ValueError without any, or if they are not of one sensor.
+    """
+    parts: list[Pulses] = []
+    blocks = 0
+    for sweep in sweeps:
+        if len(sweep.shape) != 2:
+            raise ValueError(
+                "must have rows and columns, as packets of a spinning sensor do, got a list of points"
+            )
+        there = np.flatnonzero(np.asarray(sweep.recorded).any(axis=0))
+        if not len(there):
+            continue
+        if parts and parts[0].range_m.shape[0] != sweep.shape[0]:
+            raise ValueError(f"must have {parts[0].range_m.shape[0]} rows as the first, got {sweep.shape[0]}")
+        block = blocks + there // BLOCK
+        blocks = int(block.max()) + 1
+        parts.append(
+            Pulses(
+                range_m=sweep.range_m[:, there], recorded=np.asarray(sweep.recorded)[:, there],
+                signal=_columns(sweep.signal, there), near_ir=_columns(sweep.near_ir, there),
+                reflectivity=_columns(sweep.reflectivity, there),
+                azimuth_rad=np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])[:, there],
+                frame=np.full(len(there), len(parts)), block=block,
+            )
+        )  # fmt: skip
+    if not parts:
+        raise ValueError("must have pulses, got none")
+
+    def joined(name: str) -> Numbers | None:
+        values = [getattr(one, name) for one in parts]
+        return None if any(one is None for one in values) else np.concatenate(values, axis=-1)
+
+    told = {
+        name: joined(name)
+        for name in (
+            "range_m",
+            "recorded",
+            "signal",
+            "near_ir",
+            "reflectivity",
+            "azimuth_rad",
+            "frame",
+            "block",
+        )
+    }
+    return Pulses(**told)  # type: ignore[arg-type]
+
+
+def _columns(values: Numbers | None, there: Numbers) -> Numbers | None:
+    return None if values is None else np.asarray(values, np.float64)[:, there]

@@ -1,0 +1,297 @@
+"""The page of a fit: curves and what judges them, estimates, correlations, what cannot be told; the same as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...figures import lines
+from ...figures.lines import Chart, Line
+from ...figures.page import Page, csv_text, put_text
+from .estimates import Estimate, Solved
+from .near_field import NearField
+from .products import Products
+from .rows import RowGains
+from .scatter import Scatter
+from .threshold import Threshold
+
+PAGE, NUMBERS, MARKDOWN = "index.html", "fit.json", "fit.md"
+
+SIGNAL_ERROR = 0.15
+"""Largest mean error of the signal over the range: what is asked of a simulation of this sensor, too."""
+
+KEPT_ERROR = 0.1
+"""Largest mean difference between the share of kept pulses and its law, over the chances from 0 to 1."""
+
+SCATTER_RATIO = 1.25
+"""Largest ratio of scatters in an octave of the signal, either way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A law against blocks that were not fitted.
+
+    held  None: the recording does not tell
+    """
+
+    name: str
+    found: str
+    wanted: str
+    held: bool | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """All that was fitted; None where the recording does not tell."""
+
+    recording: str
+    sensor: str
+    pulses: int
+    frames: int
+    near_field: NearField | None
+    threshold: Threshold | None
+    scatter: Scatter | None
+    rows: RowGains | None
+    products: Products | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Of all laws."""
+        laws = (self.near_field, self.threshold, self.scatter)
+        return tuple(one for law in laws if law is not None for one in law.estimates)
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Each law against what it was not fitted to."""
+        near, threshold, scatter = self.near_field, self.threshold, self.scatter
+        ratios = None if scatter is None or not len(scatter.ratios) else scatter.ratios
+        return (
+            Check(
+                name="signal over the range", wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
+                found="not recorded" if near is None else f"{near.error:.1%}",
+                held=None if near is None else near.error <= SIGNAL_ERROR,
+            ),
+            Check(
+                name="kept and lost", wanted=f"mean difference <= {KEPT_ERROR:g}",
+                found="not recorded" if threshold is None else f"{threshold.error:.3f}",
+                held=None if threshold is None else threshold.error <= KEPT_ERROR,
+            ),
+            Check(
+                name="scatter by octave of the signal", wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law",
+                found="too few smooth surfaces" if ratios is None else f"{ratios.min():.2f} to {ratios.max():.2f}",
+                held=None if ratios is None
+                else bool(ratios.max() <= SCATTER_RATIO and ratios.min() >= 1.0 / SCATTER_RATIO),
+            ),
+        )  # fmt: skip
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(one.held is not False for one in self.checks)
+
+
+def as_dict(fit: Fit) -> dict[str, Any]:
+    """For JSON."""
+    told: dict[str, Any] = {
+        "recording": fit.recording, "sensor": fit.sensor, "pulses": fit.pulses, "frames": fit.frames,
+        "passed": fit.passed,
+        "estimates": {
+            one.key: {
+                "value": one.value, "unit": one.unit, "sigma": _finite(one.sigma), "fisher": _finite(one.fisher),
+                "bootstrap": _finite(one.bootstrap), "known": one.known,
+            }
+            for one in fit.estimates
+        },
+        "checks": [
+            {"name": one.name, "found": one.found, "wanted": one.wanted, "held": one.held} for one in fit.checks
+        ],
+        "correlations": {name: solved.correlation.tolist() for name, _, solved in _solved(fit)},
+    }  # fmt: skip
+    if fit.rows is not None:
+        told["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
+    if fit.products is not None:
+        products = fit.products
+        told["products"] = {name: products.product(name) for name in products.known}
+        told["not_identified"] = list(products.null)
+        told["held"] = list(products.fixed)
+    told["notes"] = list(fit.notes)
+    return told
+
+
+def as_text(fit: Fit) -> str:
+    """For people."""
+    lines_ = [f"{fit.recording}: {fit.pulses:,} pulses, {fit.frames} frame{'s' if fit.frames > 1 else ''}"]
+    lines_ += [f"  {one.key:<18} {_number(one)}" for one in fit.estimates]
+    if fit.rows is not None:
+        lines_.append(f"  {'row gains':<18} spread {fit.rows.spread:.1%}, each +/- {fit.rows.sigma[0]:.1%}")
+    lines_ += [
+        f"  {one.name}: {one.found} ({one.wanted}){'  FAILED' if one.held is False else ''}"
+        for one in fit.checks
+    ]
+    if fit.products is not None and fit.products.null:
+        lines_.append("  cannot be told apart, held at the values of the file:")
+        lines_ += [f"    {one}" for one in fit.products.null]
+    lines_ += [f"  {one}" for one in fit.notes]
+    return "\n".join(lines_)
+
+
+def write_report(fit: Fit, folder: Path) -> None:
+    """Page, Markdown, figures and their data. Raises OutputError."""
+    page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
+    page.paragraph(
+        f"{fit.pulses:,} pulses of {fit.frames} frame(s). Three of four blocks of columns were fitted, the fourth "
+        "judges the fit. Sigma is the larger one of the Fisher matrix and of a bootstrap of the blocks."
+    )
+    page.heading("Pass or fail")
+    page.table(
+        ("law", "found", "wanted", ""),
+        [(one.name, one.found, one.wanted, _verdict(one.held)) for one in fit.checks],
+    )
+    page.heading("Estimates")
+    page.table(
+        ("quantity", "value", "sigma, Fisher", "sigma, bootstrap", ""),
+        [
+            (one.key, f"{one.value:.4g} {one.unit}", f"{one.fisher:.2g}", f"{one.bootstrap:.2g}",
+             "" if one.known else "not known")
+            for one in fit.estimates
+        ],
+    )  # fmt: skip
+    for note in fit.notes:
+        page.paragraph(note[:1].upper() + note[1:] + ".")
+    for number, (name, caption, chart, table) in enumerate(_figures(fit), start=1):
+        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
+        put_text(folder / f"{name}.csv", csv_text(*table))
+        page.figure(name=name, number=str(number), caption=caption)
+    page.heading("Correlations")
+    for name, parameters, solved in _solved(fit):
+        page.paragraph(name)
+        page.table(
+            ("", *parameters),
+            [
+                (one, *(f"{value:.2f}" for value in row))
+                for one, row in zip(parameters, solved.correlation, strict=True)
+            ],
+        )
+    if fit.products is not None:
+        page.heading("What cannot be told apart")
+        page.paragraph(
+            "Each known quantity is a product of numbers of the sensor file. Each line below changes none of them, so "
+            "the first number of each line stays at the value of the file that the fit started from."
+        )
+        page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.known])
+        page.table(("not known",), [(one,) for one in fit.products.null])
+    put_text(folder / PAGE, page.as_html())
+    put_text(folder / MARKDOWN, page.as_markdown())
+
+
+Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
+
+
+def _figures(fit: Fit) -> list[tuple[str, str, Chart, Table]]:
+    made = []
+    if fit.near_field is not None:
+        made += _near_field(fit.near_field)
+    if fit.threshold is not None:
+        made.append(_threshold(fit.threshold))
+    if fit.scatter is not None:
+        made.append(_scatter(fit.scatter))
+    if fit.rows is not None:
+        made.append(_rows(fit.rows))
+    return made
+
+
+def _near_field(near: NearField) -> list[tuple[str, str, Chart, Table]]:
+    law = near.law(near.range_m)
+    curve = Chart(
+        lines=(
+            Line(label="recorded", x=near.range_m, y=near.white_m2, colour=0),
+            Line(label="not fitted", x=near.check_range_m, y=near.check_white_m2, colour=2, style="dotted"),
+            Line(label="law", x=near.range_m, y=law, colour=1, style="dashed"),
+        ),
+        x_label="range [m]", y_label="SIGNAL R² 100 / REFLECTIVITY [photons m²]", x_log=True, y_log=True,
+    )  # fmt: skip
+    check = near.check_white_m2 / near.law(near.check_range_m)
+    rest = Chart(
+        lines=(
+            Line(label="recorded over law", x=near.range_m, y=near.white_m2 / law),
+            Line(label="not fitted", x=near.check_range_m, y=check, colour=2, style="dotted"),
+        ),
+        x_label="range [m]", y_label="ratio", x_log=True,
+    )  # fmt: skip
+    rows = list(zip(near.range_m, near.white_m2, law, near.sigma, strict=True))
+    head = ("range_m", "white_m2", "law", "sigma_of_ln")
+    caption = f"Photons of a white target times the square of its range. The law misses {near.misfit:.1%} (deviation)."
+    return [
+        ("near-field", caption, curve, (head, rows)),
+        ("near-field-residuals", "The same over the law.", rest, (head, rows)),
+    ]
+
+
+def _threshold(threshold: Threshold) -> tuple[str, str, Chart, Table]:
+    chart = Chart(
+        lines=(
+            Line(label="found", x=threshold.expected, y=threshold.found),
+            Line(label="expected", x=threshold.expected, y=threshold.expected, colour=1, style="dashed"),
+        ),
+        x_label="chance of a return, by the law", y_label="share with a return",
+        x_limits=(0.0, 1.0), y_limits=(0.0, 1.0),
+    )  # fmt: skip
+    rows = list(zip(threshold.expected, threshold.found, threshold.pulses.tolist(), strict=True))
+    caption = "Kept pulses of the blocks that were not fitted, by the chance that the law gives them."
+    return "threshold", caption, chart, (("expected", "found", "pulses"), rows)
+
+
+def _scatter(scatter: Scatter) -> tuple[str, str, Chart, Table]:
+    law = scatter.law(scatter.signal)
+    chart = Chart(
+        lines=(
+            Line(label="recorded", x=scatter.signal, y=1e3 * scatter.sigma_m),
+            Line(label="not fitted", x=scatter.signal, y=1e3 * scatter.check_sigma_m, colour=2, style="dotted"),
+            Line(label="law", x=scatter.signal, y=1e3 * law, colour=1, style="dashed"),
+        ),
+        x_label="SIGNAL [photons]", y_label="scatter of the range [mm]", x_log=True, y_log=True,
+    )  # fmt: skip
+    rows = list(
+        zip(scatter.signal, 1e3 * scatter.sigma_m, 1e3 * scatter.check_sigma_m, 1e3 * law, strict=True)
+    )
+    caption = "Scatter of every second pulse of a row about a parabola, on smooth surfaces."
+    return "scatter", caption, chart, (("signal", "sigma_mm", "not_fitted_mm", "law_mm"), rows)
+
+
+def _rows(rows: RowGains) -> tuple[str, str, Chart, Table]:
+    number = np.arange(len(rows.gain), dtype=float)
+    chart = Chart(
+        lines=(Line(label="", x=number, y=rows.gain),), x_label="row, from the top", y_label="gain of NEAR_IR"
+    )
+    caption = f"Gain of each row, +/- {rows.sigma[0]:.1%}; their spread is {rows.spread:.1%}."
+    table = list(zip(number, rows.gain, rows.sigma, strict=True))
+    return "rows", caption, chart, (("row", "gain", "sigma"), table)
+
+
+def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
+    found: list[tuple[str, tuple[str, ...], Solved]] = []
+    if fit.near_field is not None:
+        found.append(("near field", ("ln white_m2", "ln R0", "ln spot"), fit.near_field.solved))
+    if fit.threshold is not None:
+        found.append(("threshold", ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved))
+    if fit.scatter is not None:
+        found.append(("scatter", ("c^2", "floor^2"), fit.scatter.solved))
+    return found
+
+
+def _number(one: Estimate) -> str:
+    told = f"{one.value:.4g} +/- {one.sigma:.2g} {one.unit}".rstrip()
+    return told if one.known else f"{told} (not known)"
+
+
+def _verdict(held: bool | None) -> str:
+    return "-" if held is None else "pass" if held else "FAIL"
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,88 @@
+"""Fit a recording: its laws, the sensor file of the unit, the report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import InputError
+from ...files.atomic import atomic_output, require_writable
+from ...recordings.opening import open_recording
+from ...recordings.sweep import Sweep
+from .near_field import fit_near_field
+from .products import QUANTITIES, products_of
+from .pulses import Pulses, pulses_of
+from .report import NUMBERS, PAGE, Fit, as_dict, as_text, write_report
+from .rows import fit_rows
+from .scatter import fit_scatter
+from .threshold import fit_threshold
+from .unit import base_text, fitted_text, sensor_of
+
+
+def fit_recordings(
+    recordings: Sequence[Path], sensor: str, output: Path, report: Path, *, metadata: Path | None = None,
+    as_json: bool = False,
+) -> tuple[str, bool]:  # fmt: skip
+    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+
+    sensor    the catalogue's sensor of its kind, or a sensor file: what the recording does not tell comes from it
+    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
+    Raises InputError and OutputError.
+    """
+    if output.suffix.lower() != ".toml":
+        raise InputError(f"--output {output}: the name must end in .toml")
+    require_writable(output)
+    for name in (PAGE, NUMBERS):
+        require_writable(report / name)
+    beside = recordings[0].with_suffix(".json")
+    unit = metadata if metadata is not None else beside if beside.is_file() else None
+    base = base_text(sensor, unit)
+    where = f"--sensor {sensor}"
+    before = sensor_of(base, where)
+    pulses = _pulses(recordings, metadata)
+    fit = fit_pulses(pulses, recording=", ".join(one.name for one in recordings), sensor=sensor)
+    if before.histogram is not None:
+        known = [one.key for one in fit.estimates if one.known and one.key in QUANTITIES]
+        fit = replace(fit, products=products_of(before, known))
+    text, notes = fitted_text(base, {one.key: one for one in fit.estimates}, fit.recording, where)
+    fit = replace(fit, notes=notes)
+    sensor_of(text, str(output))
+    with atomic_output(output) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_report(fit, report)
+    numbers = json.dumps(as_dict(fit), indent=1)
+    with atomic_output(report / NUMBERS) as temporary:
+        temporary.write_text(numbers + "\n", encoding="utf-8", newline="\n")
+    printed = json.dumps(as_dict(fit)) if as_json else f"{as_text(fit)}\nwrote {output} and {report / PAGE}"
+    return printed, fit.passed
+
+
+def fit_pulses(pulses: Pulses, *, recording: str, sensor: str) -> Fit:
+    """The laws of these pulses. Raises InputError if they tell of none."""
+    fit = Fit(
+        recording=recording, sensor=sensor, pulses=int(pulses.recorded.sum()), frames=pulses.frames,
+        near_field=fit_near_field(pulses), threshold=fit_threshold(pulses), scatter=fit_scatter(pulses),
+        rows=fit_rows(pulses),
+    )  # fmt: skip
+    if not fit.estimates and fit.rows is None:
+        raise InputError(
+            f"{recording}: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "
+            "Without them only threshold over power could be had, and not apart from the reflectivities"
+        )
+    return fit
+
+
+def _pulses(recordings: Sequence[Path], metadata: Path | None) -> Pulses:
+    def sweeps() -> list[Sweep]:
+        found: list[Sweep] = []
+        for path in recordings:
+            with open_recording(path, metadata) as recording:
+                found += list(recording)
+        return found
+
+    try:
+        return pulses_of(sweeps())
+    except ValueError as error:
+        raise InputError(f"{recordings[0]}: {error}") from None

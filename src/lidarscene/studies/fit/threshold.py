@@ -1,0 +1,131 @@
+"""The threshold: which pulses are kept, over SIGNAL and NEAR_IR, of kept and lost pulses alike.
+
+The chance of a return is a logistic function of SIGNAL - floor - slope sqrt(NEAR_IR), over the width. Its parameters
+are the maximum of the likelihood, by Newton's method; it has but one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from .estimates import Estimate, Solved
+from .pulses import Pulses
+
+REACH = 3.0
+"""Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
+
+LEAST = 200
+"""Kept, and lost, pulses near the threshold."""
+
+BINS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Threshold:
+    """The fit: chance of a return 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
+
+    solved   a, b, c
+    expected, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
+             fitted, by the chance
+    """
+
+    solved: Solved
+    expected: Numbers
+    found: Numbers
+    pulses: Numbers
+
+    def level(self, near_ir: Numbers) -> Numbers:
+        """SIGNAL of which a half is kept."""
+        a, b, c = self.solved.value
+        return np.asarray(-(b + c * np.sqrt(near_ir)) / a)
+
+    def chance(self, signal: Numbers, near_ir: Numbers) -> Numbers:
+        """Of a return."""
+        return _chance(self.solved.value, _design(signal, near_ir))
+
+    @property
+    def error(self) -> float:
+        """Mean absolute difference of expected and found share."""
+        return float(np.average(np.abs(self.expected - self.found), weights=self.pulses))
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Floor, slope, width."""
+        return (
+            self.solved.estimate("threshold_floor", "photons", lambda p: -p[1] / p[0]),
+            self.solved.estimate("threshold_slope", "photons", lambda p: -p[2] / p[0]),
+            self.solved.estimate("threshold_width", "photons", lambda p: 1.0 / p[0]),
+        )
+
+
+def fit_threshold(pulses: Pulses) -> Threshold | None:
+    """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
+    if pulses.signal is None or pulses.near_ir is None:
+        return None
+    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)
+    most = np.inf
+    value = np.zeros(3)
+    columns = np.broadcast_to(pulses.fitted, told.shape)
+    mask = told
+    for _ in range(3):  # the reach follows from the fit, which follows from the reach
+        mask = told & (pulses.signal <= most)
+        used = mask & columns
+        kept = pulses.kept[used]
+        if min(kept.sum(), (~kept).sum()) < LEAST:
+            return None
+        design = _design(pulses.signal[used], pulses.near_ir[used])
+        if not np.isfinite(most):
+            most = 4.0 * float(np.median(pulses.signal[used & ~pulses.kept]))
+            continue
+        found = _newton(design, kept)
+        if found is None:
+            return None
+        value = found
+        middle = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
+        most = REACH * middle
+    used = mask & columns
+    design, kept = _design(pulses.signal[used], pulses.near_ir[used]), pulses.kept[used]
+    found = _newton(design, kept)
+    if found is None:
+        return None
+    chance = _chance(found, design)
+    block = pulses.blocks(used)
+    each = (kept - chance)[:, None] * design
+    scores = np.column_stack([np.bincount(block, one) for one in each.T])
+    slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
+    other = mask & ~columns
+    expected = _chance(found, _design(pulses.signal[other], pulses.near_ir[other]))
+    place = np.minimum((expected * BINS).astype(int), BINS - 1)
+    counts = np.bincount(place, minlength=BINS)
+    some = counts > 0
+    return Threshold(
+        solved=Solved(value=found, slope=slope, scores=scores),
+        expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
+        found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some], pulses=counts[some],
+    )  # fmt: skip
+
+
+def _design(signal: Numbers, near_ir: Numbers) -> Numbers:
+    return np.column_stack([signal, np.ones_like(signal), np.sqrt(near_ir)])
+
+
+def _chance(value: Numbers, design: Numbers) -> Numbers:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
+
+
+def _newton(design: Numbers, kept: Numbers) -> Numbers | None:
+    """The maximum; None if there is none: some line parts kept from lost, or the light is all the same."""
+    value = np.zeros(3)
+    for _ in range(30):
+        chance = _chance(value, design)
+        slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
+        if np.linalg.cond(slope) > 1e12:
+            return None
+        step = np.linalg.solve(slope, design.T @ (kept - chance))
+        value = value + step * min(1.0, 5.0 / max(float(np.abs(design @ step).max()), 1e-12))
+        if np.abs(step / np.maximum(np.abs(value), 1e-6)).max() < 1e-8:
+            return value if value[0] > 0.0 else None
+    return None

@@ -1,0 +1,161 @@
+"""The sensor file of the unit: that of its model, with what the recording said in place and in `[sources]`.
+
+What is not known keeps the value that it had. The lens is moved along its own null direction: aperture times field of
+view, which the background goes with, stays.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ... import catalog
+from ...errors import InputError
+from ...recordings.units.written import unit_from, write_unit
+from ...sensor.file import sensor_from_tables
+from ...sensor.model import Sensor
+from .estimates import Estimate
+from .products import near_field_m, pulse_fwhm_s, white_m2
+
+WRITTEN = 0.3
+"""Most sigma of an estimate over its value: what is known less well stays as it was."""
+
+FITTED = {
+    "white_m2": "laser.peak_power_w",
+    "near_field_m": "the lens",
+    "scatter_c": "laser.pulse_fwhm_ns",
+    "threshold_floor": "histogram.threshold_floor",
+    "threshold_slope": "histogram.threshold_slope",
+}
+"""What of the file follows from which estimate."""
+
+
+def base_text(sensor: str, metadata: Path | None) -> str:
+    """The file to start from: of the catalogue, or a path; with the beams of this unit if its metadata are known."""
+    path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
+    if metadata is None or sensor.endswith(".toml"):
+        try:
+            return path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            told = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise InputError(f"--sensor {sensor}: cannot be read: {told}") from None
+    with TemporaryDirectory(prefix="lidarscene-") as folder:
+        written = Path(folder) / "unit.toml"
+        write_unit(unit_from(metadata), metadata, written, like=sensor)
+        return written.read_text(encoding="utf-8")
+
+
+def sensor_of(text: str, where: str) -> Sensor:
+    """The sensor that a file's text describes. Raises InputError."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: no TOML: {error}") from None
+    return sensor_from_tables(tables, where=where)
+
+
+def fitted_text(
+    text: str, estimates: Mapping[str, Estimate], recording: str, where: str
+) -> tuple[str, tuple[str, ...]]:
+    """The file with the estimates in place, and what was left as it was, and why.
+
+    Near field first, since the power follows from what is left.
+    """
+    sensor = sensor_of(text, where)
+    if sensor.histogram is None:
+        return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
+    known = {key: one for key, one in estimates.items() if one.sigma < WRITTEN * one.value}
+    slope = estimates.get("threshold_slope")
+    if "threshold_floor" in known and slope is not None and slope.value >= 0.0:
+        known["threshold_slope"] = slope
+    else:
+        known.pop("threshold_floor", None)
+    notes = tuple(
+        f"{told} is left as it was: {key} is {_why(estimates.get(key))}"
+        for key, told in FITTED.items()
+        if key not in known
+    )
+
+    def told(key: str, also: str = "") -> str:
+        one = known[key]
+        return f"fitted: {one.value:.4g} +/- {one.sigma:.2g} {one.unit}, {recording}{also}".replace(" ,", ",")
+
+    if "near_field_m" in known:
+        moved = math.sqrt(known["near_field_m"].value / near_field_m(sensor))
+        source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
+        for key, value in (
+            ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
+            ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
+        ):
+            text = put(text, "optics", key, moved * value, source)
+        if "[optics.overlap]" not in text:
+            text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
+        text = noted(text, "optics.overlap", source)
+        spot = known.get("spot_over_field")
+        if spot is not None:
+            # Twice the half angle, of the new lens.
+            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
+            source = told(
+                "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
+            )
+            text = put(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
+    if "scatter_c" in known:
+        fwhm_s = pulse_fwhm_s(sensor, known["scatter_c"].value)
+        if fwhm_s is not None:
+            changed = put(
+                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range")
+            )
+            try:
+                sensor_of(changed, where)
+            except InputError:  # shorter than the bins of the file can show
+                notes += (
+                    f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",
+                )
+            else:
+                text = changed
+    for key in ("threshold_floor", "threshold_slope"):
+        if key in known:
+            text = put(
+                text, "histogram", key, known[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost")
+            )
+    if "white_m2" in known:
+        after = sensor_of(text, where)
+        power_w = float(after.laser.peak_power_w) * known["white_m2"].value / white_m2(after)
+        source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
+        text = put(text, "laser", "peak_power_w", power_w, source)
+    return text, notes
+
+
+def _why(one: Estimate | None) -> str:
+    return "not recorded" if one is None else f"{one.value:.3g} +/- {one.sigma:.2g} {one.unit}".rstrip()
+
+
+def put(text: str, table: str, key: str, value: float, source: str) -> str:
+    """The text with this value in the table, and with its source."""
+    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
+    if head is None:
+        raise InputError(f"[{table}]: must be a table of the sensor file, got none")
+    end = re.compile(r"(?m)^\[").search(text, head.end())
+    body = text[head.end() : end.start() if end else len(text)]
+    line = f"{key} = {value:.6g}\n"
+    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n?", lambda _: line, body, count=1)
+    body = changed if count else line + body
+    return noted(
+        text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source
+    )
+
+
+def noted(text: str, key: str, source: str) -> str:
+    """The text with this line in `[sources]`."""
+    plain = re.sub(r'[^ -~]|["\\]', " ", source)
+    line = f'"{key}" = "{plain}"\n'
+    text, count = re.subn(rf'(?m)^"?{re.escape(key)}"?\s*=\s*"[^\n]*\n?', lambda _: line, text, count=1)
+    if count:
+        return text
+    if "[sources]" not in text:
+        text = text.rstrip("\n") + "\n\n[sources]\n"
+    return text.replace("[sources]\n", "[sources]\n" + line, 1)

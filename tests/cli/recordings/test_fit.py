@@ -1,0 +1,75 @@
+"""`lidarscene fit`: what it refuses, and the code that it ends with."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.recordings import OUSTER
+
+from lidarscene.cli import main
+from lidarscene.studies.fit import study
+
+
+def run(folder: Path, *options: str) -> int:
+    return main.main(["fit", str(OUSTER), "--sensor", "os0-128", "--report", str(folder / "r"), *options])
+
+
+@pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
+def test_the_code_says_whether_the_laws_held(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    passed: bool,
+    code: int,
+) -> None:
+    asked: list[Any] = []
+
+    def fitted(*arguments: Any, **more: Any) -> tuple[str, bool]:
+        asked.append((arguments, more))
+        return "found", passed
+
+    monkeypatch.setattr(study, "fit_recordings", fitted)
+    assert run(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
+    assert capsys.readouterr().out == "found\n"
+    ((arguments, more),) = asked
+    assert arguments == ([OUSTER], "os0-128", tmp_path / "u.toml", tmp_path / "r")
+    assert more == {"metadata": Path("u.json"), "as_json": True}
+
+
+def test_one_packet_tells_too_little(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any
+) -> None:
+    """A real sensor's sixteen columns: one line, and nothing is written."""
+    library("ouster.sdk.core")
+    assert run(tmp_path, "-o", str(tmp_path / "u.toml")) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "os0-32-one-packet.pcap: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses" in message
+    assert not any(tmp_path.rglob("*.toml"))
+
+
+def test_the_name_must_end_in_toml(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, "-o", str(tmp_path / "u.json")) == 2
+    assert "the name must end in .toml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"\xff", "not UTF-8 text"),
+        (b"a = = 1", "no TOML: Invalid value"),
+    ],
+)
+def test_a_sensor_file_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, complaint: str
+) -> None:
+    file = tmp_path / "mine.toml"
+    if content is not None:
+        file.write_bytes(content)
+    argv = ["fit", str(OUSTER), "--sensor", str(file), "--report", str(tmp_path / "r")]
+    assert main.main([*argv, "-o", str(tmp_path / "u.toml")]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert f"--sensor {file}" in message
+    assert complaint in message

@@ -1,0 +1,78 @@
+"""Recordings drawn from known laws: what the fit must find again. Also for `benchmarks/fit_coverage.py`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarscene.recordings.sweep import Sweep
+from lidarscene.studies.fit.near_field import share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """Of a unit, by the keys of the fit's estimates; scatter in millimetres."""
+
+    white_m2: float
+    near_field_m: float
+    spot_over_field: float
+    threshold_floor: float
+    threshold_slope: float
+    threshold_width: float
+    scatter_c: float
+    scatter_floor: float
+    row_gains: float = 0.1
+
+
+def drawn_truth(seed: int) -> Truth:
+    """A unit at random, as wide as the three real ones are apart and more."""
+    random = np.random.default_rng([seed, 1])
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+    return Truth(
+        white_m2=between(1e5, 6e5), near_field_m=between(6.0, 25.0), spot_over_field=between(0.3, 0.9),
+        threshold_floor=between(3.0, 8.0), threshold_slope=between(0.1, 0.4), threshold_width=between(0.9, 2.5),
+        scatter_c=between(120.0, 350.0), scatter_floor=between(4.0, 8.0), row_gains=between(0.05, 0.25),
+    )  # fmt: skip
+
+
+def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000) -> Sweep:
+    """One frame of walls, smooth or rough, and sky, each 20 columns wide and some rows high, under a changing light."""
+    random = np.random.default_rng([seed, 2])
+    tall, wide = 8, 20
+    shape = (rows // tall, columns // wide)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        return np.repeat(np.repeat(values, tall, axis=0), wide, axis=1)
+
+    place = np.linspace(-1.0, 1.0, wide)
+    near_m = np.exp(
+        random.uniform(np.log(0.25 * truth.near_field_m), np.log(6.0 * truth.near_field_m), shape)
+    )
+    slant = 1.0 + np.tile(place, (rows, shape[1])) * spread(random.uniform(-0.05, 0.05, shape))
+    range_m = spread(near_m) * slant
+    rough = spread(random.random(shape) < 0.3) * 0.05 * random.standard_normal((rows, columns))
+    white = spread(np.exp(random.uniform(np.log(0.05), np.log(0.9), shape)))
+    light = truth.white_m2 * share(range_m / truth.near_field_m, truth.spot_over_field) / range_m**2
+    sky = spread(random.random(shape) < 0.25)
+    # Some surfaces so dark that they are found now and then.
+    dim = spread(random.random(shape) < 0.3)
+    wanted = np.where(dim, spread(random.uniform(2.0, 25.0, shape)), white * light)
+    photons = np.where(sky, random.gumbel(5.0, 1.0, (rows, columns)), wanted)
+    near_ir = spread(np.exp(random.uniform(np.log(100.0), np.log(1500.0), shape)))
+    near_ir = near_ir * np.exp(truth.row_gains * random.standard_normal(rows))[:, None]
+    near_ir = random.poisson(near_ir).astype(float)
+    noise = np.where(sky, 0.0, np.sqrt(1.3 * np.maximum(photons, 1.0)))
+    signal = np.rint(np.maximum(photons + noise * random.standard_normal(photons.shape), 1.0))
+    over = (signal - truth.threshold_floor - truth.threshold_slope * np.sqrt(near_ir)) / truth.threshold_width
+    kept = random.random(signal.shape) < 1.0 / (1.0 + np.exp(-np.clip(over, -50.0, 50.0)))
+    sigma_m = 1e-3 * np.sqrt(truth.scatter_c**2 / signal + truth.scatter_floor**2)
+    reported = range_m + rough + sigma_m * random.standard_normal(signal.shape)
+    reflectivity = np.clip(np.rint(100.0 * signal / light), 0.0, 255.0)
+    azimuth = np.broadcast_to(-2.0 * np.pi * np.arange(columns) / columns, signal.shape)
+    return Sweep(
+        range_m=np.where(kept, np.rint(1e3 * reported) / 1e3, np.nan), recorded=np.ones(signal.shape, bool),
+        direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1), signal=signal, near_ir=near_ir,
+        reflectivity=np.where(kept, reflectivity, 0.0), knows_lost=True,
+    )  # fmt: skip

@@ -1,0 +1,110 @@
+"""Known scenes before a unit whose numbers were drawn, rendered by the stages of `render` without a ray traced."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lidarscene.detection.receivers import detect_alone
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.fit.known_scene import Reported, Scene
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+
+SPOT = 0.5
+"""Of the field of view's radius: what the published sensor has."""
+
+REFLECTIVITY_SIGMA = 0.05
+GROUPS = 12
+
+DRAWN = {
+    "laser.peak_power_w": 0.3, "near_field_m": 0.3, "spot_over_field": 0.3, "laser.pulse_fwhm_ns": 0.15,
+    "detector.spads": 0.2, "detector.dark_count_rate_hz": 0.3, "histogram.threshold_floor": 0.2,
+    "histogram.threshold_slope": 0.2, "optics.sun_irradiance_w_m2": 0.3,
+}  # fmt: skip
+"""How far, as a logarithm, a unit is drawn from what is published."""
+
+
+def published(columns: int = 1024) -> Sensor:
+    """The sensor that a fit starts from."""
+    sensor = load_sensor("os1-128", overrides=(f"scanner.columns_per_turn={columns}",))
+    return with_spot(sensor, SPOT)
+
+
+def with_spot(sensor: Sensor, spot_over_field: float) -> Sensor:
+    """With a near field, and a spot so wide."""
+    from lidarscene.sensor.overlap import Overlap, Spot
+
+    field = float(sensor.detector.radius_m / sensor.optics.focal_length_m)
+    spot = Spot(profile="gaussian", half_divergence_rad=spot_over_field * field, exit_radius_m=0.0)
+    overlap = Overlap.of(spot, aperture_radius_m=float(sensor.optics.aperture_radius_m), field_rad=field)
+    # What of the spot is beyond the field of view is a part of the laser's power here.
+    table = replace(overlap.table, values=overlap.table.values / -math.expm1(-2.0 / spot_over_field**2))
+    return replace(sensor, optics=replace(sensor.optics, overlap=replace(overlap, table=table)))
+
+
+def drawn_unit(seed: int) -> dict[str, float]:
+    """Logarithms of its numbers over the published ones."""
+    random = np.random.default_rng([seed, 3])
+    return {name: float(random.uniform(-far, far)) for name, far in DRAWN.items()}
+
+
+def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
+    """The sensor with these numbers; the lens moves so that the background stays. ``base`` None: the published one."""
+    sensor = published() if base is None else base
+    grown = {name: math.exp(value) for name, value in truth.items()}
+    moved = math.sqrt(grown["near_field_m"])
+    laser, optics, detector, histogram = sensor.laser, sensor.optics, sensor.detector, sensor.histogram
+    assert histogram is not None
+    sensor = replace(
+        sensor,
+        laser=replace(
+            laser, peak_power_w=laser.peak_power_w * grown["laser.peak_power_w"] / moved**2,
+            pulse_fwhm_s=laser.pulse_fwhm_s * grown["laser.pulse_fwhm_ns"],
+        ),
+        optics=replace(
+            optics, aperture_radius_m=optics.aperture_radius_m * moved, focal_length_m=optics.focal_length_m * moved,
+            sun_irradiance_w_m2=optics.sun_irradiance_w_m2 * grown["optics.sun_irradiance_w_m2"],
+        ),
+        detector=replace(
+            detector, spads=detector.spads * grown["detector.spads"],  # type: ignore[call-arg, union-attr]
+            dark_count_rate_hz=detector.dark_count_rate_hz * grown["detector.dark_count_rate_hz"],  # type: ignore[union-attr]
+        ),
+        histogram=replace(
+            histogram, threshold_floor=histogram.threshold_floor * grown["histogram.threshold_floor"],
+            threshold_slope=histogram.threshold_slope * grown["histogram.threshold_slope"],
+        ),
+    )  # fmt: skip
+    return with_spot(sensor, SPOT * grown["spot_over_field"])
+
+
+def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.ndarray]:
+    """Surfaces of twelve reflectivities at 1 to 110 m, in shade and sun: scene, groups, target and true deviations."""
+    random = np.random.default_rng([seed, 4])
+    group = random.integers(0, GROUPS, pulses)
+    range_m = np.exp(random.uniform(math.log(1.5), math.log(110.0), pulses))
+    klux = np.exp(random.uniform(math.log(2.0), math.log(100.0), pulses))
+    albedo = np.geomspace(0.05, 0.9, GROUPS)[group]
+    sensor = published()
+    target = Target(
+        reflectivity=albedo,
+        illuminance_klux=klux,
+        cos_incidence=random.uniform(0.3, 1.0, pulses),
+        transmittance=1.0,
+    )
+    scene = Scene.of(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
+    return scene, range_m, target, REFLECTIVITY_SIGMA * random.standard_normal(GROUPS)
+
+
+def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Reported]:
+    """A scene as it is believed to be, and what the unit reports of it as it is."""
+    scene, range_m, target, off = drawn_scene(seed, pulses)
+    real = replace(target, reflectivity=target.reflectivity * np.exp(off[scene.group]))
+    light = echoes_of_plane(unit, real, range_m)
+    seen = detect_alone(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+    stop = seen.stops[0]
+    kept = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
+    return scene, Reported(
+        kept=kept, signal=np.where(kept, stop.photons, np.nan), near_ir=np.asarray(seen.ambient, float),
+        range_m=np.where(kept, stop.range_m, np.nan),
+    )  # fmt: skip

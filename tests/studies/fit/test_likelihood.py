@@ -1,0 +1,115 @@
+"""Known scenes: a unit is rendered, forgotten, and fitted; slopes; what cannot be told apart."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
+
+from lidarscene.light.echoes import EchoTrain, SubEchoes
+from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
+from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene
+from lidarscene.studies.fit.likelihood import KnownFit, fit_known, slopes_of
+
+TRUTH = drawn_unit(0)
+
+
+@cache
+def recorded() -> tuple[Scene, Reported]:
+    return drawn_report(unit_of(TRUTH), 0, pulses=2000)
+
+
+@pytest.fixture(scope="module")
+def fit(mi) -> KnownFit:
+    return fit_known(*recorded(), reflectivity_sigma=REFLECTIVITY_SIGMA)
+
+
+def off(fit: KnownFit) -> list[float]:
+    return [(one.value - math.exp(TRUTH[one.key])) / one.sigma for one in fit.estimates if one.key in TRUTH]
+
+
+def test_the_truth_is_found_again(fit: KnownFit) -> None:
+    """Nine numbers; the chance that one of them is 4 sigma off is 0.06 %, that three are 2 sigma off, 0.7 %.
+
+    The unit is up to 35 % from the published one, and twelve reflectivities are 5 % from what is believed.
+    """
+    assert fit.solved.evaluations <= MOST_EVALUATIONS
+    far = np.abs(off(fit))
+    assert len(far) == len(TRUTH)
+    assert far.max() < 4.0
+    assert np.sum(far > 2.0) <= 2
+    # Each is known well enough to say something: better than what was drawn.
+    sigmas = {one.key: one.sigma for one in fit.estimates}
+    assert sigmas["near_field_m"] < 0.01
+    assert sigmas["laser.peak_power_w"] < 0.1
+
+
+def test_what_cannot_be_told_apart_is_held_and_named(fit: KnownFit) -> None:
+    assert set(fit.held) == {"optics.efficiency_laser", "detector.pde", "detector.jitter_ps"}
+    assert "optics.efficiency_laser +1 %: laser.peak_power_w -1 %" in fit.null
+    assert "detector.pde +1 %: laser.peak_power_w -1 %, optics.sun_irradiance_w_m2 -1 %" in fit.null
+    assert set(fit.names) | set(fit.held) == set(PARAMETERS)
+
+
+def test_without_known_reflectivities_the_power_is_not_invented(mi) -> None:
+    """Rationale: brighter surfaces before a weaker laser and a weaker sun look the same."""
+    fit = fit_known(*recorded())
+    assert "optics.sun_irradiance_w_m2" in fit.held
+    assert "optics.sun_irradiance_w_m2 +1 %: laser.peak_power_w +1 %" in fit.null
+    found = {one.key: one for one in fit.estimates}
+    # The near field needs no reflectivity.
+    near = found["near_field_m"]
+    assert abs(near.value - math.exp(TRUTH["near_field_m"])) < 4.0 * near.sigma
+
+
+def test_slopes_are_those_of_differences(mi) -> None:
+    """Promise: 1e-3, of each parameter's largest slope. Central differences of 1e-4 are good to 1e-7."""
+    scene, _ = drawn_report(published(), 1, pulses=200)
+    values = {name: 0.05 * (-1.0) ** k for k, name in enumerate(PARAMETERS)}
+    surfaces = np.linspace(-0.1, 0.1, GROUPS)
+    now, exact = slopes_of(scene, values, surfaces)
+    same, differences = slopes_of(scene, values, surfaces, exact=False)
+    np.testing.assert_array_equal(np.asarray(now.signal), np.asarray(same.signal))
+    for name in PARAMETERS:
+        for one, other in zip(exact[name], differences[name], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-3 * max(float(np.abs(other).max()), 1e-12))
+    assert np.abs(exact["laser.peak_power_w"][0]).max() > 1.0
+    assert np.abs(exact["histogram.threshold_floor"][1]).max() > 0.01
+
+
+def test_the_light_of_a_render_is_a_scene() -> None:
+    """Pulses without a surface are left out; of two echoes the stronger one counts, with its near field given back."""
+    sensor = published()
+    overlap = sensor.optics.overlap
+    assert overlap is not None
+    light = EchoTrain(
+        parts=tuple(
+            SubEchoes(range_m=np.array(ranges), peak_power_w=np.array(powers), count=1)
+            for ranges, powers in (([3.0, 1.0, 5.0], [1e-9, 0.0, 1e-9]), ([4.0, 1.0, 60.0], [2e-9, 0.0, 1e-10]))
+        ),
+        surfaces=2, found=np.array([True, False, True]), background_power_w=np.array([1e-9, 2e-9, 3e-9]),
+    )  # fmt: skip
+    scene = Scene.of(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
+    np.testing.assert_array_equal(scene.range_m, [4.0, 5.0])
+    np.testing.assert_array_equal(scene.group, [7, 9])
+    np.testing.assert_array_equal(scene.background_w, [1e-9, 3e-9])
+    share = np.asarray(overlap.share(np.array([4.0, 5.0])))
+    np.testing.assert_allclose(scene.power_w, np.array([2e-9, 1e-9]) / share, rtol=1e-12)
+    rays = replace(light, parts=(replace(light.parts[0], count=3),))
+    with pytest.raises(ValueError, match="must be of one ray a pulse, got several"):
+        Scene.of(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
+
+
+def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
+    """Rationale: scenes have edges. One pulse in twenty, a metre off, would be a floor in which the pulse is lost."""
+    scene, reported = recorded()
+    wrong = np.arange(len(reported.kept)) % 20 == 0
+    moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
+    found = fit_known(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
+    pulse, clean = (
+        next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit)
+    )
+    assert pulse.sigma < 1.5 * clean.sigma
+    assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma
