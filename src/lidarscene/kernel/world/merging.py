@@ -83,7 +83,18 @@ def _merged(shapes: Sequence[FoundShape], is_smooth: bool, has_image: bool) -> A
 
 
 def _is_smooth(mesh: Any) -> bool:
-    return bool(mesh.has_vertex_normals() and not mesh.has_face_normals())
+    """Return whether a mesh has normals other than those of its triangles; many files write the latter."""
+    if not mesh.has_vertex_normals() or mesh.has_face_normals():
+        return False
+    vertices = mesh.vertex_positions_buffer().numpy().reshape(-1, 3).astype(np.float64)
+    faces = mesh.faces_buffer().numpy().reshape(-1, 3)
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    flat = np.cross(b - a, c - a)
+    area = np.linalg.norm(flat, axis=1)
+    met = area > 0.0  # triangles without area are never met
+    written = mesh.vertex_normals_buffer().numpy().reshape(-1, 3)[faces[met]]
+    # 1e-3 is what normals with three digits in a text file are off by.
+    return bool(np.any(np.abs(written - (flat[met] / area[met, None])[:, None]) > 1e-3))
 
 
 def _varies(bsdf: Bsdf) -> bool:

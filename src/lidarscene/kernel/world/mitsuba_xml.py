@@ -197,7 +197,7 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
     was told of, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
     parameters, known = _defaults(root), own_plugins()
-    folders = [path.parent.resolve()]
+    folders, here = [path.parent.resolve()], Path.cwd()
     for parent in list(root.iter()):
         # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
         for one in [child for child in parent if child.tag in ("path", "integrator")]:
@@ -213,8 +213,10 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
             )
         key = "value" if element.tag == "string" and element.get("name") == "filename" else "filename"
         name = _filled_in(element.get(key) or "", parameters)
-        found = next((folder / name for folder in (*folders, Path.cwd()) if (folder / name).is_file()), None)
-        if name and found is not None:
+        if not name:
+            continue
+        found = next((folder / name for folder in (*folders, here) if (folder / name).is_file()), None)
+        if found is not None:
             element.set(key, str(found))
 
 
