@@ -28,8 +28,8 @@ def _pattern(path: Path) -> object:
 
 
 READERS: dict[str, Callable[[Path], object]] = {
-    "a.toml": load_scene, "a.xml": load_scene, "b.xml": lambda path: load_shapes(path, {}, {}), "a.glb": read_mesh,
-    "a.obj": read_mesh, "a.csv": read_poses, "a.txt": read_poses, "b.csv": read_transmittance,
+    "a.toml": load_scene, "a.xml": load_scene, "b.xml": lambda path: load_shapes(path, {}, {}, 905e-9),
+    "a.glb": read_mesh, "a.obj": read_mesh, "a.csv": read_poses, "a.txt": read_poses, "b.csv": read_transmittance,
     "c.csv": _pattern, "a.npz": _pattern,
     "a.ply": PointCloud.load, "a.pcd": PointCloud.load, "b.npz": PointCloud.load, "a.parquet": PointCloud.load,
     "a.las": PointCloud.load, "a.laz": PointCloud.load,
@@ -121,7 +121,7 @@ def test_records_that_a_las_file_has_no_room_for(tmp_path: Path, offset: int) ->
 def test_deep_xml(tmp_path: Path, depth: int) -> None:
     """Rationale: Mitsuba follows it with its stack."""
     (tmp_path / "a.xml").write_text(f"<scene version='3.0.0'>{'<a>' * depth}{'</a>' * depth}</scene>")
-    told = refused(lambda path: load_shapes(path, {}, {}), tmp_path / "a.xml")
+    told = refused(lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "a.xml")
     assert told.endswith("not valid XML: must be nested 100 deep at most, got more")
 
 
@@ -130,7 +130,9 @@ def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyP
         inside = f"<include filename='{number + 1}.xml'/>" * 10
         (tmp_path / f"{number}.xml").write_text(f"<scene version='3.0.0'>{inside}</scene>")
     (tmp_path / "8.xml").write_text("<scene version='3.0.0'/>")
-    assert "files include each other" in refused(lambda path: load_shapes(path, {}, {}), tmp_path / "0.xml")
+    assert "files include each other" in refused(
+        lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "0.xml"
+    )
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 90 + "]" * 90, ".".join("a" * 500) + " = 1", "[" * 50_000])

@@ -163,7 +163,7 @@ class Scene:
     ego             motion of the vehicle that carries the sensor, or None: it stands at the world's origin
     view            camera for pictures; chosen from what is near the sensor if None
     base            a Mitsuba XML scene whose shapes are added, or None
-    base_materials  BSDF id in that file to material name; BSDFs not listed are used as they are
+    base_materials  BSDF id in that file to material name; other BSDFs are the file's, two-sided
     """
 
     name: str = "scene"

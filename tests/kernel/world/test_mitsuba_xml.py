@@ -141,7 +141,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
     for name in ("parts/more.xml", "$folder/more.xml"):
         base.write_text(XML.replace("</scene>", f'<include filename="{name}"/></scene>'))
         materials = {"brick": material("brick").at(905e-9)}
-        shapes = {shape.name: shape for shape in load_shapes(base, {"inner": "brick"}, materials)}
+        shapes = {shape.name: shape for shape in load_shapes(base, {"inner": "brick"}, materials, 905e-9)}
         assert set(shapes) == {"ball", "kite", "shape_2", "extra"}
         assert shapes["extra"].material == "brick"
         assert shapes["extra"].reflectivity == pytest.approx(materials["brick"]["reflectivity"])
@@ -151,7 +151,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
 def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> None:
     (kite,) = (
         shape
-        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": material("chrome").at(905e-9)})
+        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": material("chrome").at(905e-9)}, 905e-9)
         if shape.name == "kite"
     )
     assert kite.reflectivity == 0
@@ -160,18 +160,18 @@ def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> 
 def test_a_bsdf_called_as_a_material_is_told_apart(mi: ModuleType, base: Path) -> None:
     base.write_text(XML.replace('"paint"', '"brick"'))
     materials = {"brick": material("brick").at(905e-9)}
-    shapes = {shape.name: shape for shape in load_shapes(base, {"grey": "brick"}, materials)}
+    shapes = {shape.name: shape for shape in load_shapes(base, {"grey": "brick"}, materials, 905e-9)}
     assert (shapes["kite"].material, shapes["ball"].material) == ("brick", "brick of base.xml")
 
 
 def test_mitsuba_looks_in_no_folder_more_than_before(mi: ModuleType, base: Path) -> None:
     before = str(mi.file_resolver())
     for _ in range(2):
-        load_shapes(base, {}, {})
+        load_shapes(base, {}, {}, 905e-9)
     assert str(mi.file_resolver()) == before
     (base.parent / "parts" / "kite.obj").unlink()
     with pytest.raises(InputError):
-        load_shapes(base, {}, {})
+        load_shapes(base, {}, {}, 905e-9)
     assert str(mi.file_resolver()) == before
 
 
@@ -197,8 +197,8 @@ __attribute__((constructor)) static void run(void) { FILE *f = fopen("%s", "w");
 WITH_PLUGIN = """
 <scene version="3.0.0">{more}
     <default name="kind" value="{kind}"/>
-    <bsdf type="{written}" id="plaster"/>
-    <shape type="rectangle"><ref id="plaster"/></shape>
+    <bsdf type="{written}" id="own"/>
+    <shape type="rectangle"><ref id="own"/></shape>
 </scene>
 """
 
@@ -237,7 +237,7 @@ def test_a_library_beside_a_scene_does_not_run(
     written = "$kind" if where == "parameter" else kind
     (scenes / "own.xml").write_text(WITH_PLUGIN.format(kind=kind, written=written, more=more))
     with pytest.raises(InputError, match="bsdf type: must be one of Mitsuba's own plugins, got"):
-        load_shapes(scenes / "own.xml", {}, {})
+        load_shapes(scenes / "own.xml", {}, {}, 905e-9)
     assert not planted.exists()
 
 

@@ -11,14 +11,16 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, OptionWarning
 from ...maths.arrays import Numbers
 from ...maths.paths import Placement
 from ...maths.pose import Pose
@@ -27,7 +29,7 @@ from ...scene.model import Ball, Body, Part, Scene
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
-from . import mitsuba_xml
+from . import merging, mitsuba_xml
 from .bsdfs import bsdf_dict
 from .faces import FaceTables, PlacedShape
 from .patterns import ATTRIBUTE, reflectivities, texture, texture_key
@@ -127,12 +129,12 @@ def build_world(
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
-        for found in mitsuba_xml.load_shapes(scene.base, scene.base_materials, resolved):
-            index = np.full(found.faces, len(body_names), dtype=np.int32)
-            body_names.append(found.name)
-            class_of.append("unlabelled")
-            values = None if found.reflectivity is None else resolved[found.material]
-            shapes.append(PlacedShape(found.shape, index, found.material, values))
+        found = mitsuba_xml.load_shapes(scene.base, scene.base_materials, resolved, wavelength_m)
+        _tell_of_stand_ins(found, scene.base)
+        shapes += merging.placed(found, len(body_names))
+        body_names += [one.name for one in found]
+        class_of += ["unlabelled"] * len(found)
+        del found  # the shapes of the file: each one that lives costs time in every frame
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = FaceTables()
@@ -161,6 +163,21 @@ def build_world(
         class_names=class_names,
         **faces.on_device(see_through),
     )
+
+
+def _tell_of_stand_ins(shapes: Sequence[mitsuba_xml.FoundShape], path: Path) -> None:
+    """Warn of materials that were chosen by the names of BSDFs."""
+    chosen = {one.assumed: one.material for one in shapes if one.assumed}
+    if chosen:
+        pairs = ", ".join(f"{bsdf} is {material}" for bsdf, material in sorted(chosen.items()))
+        warnings.warn(
+            OptionWarning(
+                "{0}: BSDFs that Mitsuba does not have are of the catalogue's materials, by their names: {1}; "
+                "base_materials can name others",
+                path, pairs,
+            ),
+            stacklevel=3,
+        )  # fmt: skip
 
 
 def _own_shapes(

@@ -1,8 +1,8 @@
 """Load the shapes of a Mitsuba XML scene, with BSDFs replaced by our materials where the scene file says so.
 
 Users have Mitsuba scenes made for pictures, whose BSDFs say nothing about 905 nm. Shapes are what we take from them,
-and BSDFs if nothing better is named. Replacing happens in the XML, before Mitsuba loads it: a loaded shape cannot
-change its BSDF.
+and BSDFs if nothing better is named. Replacing happens in the XML, before Mitsuba loads it (`xml_bsdfs`): a type that
+Mitsuba does not have must not reach it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from typing import Any
 
 from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
+from ...materials import catalogue
 from ..device.backend import mitsuba, only_own_files, own_plugins
-from ..device.types import Bsdf, Shape
+from ..device.types import Bsdf
+from . import xml_bsdfs
 from .bsdfs import bsdf_dict, diffuse_share
 
 Element = ElementTree.Element
@@ -25,65 +27,85 @@ Element = ElementTree.Element
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundShape:
-    """A shape of the file: its name, number of faces, and the name and diffuse reflectivity of its material.
+    """A shape of the file: its name, number of faces, BSDF, and the name of its material.
 
-    reflectivity  None if the BSDF is the file's own
+    values   `Material.at`; None if the BSDF is the file's own
+    assumed  name of the BSDF if the material was chosen by it; empty if not
     """
 
     shape: Any
     name: str
     faces: int
+    bsdf: Any
     material: str
-    reflectivity: float | None
+    values: Mapping[str, Any] | None
+    assumed: str = ""
+
+    @property
+    def reflectivity(self) -> float | None:
+        """Diffuse reflectivity; None if the BSDF is the file's own."""
+        return None if self.values is None else diffuse_share(self.values)
 
 
 def load_shapes(
-    path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]]
+    path: Path,
+    replaced: Mapping[str, str],
+    materials: Mapping[str, dict[str, object]],
+    wavelength_m: float,
 ) -> list[FoundShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
-    replaced   from BSDF id to material name
-    materials  from material name to `Material.at`
+    replaced      from BSDF id to material name
+    materials     from material name to `Material.at`
+    wavelength_m  for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
     Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
     """
     root = _parsed(path)
     _insert_included(root, path.parent, [])
+    parameters, known = _defaults(root), own_plugins()
+    named = xml_bsdfs.replaced_by_name(root, path, replaced)
+    assumed = xml_bsdfs.stand_ins(
+        root, lambda kind: not kind or _filled_in(kind, parameters) in known, materials
+    )
     _keep_to_mitsuba(root, path)
-    _replace_bsdfs(root, path, replaced, materials)
+    xml_bsdfs.make_two_sided(root)
+    used = dict(materials)
+    for element, material in named + assumed:
+        if material not in used:
+            used[material] = catalogue.material(material).at(wavelength_m)
+        xml_bsdfs.fill(element, bsdf_dict(used[material]))
     shapes = _loaded(root, path).shapes()
     if not shapes:
         raise InputError(f"{path}: the scene has no shapes")
-    return [
-        _found(shape, f"shape_{number}", path, replaced, materials) for number, shape in enumerate(shapes)
-    ]
-
-
-def _found(
-    shape: Shape,
-    unnamed: str,
-    path: Path,
-    replaced: Mapping[str, str],
-    materials: Mapping[str, dict[str, object]],
-) -> FoundShape:
-    name = _plain(shape.id(), unnamed)
-    if shape.class_name() == "Instance":
-        raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
-    bsdf = shape.bsdf()
-    identity = _plain(bsdf.id() if bsdf is not None else "", "bsdf")
-    is_ours = identity in replaced
-    material = replaced[identity] if is_ours else identity
-    if not is_ours:
-        _require_answer(bsdf, f"{path}: BSDF '{identity}' of shape '{name}'")
-        # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
-        if material in materials:
-            material = f"{identity} of {path.name}"
-    return FoundShape(
-        shape=shape,
-        name=name,
-        faces=shape.primitive_count(),
-        material=material,
-        reflectivity=diffuse_share(materials[material]) if is_ours else None,
-    )
+    ours = {str(element.get("id")): material for element, material in named + assumed}
+    by_name = {str(element.get("id")) for element, _ in assumed}
+    answers: dict[int, Any] = {}
+    found = []
+    for number, shape in enumerate(shapes):
+        name, bsdf = _plain(shape.id(), f"shape_{number}"), shape.bsdf()
+        if shape.class_name() == "Instance":
+            raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
+        identity = _plain(bsdf.id() if bsdf is not None else "", "bsdf")
+        material = ours.get(identity, identity)
+        if identity not in ours:
+            if id(bsdf) not in answers:
+                _require_answer(bsdf, f"{path}: BSDF '{identity}' of shape '{name}'")
+                answers[id(bsdf)] = bsdf
+            # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
+            if material in used:
+                material = f"{identity} of {path.name}"
+        found.append(
+            FoundShape(
+                shape=shape,
+                name=name,
+                faces=shape.primitive_count(),
+                bsdf=bsdf,
+                material=material,
+                values=used[material] if identity in ours else None,
+                assumed=identity if identity in by_name else "",
+            )
+        )
+    return found
 
 
 def _require_answer(bsdf: Bsdf, where: str) -> None:
@@ -97,7 +119,9 @@ def _require_answer(bsdf: Bsdf, where: str) -> None:
         bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.0, 0.0, 1.0))
         bsdf.eval_diffuse_reflectance(surface)
     except Exception as error:
-        raise InputError(f"{where}: cannot be used: {' '.join(str(error).split())}") from None
+        raise InputError(
+            f"{where}: cannot be used: {' '.join(str(error).split())}; {xml_bsdfs.HINT}"
+        ) from None
 
 
 def _plain(identity: str, fallback: str) -> str:
@@ -173,7 +197,7 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
     was told of, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
     parameters, known = _defaults(root), own_plugins()
-    folders = [path.parent.resolve()]
+    folders, here = [path.parent.resolve()], Path.cwd()
     for parent in list(root.iter()):
         # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
         for one in [child for child in parent if child.tag in ("path", "integrator")]:
@@ -183,13 +207,16 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
     for element in root.iter():
         kind = element.get("type")
         if kind is not None and _filled_in(kind, parameters) not in known:
+            hint = f"; {xml_bsdfs.HINT}, by its id" if element.tag == "bsdf" else ""
             raise InputError(
-                f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'"
+                f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'{hint}"
             )
         key = "value" if element.tag == "string" and element.get("name") == "filename" else "filename"
         name = _filled_in(element.get(key) or "", parameters)
-        found = next((folder / name for folder in (*folders, Path.cwd()) if (folder / name).is_file()), None)
-        if name and found is not None:
+        if not name:
+            continue
+        found = next((folder / name for folder in (*folders, here) if (folder / name).is_file()), None)
+        if found is not None:
             element.set(key, str(found))
 
 
@@ -204,37 +231,5 @@ def _loaded(root: Element, path: Path) -> Any:
         reason = re.sub(
             r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split())
         )
-        raise InputError(f"{path}: not a Mitsuba scene: {reason}") from None
-
-
-def _replace_bsdfs(
-    root: Element, path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]]
-) -> None:
-    """Write our BSDFs over those of the file, by id."""
-    # A BSDF inside another one (the base of a `twosided`) may have an id, but no shape refers to it.
-    inner = {id(child) for bsdf in root.iter("bsdf") for child in bsdf.iter("bsdf") if child is not bsdf}
-    by_id = {str(b.get("id")): b for b in root.iter("bsdf") if b.get("id") and id(b) not in inner}
-    for identity, material in replaced.items():
-        if identity not in by_id:
-            choices = ", ".join(sorted(by_id)) or "none"
-            raise InputError(f"{path}: base_materials: no BSDF with id '{identity}'; it has {choices}")
-        element = by_id[identity]
-        element.clear()
-        element.set("id", identity)
-        _fill(element, bsdf_dict(materials[material]))
-
-
-def _fill(element: Element, values: dict[str, Any]) -> None:
-    """Write a Mitsuba dictionary (numbers, texts, spectra and nested BSDFs) as the content of an XML element."""
-    element.set("type", values["type"])
-    for key, value in values.items():
-        if key == "type":
-            continue
-        if not isinstance(value, dict):
-            kind = {bool: "boolean", str: "string"}.get(type(value), "float")
-            text = str(value).lower() if kind == "boolean" else str(value)
-            ElementTree.SubElement(element, kind, name=key, value=text)
-        elif value["type"] == "spectrum":
-            ElementTree.SubElement(element, "spectrum", name=key, value=repr(value["value"]))
-        else:
-            _fill(ElementTree.SubElement(element, "bsdf"), value)
+        hint = f"; {xml_bsdfs.HINT}, by its id" if "bsdf" in reason.lower() else ""
+        raise InputError(f"{path}: not a Mitsuba scene: {reason}{hint}") from None

@@ -44,7 +44,7 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
     if scene.base is None:
         return []
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
-    shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials)
+    shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials, wavelength_m)
     drawn = ((found, _triangles(found.shape)) for found in shapes)
     return [Drawn(found.name, *made, found.material) for found, made in drawn if made is not None]
 
