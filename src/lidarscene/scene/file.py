@@ -86,8 +86,8 @@ def load_scene(
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
     path = Path(scene)
-    named = not path.suffix and not os.path.isdir(path)
-    return catalog.path_of("scenes", str(scene)) if named else path
+    named = not path.suffix and path.name == str(scene) and not os.path.isdir(path)
+    return catalog.path_of("scenes", path.name) if named else path
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
