@@ -251,3 +251,14 @@ def test_plugins_of_a_known_name_are_mitsubas_own(planted: Path) -> None:
     )
     assert (ran.returncode, ran.stderr) == (0, "")
     assert not planted.exists()
+
+
+def test_a_bsdf_that_cannot_be_used_stops_no_later_frame(mi: ModuleType, tmp_path: Path) -> None:
+    """Every kernel asks all BSDFs that are alive, and whoever keeps an error keeps its frames."""
+    (tmp_path / "hair.xml").write_text(
+        "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>"
+    )
+    with pytest.raises(InputError, match="cannot be used") as kept:
+        load_shapes(tmp_path / "hair.xml", {}, {}, 905e-9)
+    assert len(lidarscene.render("edges", overrides=COARSE)) > 0
+    assert kept.value

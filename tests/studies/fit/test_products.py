@@ -23,8 +23,10 @@ def test_photons_of_a_white_wall_are_one_product() -> None:
         "detector.pde": 1, "histogram.shots": 1, "reflectivity of all targets": 1,
     }  # fmt: skip
     for key, power in powers.items():
-        # The shadow of the dark counts and the few SPADs that fire twice are left: 0.1 %.
-        assert power == pytest.approx(expected.get(key, 0), abs=5e-3)
+        # The shadow of the dark counts and the few SPADs that fire twice are left: 0.1 %; of the near field, which
+        # r_A f / r_PD moves, 1.3 %.
+        moves_near_field = any(word in key for word in ("aperture", "focal", "detector.radius"))
+        assert power == pytest.approx(expected.get(key, 0), abs=0.02 if moves_near_field else 5e-3)
     assert "detector.pde" in products.product("white_m2")
 
 

@@ -130,7 +130,7 @@ def _search() -> Any:
             super().__init__()
             self.found: list[Any] = []
 
-        def put(self, name: str, value: Any, *about: Any) -> None:
+        def put(self, name: str, value: object, *about: object) -> None:
             if isinstance(value, mi.Object):
                 self.found.append(value)
 

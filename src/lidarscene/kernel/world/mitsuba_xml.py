@@ -80,7 +80,7 @@ def load_shapes(
     ours = {str(element.get("id")): material for element, material in named + assumed}
     by_name = {str(element.get("id")) for element, _ in assumed}
     answers: dict[int, Any] = {}
-    found = []
+    found: list[FoundShape] = []
     for number, shape in enumerate(shapes):
         name, bsdf = _plain(shape.id(), f"shape_{number}"), shape.bsdf()
         if shape.class_name() == "Instance":
@@ -89,7 +89,12 @@ def load_shapes(
         material = ours.get(identity, identity)
         if identity not in ours:
             if id(bsdf) not in answers:
-                _require_answer(bsdf, f"{path}: BSDF '{identity}' of shape '{name}'")
+                if fault := _fault(bsdf):
+                    # Every kernel asks all BSDFs that are alive: what a traceback kept of this one would stop them all.
+                    del shapes, shape, bsdf, answers, found
+                    raise InputError(
+                        f"{path}: BSDF '{identity}' of shape '{name}': cannot be used: {fault}; {xml_bsdfs.HINT}"
+                    )
                 answers[id(bsdf)] = bsdf
             # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
             if material in used:
@@ -108,8 +113,8 @@ def load_shapes(
     return found
 
 
-def _require_answer(bsdf: Bsdf, where: str) -> None:
-    """Raise InputError for a BSDF that cannot answer at one wavelength, such as Mitsuba's `hair`."""
+def _fault(bsdf: Bsdf) -> str:
+    """Return why a BSDF cannot answer at one wavelength, as Mitsuba's `hair` cannot; "" if it can."""
     import drjit as dr
 
     mi = mitsuba()
@@ -119,9 +124,8 @@ def _require_answer(bsdf: Bsdf, where: str) -> None:
         bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.0, 0.0, 1.0))
         bsdf.eval_diffuse_reflectance(surface)
     except Exception as error:
-        raise InputError(
-            f"{where}: cannot be used: {' '.join(str(error).split())}; {xml_bsdfs.HINT}"
-        ) from None
+        return " ".join(str(error).split())
+    return ""
 
 
 def _plain(identity: str, fallback: str) -> str:
