@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +14,7 @@ import pytest
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 
 from lidarscene import __version__, catalog
+from lidarscene.cli import terminal
 from lidarscene.cloud.points import PointCloud
 
 ROOT = Path(__file__).parents[2]
@@ -337,3 +339,15 @@ def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
 
 def test_beams_of_the_coarse_raster(run: Run, wall: str, mi: ModuleType) -> None:
     assert summary(run, wall)["beams"] == BEAMS
+
+
+def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SIGTERM within Dr.Jit comes out as a RuntimeError: the code is still that of the signal, without a traceback."""
+
+    def broken(_: object) -> None:
+        monkeypatch.setattr(terminal, "_ENDED_BY", [signal.SIGTERM])
+        raise RuntimeError("SystemExit: 143")
+
+    monkeypatch.setattr("lidarscene.cli.catalogue.schema_text", broken)
+    done = run("schema", "scene")
+    assert (done.code, done.out, done.err) == (143, "", "")

@@ -22,7 +22,7 @@ from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
-from .terminal import Answer, complain, end_cleanly, notes, say, told
+from .terminal import Answer, complain, end_cleanly, ended_by, notes, say, told
 from .view import add_view
 from .words import with_joined_pose
 
@@ -40,12 +40,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         if text:
             say(text)
         return int(code)
-    except LidarSceneError as error:
-        complain(told(error))
-        return error.exit_code
-    except MemoryError:
-        complain("out of memory; a smaller --chunk needs less")
-        return 1
+    except Exception as error:
+        # Libraries make errors of their own of what a signal raises within them.
+        if (number := ended_by()) is not None:
+            return 128 + number
+        if isinstance(error, LidarSceneError):
+            complain(told(error))
+            return error.exit_code
+        if isinstance(error, MemoryError):
+            complain("out of memory; a smaller --chunk needs less")
+            return 1
+        raise
     except KeyboardInterrupt:
         complain("interrupted")
         return 130

@@ -78,9 +78,18 @@ def end_cleanly() -> None:
 
     def end(number: int, _: object) -> None:
         signal.signal(number, signal.SIG_IGN)
+        _ENDED_BY.append(number)
         sys.exit(128 + number)
 
     signal.signal(signal.SIGTERM, end)
+
+
+_ENDED_BY: list[int] = []
+
+
+def ended_by() -> int | None:
+    """The signal that ends the program, once it has come."""
+    return _ENDED_BY[0] if _ENDED_BY else None
 
 
 class Lines:
