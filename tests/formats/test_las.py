@@ -146,3 +146,23 @@ def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
         values = np.asarray(las_file[extra.format_name()])
         assert not extra.min_is_relevant() or extra.min[0] <= values.min()
         assert not extra.max_is_relevant() or extra.max[0] >= values.max()
+
+
+@pytest.mark.parametrize(
+    ("place", "told"), [("count", "as many chunks as bytes, got 4294967295"), ("table", "in the file")]
+)
+def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, told: str) -> None:
+    """lazrs asks for the memory of all chunks first, and ends the process where there is none."""
+    need("laz")
+    path = tmp_path / "a.laz"
+    small_cloud().save(path)
+    data = bytearray(path.read_bytes())
+    (points,) = struct.unpack_from("<I", data, 96)  # offset to point data
+    (table,) = struct.unpack_from("<q", data, points)
+    if place == "count":
+        struct.pack_into("<I", data, table + 4, 2**32 - 1)
+    else:
+        struct.pack_into("<q", data, points, 2**40)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=told):
+        PointCloud.load(path)

@@ -75,8 +75,8 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         running.wait(PATIENCE_S)
         assert running.returncode == (-how if how == signal.SIGKILL else 128 + how)
         left = sorted(out.rglob("*.part"))
-        if how == signal.SIGTERM:
-            assert left == []
+        if how == signal.SIGTERM:  # what a killed run before it left of later frames is still there
+            assert [one for one in left if f".{running.pid}." in one.name] == []
         assert len(left) <= 4  # of the frame that was written
         for path in out.glob("*.ply"):
             PointCloud.load(path)

@@ -158,12 +158,7 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
-        _require_counts(file)
-        with laspy.open(file, closefd=False) as opened:
-            header = opened.header
-            points = header.point_count * header.point_format.size
-        require_unpacked(os.fstat(file.fileno()).st_size, points)
-        file.seek(0)
+        _require_possible(laspy, file)
         las = laspy.read(file, closefd=False)
         ours = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
         if not ours:
@@ -178,12 +173,44 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
     laspy = optional("laspy", extra="las")
     with reading(path), open(path, "rb") as file:
-        _require_counts(file)
+        _require_possible(laspy, file)
         las = laspy.read(file, closefd=False)
         names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
         ours = {file_name: column for column, file_name in LAS_NAMES.items()}
         columns = {ours.get(name, name): np.ascontiguousarray(las[name]) for name in names}
         return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
+
+
+def _require_possible(laspy: Any, file: IO[bytes]) -> None:
+    """Raise ValueError for a file that says that it has more than it can have, on which a library would choke."""
+    _require_counts(file)
+    with laspy.open(file, closefd=False) as opened:
+        header = opened.header
+        points = header.point_count * header.point_format.size
+    size = os.fstat(file.fileno()).st_size
+    require_unpacked(size, points)
+    if header.are_points_compressed:
+        _require_chunks(file, header.offset_to_point_data, size)
+    file.seek(0)
+
+
+def _require_chunks(file: IO[bytes], points: int, size: int) -> None:
+    """Raise ValueError for more chunks in a LAZ than it has bytes: lazrs would end the process for want of memory.
+
+    Eight bytes before the points say where the table of chunks is (-1: the last eight of the file say it), and the
+    table begins with its version and the number of chunks.
+    """
+    file.seek(points)
+    (table,) = struct.unpack("<q", file.read(8))
+    if table == -1:
+        file.seek(size - 8)
+        (table,) = struct.unpack("<q", file.read(8))
+    if not 0 <= table <= size - 8:
+        raise ValueError(f"the table of chunks must be in the file, got byte {table} of {size}")
+    file.seek(table)
+    _, chunks = struct.unpack("<II", file.read(8))
+    if chunks > size:
+        raise ValueError(f"must have at most as many chunks as bytes, got {chunks}")
 
 
 def _require_counts(file: IO[bytes]) -> None:

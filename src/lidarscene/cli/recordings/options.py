@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,7 +37,13 @@ def add_recording(command: argparse.ArgumentParser) -> None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a recording and no cloud that lidarscene wrote."""
+    """Whether a path is a recording and no cloud that lidarscene wrote. What cannot be read is told by who reads it."""
+    with suppress(OSError):
+        return _is_recording(path)
+    return False
+
+
+def _is_recording(path: Path) -> bool:
     name = path.name.lower()
     if os.path.isdir(path):
         inside = [one.name.lower() for one in path.iterdir()]
