@@ -1,5 +1,6 @@
 """Which frames, which light, and what is refused."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +9,11 @@ import pytest
 from helpers.twins import recording_of, room_sweep, unit_json
 
 from lidarscene.errors import InputError
+from lidarscene.files.toml import validated
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.file import load_scene
 from lidarscene.scene.poses import read_poses
+from lidarscene.scene.tables import SceneFile
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 from lidarscene.studies.recorded import background_w
@@ -22,6 +25,7 @@ from lidarscene.studies.twin.build import (
     chosen,
     illuminance_klux,
     place_of,
+    scene_text,
 )
 from lidarscene.studies.twin.reflect import Gauge
 
@@ -112,3 +116,12 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
         build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", sensor="no.toml")
     with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
         about(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("apparent", [0.79, 0.8, 0.801, 50.0])
+def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: float) -> None:
+    """What is hardly brighter than matt white too: a material file takes no coefficient below 0.001."""
+    text = scene_text("twin", [("bright0", "bright", apparent)], Pose(), 50.0)
+    made = validated(SceneFile, tomllib.loads(text), "scene.toml")
+    coefficient = made.materials["bright0"].retro_coefficient_cd_per_lx_m2
+    assert coefficient == pytest.approx(max((apparent - 0.8) / np.pi, 1e-3), rel=1e-5)

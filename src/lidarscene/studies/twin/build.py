@@ -45,6 +45,9 @@ BRIGHT_STEP = 1.15
 BRIGHT_DIFFUSE = 0.8
 """Of their reflectivity, which the sun sees; the rest goes straight back."""
 
+LEAST_RETRO = 1e-3
+"""cd/lx/m2, the least that a material file takes: for what is no brighter than matt white after all."""
+
 RETRO_HALF_ANGLE_DEG = 5.0
 """Wider than the beam's parallax by far: what is measured is what comes straight back."""
 
@@ -251,7 +254,7 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
     ]  # fmt: skip
     for body, _, apparent in bodies:
         if apparent is not None:
-            retro = max(apparent - BRIGHT_DIFFUSE, 1e-3) / math.pi
+            retro = max((apparent - BRIGHT_DIFFUSE) / math.pi, LEAST_RETRO)
             lines += [
                 f"[materials.{body}]", 'bsdf = "retroreflector"', f"reflectivity = {BRIGHT_DIFFUSE}",
                 f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}", f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}", "",
