@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.browser import browser as browser
+from helpers.chromium import Chromium
 from helpers.documentation import PAGES, ROOT, prose, text_of
 from helpers.waiting import PATIENCE_S
 
@@ -54,3 +56,15 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
         loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"?([^\s\">]+)", text_of(page))
         assert loaded
         assert not [one for one in loaded if re.match(r"(https?:)?//", one)], page.name
+
+
+def test_the_site_is_searched_without_a_server(site: Path, browser: Chromium) -> None:
+    """Its pages are opened as files, where browsers have no workers."""
+    browser.navigate((site / "index.html").as_uri())
+    browser.until("document.querySelector('.md-search__input').getBoundingClientRect().width > 100")
+    left, top = browser.value(
+        "(box => [box.x + 20, box.y + 10])(document.querySelector('.md-search__input').getBoundingClientRect())"
+    )
+    browser.click(left, top)
+    browser.type("McIntyre")
+    browser.until("document.querySelectorAll('.md-search-result__item a[href*=theory]').length > 0")

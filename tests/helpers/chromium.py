@@ -70,9 +70,18 @@ class Chromium:
         self._process.wait(PATIENCE_S)
         os.close(self._write)
 
+    def navigate(self, url: str) -> None:
+        """Go there."""
+        self._send("Page.navigate", url=url)
+
+    def type(self, text: str) -> None:
+        """Put text where the cursor is, as from a keyboard."""
+        self._send("Input.insertText", text=text)
+        self._send("Input.dispatchKeyEvent", type="keyUp", key=text[-1])
+
     def open(self, url: str) -> None:
         """Go there and wait until the viewer has drawn, or says why not."""
-        self._send("Page.navigate", url=url)
+        self.navigate(url)
         self.until("(viewer && viewer.matrix) || !document.getElementById('error').hidden")
 
     def value(self, script: str) -> Any:

@@ -1,0 +1,46 @@
+"""An extension of Griffe, for the reference: the lists of our docstrings become tables.
+
+Docstrings give the parts of a type and the parameters of a function as lines of a name, two spaces or more, and what
+it is. Markdown would run such lines together.
+"""
+
+import re
+from typing import Any
+
+import griffe
+
+# A name or several, or an expression of a few words, before two spaces or more; what it is goes on in lines further in.
+ITEM = re.compile(r"^(?P<name>\S+(?:,? \S+){0,3}?) {2,}(?P<about>\S.*)$")
+# `:func:`-like words, in ours single backquotes, are code already; a bar would end a cell.
+BAR = re.compile(r"(?<!\\)\|")
+
+
+class Lists(griffe.Extension):
+    """Makes Markdown tables of the lists in every docstring."""
+
+    def on_instance(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Called for every module, class, function and attribute."""
+        if obj.docstring:
+            obj.docstring.value = as_markdown(obj.docstring.value)
+
+
+def as_markdown(docstring: str) -> str:
+    """The docstring with each list of "name  what it is" as a table of two columns."""
+    out: list[str] = []
+    rows: list[list[str]] = []
+    for line in [*docstring.splitlines(), ""]:
+        found = ITEM.match(line)
+        if found:
+            rows.append([found["name"], found["about"]])
+        elif rows and line.startswith("  "):
+            rows[-1][1] += " " + line.strip()
+        else:
+            if rows:
+                out += ["", "| | |", "|---|---|", *(_row(*row) for row in rows), ""]
+                rows = []
+            out.append(line)
+    return "\n".join(out).strip()
+
+
+def _row(name: str, about: str) -> str:
+    return "| `{}` | {} |".format(name, BAR.sub(r"\|", about))
