@@ -1,15 +1,20 @@
 """The mesh cache: the same pieces as from the file, never out of date, never in the way."""
 
 import json
+import os
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from lidarscene.scene import mesh_cache, meshes
 from lidarscene.scene.mesh_cache import SubMesh
 
 CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
+
+TRIANGLE_OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 
 IN_A_FRESH_PYTHON = """
 import json, sys
@@ -52,7 +57,7 @@ def test_a_warm_start_needs_no_mesh_library(cache: Path, run_python) -> None:
 
 def test_a_changed_file_is_read_again(cache: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.off"
-    path.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    path.write_text(TRIANGLE_OFF)
     assert meshes.read_mesh(path)[0].vertices_m.max() == 1.0
     path.write_text("OFF\n3 1 0\n0 0 0\n2 0 0\n0 2 0\n3 0 1 2\n")
     assert meshes.read_mesh(path)[0].vertices_m.max() == 2.0
@@ -70,9 +75,42 @@ def test_a_damaged_entry_is_made_again(cache: Path, damage: bytes | None) -> Non
 
 
 def test_what_takes_from_other_files_is_not_kept(cache: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    meshes.read_mesh(tmp_path / "a.obj")
+    trimesh.Scene(trimesh.creation.box()).export(tmp_path / "a.gltf")
+    meshes.read_mesh(tmp_path / "a.gltf")
     assert not cache.exists()
+
+
+def test_an_obj_file_is_kept_with_its_materials(cache: Path, tmp_path: Path) -> None:
+    """A colour that changes in the .mtl is a new entry, as is a file that was missing."""
+    triangle = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"
+    (tmp_path / "a.obj").write_text(triangle)
+    greys = [meshes.read_mesh(tmp_path / "a.obj")[0].grey]
+    for level in (0.2, 0.6, 0.6):
+        (tmp_path / "a.mtl").write_text(f"newmtl red\nKd {level} {level} {level}\n")
+        greys.append(meshes.read_mesh(tmp_path / "a.obj")[0].grey)
+    assert greys == [None, *(pytest.approx(level, abs=0.5 / 255) for level in (0.2, 0.6, 0.6))]
+    assert len(list(cache.iterdir())) == 3
+
+
+def test_what_was_not_used_for_longest_goes_first(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def entry_of(size: float) -> Path:
+        """The entry that a triangle of this size has, read anew or from the cache."""
+        path = tmp_path / "a.off"
+        path.write_text(TRIANGLE_OFF.replace("1 0 0\n", f"{size} 0 0\n"))
+        assert meshes.read_mesh(path)[0].vertices_m.max() == max(size, 1.0)
+        return max(cache.iterdir(), key=lambda one: one.stat().st_mtime_ns)
+
+    first, second = entry_of(1.0), entry_of(2.0)
+    for age, entry in ((20, first), (10, second)):
+        os.utime(entry, ns=(0, time.time_ns() - age * 10**9))
+    assert entry_of(1.0) == first  # used: now the second is the oldest
+    monkeypatch.setattr(mesh_cache, "LARGEST_BYTES", 2 * first.stat().st_size + 10)
+    third = entry_of(3.0)
+    assert set(cache.iterdir()) == {first, third}
+    monkeypatch.setattr(mesh_cache, "LARGEST_BYTES", 0)
+    assert [entry_of(4.0)] == list(cache.iterdir())
 
 
 def test_it_can_be_turned_off_and_may_be_unwritable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from .. import catalog
-from ..errors import InputError
+from ..errors import InputError, OptionWarning
 from ..files.toml import Overrides, assignments, read_toml, validated, with_overrides
 from ..materials import catalogue
 from ..materials.material import Material
@@ -26,11 +27,13 @@ from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
 from . import meshes, patterns
+from .axes import UNITS, Axis, axis_of, upright
 from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .mesh_cache import SubMesh
 from .model import Ball, Body, Part, Scene
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
+from .usd import is_usd
 
 SMALLEST_BODY_M = 1e-6
 """Smallest body. A smaller one is a mistake of scale: single precision cannot resolve its corners."""
@@ -77,9 +80,10 @@ def load_scene(
         _refuse([name for name in given if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(given, str(path))
-    made = scene_from_model(scene_model(path, overrides=changes), path=path)
+    model = scene_model(path, overrides=changes)
+    made = scene_from_model(model, path=path)
     if is_mesh(path):
-        tell_of_bare_mesh(path, made)
+        tell_of_bare_mesh(path, made, up=model.bodies[1].up or "z")
     return made
 
 
@@ -289,13 +293,34 @@ def _mesh_parts(
             f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
         )
     named = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
+    up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
-            vertices_m=piece.vertices_m * body.scale, faces=piece.faces, material=material, name=piece.keys[0],
-            pattern=pattern,
+            vertices_m=upright(piece.vertices_m, up) * scale, faces=piece.faces, material=material,
+            name=piece.keys[0], pattern=pattern,
         )
         for (piece, material), pattern in zip(named, _patterns(named, body, where, surfaces), strict=True)
     )  # fmt: skip
+
+
+def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
+    """Axis that points up in the body's mesh file, and what its lengths are multiplied by. Raises InputError."""
+    own = axis_of(path)
+    said = [key for key in ("unit", "up") if getattr(body, key) is not None]
+    if said and is_usd(path) and (body.unit, body.up) != ("m", "z"):
+        raise InputError(
+            f"{where}.{said[0]}: must be left out, since a USD stage says it, got {getattr(body, said[0])}"
+        )
+    if own is not None and body.up is None and abs(abs(body.roll_deg) - 90.0) < 1.0:
+        warnings.warn(
+            OptionWarning(
+                "{0}: {1} is {2} up by its standard and is set upright by itself, and roll_deg turns it once more: "
+                "leave roll_deg out, or say up = \"z\"",
+                where, path.name, own,
+            ),
+            stacklevel=2,
+        )  # fmt: skip
+    return body.up or own or "z", body.scale * UNITS[body.unit or "m"]
 
 
 def _patterns(

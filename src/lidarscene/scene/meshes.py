@@ -1,4 +1,4 @@
-"""Mesh files in (any that trimesh reads), and primitives, as vertices and faces in float64 metres.
+"""Mesh files in (any that trimesh reads, and USD), and primitives, as vertices and faces in float64 metres.
 
 trimesh is kept from changing what the file says: it would merge vertices, reorder faces and forget material names, on
 which labels and materials depend.
@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, LidarSceneError
 from ..files.inputs import require_archive, require_file
 from ..materials.material import Material, Spectrum
 from ..maths.arrays import Numbers
 from . import patterns
 from .mesh_cache import SubMesh, cached
+from .usd import is_usd, read_usd
 
 LARGEST_EDGE_M = 16.0
 """Longest edge of a primitive's triangles, along an axis. The single-precision error of a hit grows with the triangle:
@@ -71,6 +72,12 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
     """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
+            if is_usd(path):
+                if pattern is not None:
+                    raise InputError(
+                        "pattern: must be left out with USD, whose colours are not read by vertex or texture"
+                    )
+                return read_usd(path)
             warnings.simplefilter("ignore")
             loaded = _loaded(path)
             pieces = pieces_of(loaded)
@@ -83,6 +90,8 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
             ]
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    except LidarSceneError:
+        raise
     except Exception as error:
         # trimesh's readers raise whatever their parsers raise; all of it means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
