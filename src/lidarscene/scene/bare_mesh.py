@@ -19,8 +19,8 @@ from ..errors import InputError, OptionWarning
 from ..files.toml import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from . import meshes, usd
-from .axes import UNITS, Axis, Unit, axis_of, upright
+from .meshes import reading, usd
+from .meshes.axes import UNITS, Axis, Unit, axis_of, upright
 from .model import Part, Scene
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
@@ -55,7 +55,7 @@ def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[st
 
     The body is called "mesh": `bodies.mesh.unit=mm` says that its unit is the millimetre.
     """
-    pieces = meshes.read_mesh(path)
+    pieces = reading.read_mesh(path)
     corners = np.concatenate([piece.vertices_m for piece in pieces])
     plain = {key: PLAIN for piece in pieces if piece.grey is None for key in piece.keys[:1]}
     found = with_overrides(_tables(path, corners, plain, _Given()), overrides, option=option)

@@ -26,14 +26,14 @@ from ..materials.material import Material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
-from . import meshes, patterns
-from .axes import UNITS, Axis, axis_of, upright
 from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
-from .mesh_cache import SubMesh
+from .meshes import patterns, primitives, reading
+from .meshes.axes import UNITS, Axis, axis_of, upright
+from .meshes.cache import SubMesh
+from .meshes.usd import is_usd
 from .model import Ball, Body, Part, Scene
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
-from .usd import is_usd
 
 SMALLEST_BODY_M = 1e-6
 """Smallest body. A smaller one is a mistake of scale: single precision cannot resolve its corners."""
@@ -145,7 +145,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
 def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """A scene from a checked scene file that lies at ``path``."""
     surfaces = _Surfaces(file)
-    reader = functools.cache(meshes.read_mesh)
+    reader = functools.cache(reading.read_mesh)
     ego = None
     if file.ego is not None:
         ego = file.ego.motion(file.ego.pose(), folder=path.parent, where=f"{path}: ego")
@@ -203,7 +203,7 @@ class _Surfaces:
 
     def add_grey(self, name: str, grey: float) -> str:
         """Add a mesh file's own colour as a diffuse material, and return its name."""
-        self.materials[name] = meshes.grey_material(name, grey)
+        self.materials[name] = reading.grey_material(name, grey)
         return name
 
 
@@ -271,11 +271,11 @@ def _parts(
     if body.primitive == "sphere":
         return (Ball(radius_m=radius_m, material=material),)
     if body.primitive == "plane":
-        vertices, faces = meshes.plane_mesh(size_m=cast(tuple[float, float], size_m))
+        vertices, faces = primitives.plane_mesh(size_m=cast(tuple[float, float], size_m))
     elif body.primitive == "box":
-        vertices, faces = meshes.box_mesh(size_m=cast(tuple[float, float, float], size_m))
+        vertices, faces = primitives.box_mesh(size_m=cast(tuple[float, float, float], size_m))
     else:
-        vertices, faces = meshes.cylinder_mesh(radius_m=radius_m, height_m=height_m)
+        vertices, faces = primitives.cylinder_mesh(radius_m=radius_m, height_m=height_m)
     return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
 
 

@@ -19,7 +19,7 @@ from ..files.toml import FileModel
 from ..materials.file import MaterialFile
 from ..maths.units import si
 from ..sensor.file import PoseFile, Turned, Vector
-from .axes import Axis, Unit
+from .meshes.axes import Axis, Unit
 from .model import Air, Interferer, Sky, Sun, View
 from .motion import BodyMotionFile, EgoFile
 from .weather import Weather

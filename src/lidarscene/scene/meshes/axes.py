@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..maths.arrays import Numbers
+from ...maths.arrays import Numbers
 
 Axis = Literal["x", "y", "z"]
 Unit = Literal["m", "mm", "cm", "km", "in", "ft"]

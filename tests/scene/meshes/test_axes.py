@@ -9,8 +9,8 @@ import trimesh
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
-from lidarscene.scene.axes import UNITS, Axis, upright
 from lidarscene.scene.file import load_scene
+from lidarscene.scene.meshes.axes import UNITS, Axis, upright
 from lidarscene.scene.model import Part
 
 BOX = (2.0, 1.0, 3.0)
@@ -89,5 +89,5 @@ def test_primitives_have_neither(tmp_path: Path) -> None:
 
 def test_our_own_meshes_are_proper_gltf() -> None:
     """Other viewers see them stand: their y extent is a car's height."""
-    car = trimesh.load_scene(Path(__file__).parents[2] / "assets" / "meshes" / "car.glb")
+    car = trimesh.load_scene(Path(__file__).parents[3] / "assets" / "meshes" / "car.glb")
     np.testing.assert_allclose(car.extents, (4.42, 1.49, 2.12), atol=0.01)

@@ -9,8 +9,8 @@ import pytest
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.scene.file import load_scene
-from lidarscene.scene.mesh_cache import SubMesh
-from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.meshes.cache import SubMesh
+from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.model import Part
 
 pytest.importorskip("pxr")

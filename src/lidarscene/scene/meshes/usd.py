@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, OptionWarning
-from ..files.optional import optional
-from ..maths.arrays import Numbers
+from ...errors import InputError, OptionWarning
+from ...files.optional import optional
+from ...maths.arrays import Numbers
 from .axes import upright
-from .mesh_cache import SubMesh
+from .cache import SubMesh
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import OutputError
-from ..files.atomic import atomic_output
-from ..maths.arrays import Numbers
+from ...errors import OutputError
+from ...files.atomic import atomic_output
+from ...maths.arrays import Numbers
 from .patterns import Pattern
 
 

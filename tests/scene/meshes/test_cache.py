@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from lidarscene.scene import mesh_cache, meshes
-from lidarscene.scene.mesh_cache import SubMesh
+from lidarscene.scene.meshes import cache as mesh_cache
+from lidarscene.scene.meshes import reading
+from lidarscene.scene.meshes.cache import SubMesh
 
-CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
+CAR = Path(__file__).parents[3] / "assets" / "meshes" / "car.glb"
 
 TRIANGLE_OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 
 IN_A_FRESH_PYTHON = """
 import json, sys
 from pathlib import Path
-from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.meshes.reading import read_mesh
 pieces = read_mesh(Path(sys.argv[1] if len(sys.argv) > 1 else {path!r}))
 print(json.dumps(["trimesh" in sys.modules, sum(len(p.faces) for p in pieces)]))
 """
@@ -39,10 +40,10 @@ def assert_same(a: list[SubMesh], b: list[SubMesh]) -> None:
 
 
 def test_the_cache_gives_what_the_file_gives(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from_file = meshes.read_mesh(CAR)
+    from_file = reading.read_mesh(CAR)
     assert len(list(cache.iterdir())) == 1
-    monkeypatch.setattr(meshes, "_pieces", lambda path: pytest.fail("the file was read"))
-    assert_same(meshes.read_mesh(CAR), from_file)
+    monkeypatch.setattr(reading, "_pieces", lambda path: pytest.fail("the file was read"))
+    assert_same(reading.read_mesh(CAR), from_file)
 
 
 def test_a_warm_start_needs_no_mesh_library(cache: Path, run_python) -> None:
@@ -58,25 +59,25 @@ def test_a_warm_start_needs_no_mesh_library(cache: Path, run_python) -> None:
 def test_a_changed_file_is_read_again(cache: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.off"
     path.write_text(TRIANGLE_OFF)
-    assert meshes.read_mesh(path)[0].vertices_m.max() == 1.0
+    assert reading.read_mesh(path)[0].vertices_m.max() == 1.0
     path.write_text("OFF\n3 1 0\n0 0 0\n2 0 0\n0 2 0\n3 0 1 2\n")
-    assert meshes.read_mesh(path)[0].vertices_m.max() == 2.0
+    assert reading.read_mesh(path)[0].vertices_m.max() == 2.0
     assert len(list(cache.iterdir())) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a zip", None])
 def test_a_damaged_entry_is_made_again(cache: Path, damage: bytes | None) -> None:
-    expected = meshes.read_mesh(CAR)
+    expected = reading.read_mesh(CAR)
     (entry,) = cache.iterdir()
     whole = entry.read_bytes()
     entry.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
-    assert_same(meshes.read_mesh(CAR), expected)
+    assert_same(reading.read_mesh(CAR), expected)
     assert entry.read_bytes() == whole
 
 
 def test_what_takes_from_other_files_is_not_kept(cache: Path, tmp_path: Path) -> None:
     trimesh.Scene(trimesh.creation.box()).export(tmp_path / "a.gltf")
-    meshes.read_mesh(tmp_path / "a.gltf")
+    reading.read_mesh(tmp_path / "a.gltf")
     assert not cache.exists()
 
 
@@ -84,10 +85,10 @@ def test_an_obj_file_is_kept_with_its_materials(cache: Path, tmp_path: Path) -> 
     """A colour that changes in the .mtl is a new entry, as is a file that was missing."""
     triangle = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"
     (tmp_path / "a.obj").write_text(triangle)
-    greys = [meshes.read_mesh(tmp_path / "a.obj")[0].grey]
+    greys = [reading.read_mesh(tmp_path / "a.obj")[0].grey]
     for level in (0.2, 0.6, 0.6):
         (tmp_path / "a.mtl").write_text(f"newmtl red\nKd {level} {level} {level}\n")
-        greys.append(meshes.read_mesh(tmp_path / "a.obj")[0].grey)
+        greys.append(reading.read_mesh(tmp_path / "a.obj")[0].grey)
     assert greys == [None, *(pytest.approx(level, abs=0.5 / 255) for level in (0.2, 0.6, 0.6))]
     assert len(list(cache.iterdir())) == 3
 
@@ -99,7 +100,7 @@ def test_what_was_not_used_for_longest_goes_first(
         """The entry that a triangle of this size has, read anew or from the cache."""
         path = tmp_path / "a.off"
         path.write_text(TRIANGLE_OFF.replace("1 0 0\n", f"{size} 0 0\n"))
-        assert meshes.read_mesh(path)[0].vertices_m.max() == max(size, 1.0)
+        assert reading.read_mesh(path)[0].vertices_m.max() == max(size, 1.0)
         return max(cache.iterdir(), key=lambda one: one.stat().st_mtime_ns)
 
     first, second = entry_of(1.0), entry_of(2.0)
@@ -116,8 +117,8 @@ def test_what_was_not_used_for_longest_goes_first(
 def test_it_can_be_turned_off_and_may_be_unwritable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(mesh_cache.VARIABLE, "")
     assert mesh_cache.folder() is None
-    meshes.read_mesh(CAR)
+    reading.read_mesh(CAR)
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv(mesh_cache.VARIABLE, str(tmp_path / "file"))
-    meshes.read_mesh(CAR)
+    reading.read_mesh(CAR)
     assert (tmp_path / "file").read_text() == "in the way"
