@@ -1,9 +1,8 @@
 """GLB: parts in, the bytes of a binary glTF 2.0 file out, the same bytes on every run.
 
-Coordinates are written as they are: z up, x forward, metres. glTF itself says y up, so other viewers show
-the object lying down; `trimesh.load` gives it back as modelled. Each part is one mesh, one node and one
-material, all of the part's name. Positions lie on a lattice of 2^-13 m (0.12 mm), so that a sine that
-differs in its last bit on another machine does not change the file.
+Coordinates are written as modelled: z up, x forward, metres. A node above all parts turns them y up, as glTF asks for.
+Each part is one mesh, one node and one material, all of the part's name. Positions lie on a lattice of 2^-13 m
+(0.12 mm), so that a sine that differs in its last bit on another machine does not change the file.
 """
 
 import json
@@ -13,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 LATTICE_M = 2.0**-13
+Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # column by column: (x, y, z) becomes (x, z, -y)
 CREASE_COS = 0.80  # edges sharper than about 37 degrees stay sharp
 
 
@@ -60,8 +60,11 @@ def glb_bytes(parts, colours):
     tree = {
         "asset": {"version": "2.0", "generator": "lidarscene assets/make_assets.py"},
         "scene": 0,
-        "scenes": [{"nodes": list(range(len(parts)))}],
-        "nodes": [{"name": name, "mesh": i} for i, name in enumerate(parts)],
+        "scenes": [{"nodes": [len(parts)]}],
+        "nodes": [
+            *({"name": name, "mesh": i} for i, name in enumerate(parts)),
+            {"name": "y_up", "matrix": Y_UP, "children": list(range(len(parts)))},
+        ],
         "meshes": [],
         "materials": [_material(name, colours[name]) for name in parts],
         "accessors": [],

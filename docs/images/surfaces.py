@@ -10,9 +10,9 @@ from lidarscene.materials.catalogue import material
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.physics.optics import reflection
-from lidarscene.scene.meshes import plane_mesh
+from lidarscene.scene.meshes.patterns import Pattern
+from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.model import Body, Part, Scene, Sun
-from lidarscene.scene.patterns import Pattern
 
 SLOPES_DEG = (0, 25, 45)
 COLOURS = ("#9aa4b2", "#4cc9f0", "#ffb703")

@@ -124,7 +124,10 @@ def test_materials_carry_the_names_of_their_parts(name):
         assert geometry.visual.material.name == part
     assert set(scene.graph.nodes_geometry) == set(scene.geometry)
     for node in scene.graph.nodes_geometry:
-        np.testing.assert_array_equal(scene.graph[node][0], np.eye(4))
+        np.testing.assert_array_equal(
+            scene.graph[node][0][:3, :3], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+        )  # y up
+        np.testing.assert_array_equal(scene.graph[node][0][:, 3], [0, 0, 0, 1])
 
 
 @pytest.mark.parametrize("name", EXPECTED)

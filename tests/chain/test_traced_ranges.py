@@ -84,7 +84,7 @@ def test_box(range_m, place):
 
 def test_large_ground_close_by():
     """A 400 m road under a sensor 1.8 m up: primitives are cut up so that near hits keep their digits."""
-    from lidarscene.scene.meshes import plane_mesh
+    from lidarscene.scene.meshes.primitives import plane_mesh
     from lidarscene.scene.model import Body, Part
 
     vertices, faces = plane_mesh(size_m=(400.0, 400.0))

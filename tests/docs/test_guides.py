@@ -29,7 +29,7 @@ from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
 from lidarscene.physics.weather import particles, precipitation
 from lidarscene.rendering.options import DEFAULT_CHUNK
-from lidarscene.scene import meshes
+from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
 from lidarscene.studies.catalogue import points_per_second
@@ -233,7 +233,7 @@ def test_motion_and_limits() -> None:
         LARGEST_YAW_RATE_DEG_S,
         1e-3 * LARGEST_SPEED_M_S,
     )
-    says("architecture.md", "cut into pieces of {} m", meshes.LARGEST_EDGE_M)
+    says("architecture.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("architecture.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"

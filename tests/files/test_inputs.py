@@ -17,7 +17,7 @@ from lidarscene.files import inputs
 from lidarscene.files.inputs import require_file
 from lidarscene.files.toml import read_toml
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
-from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.poses import read_poses
 from lidarscene.sensor.optics import read_transmittance
 from lidarscene.sensor.pattern import read_pattern

@@ -16,7 +16,7 @@ from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.scene.meshes import box_mesh, plane_mesh
+from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.model import Air, Ball, Body, Part, Sky, Sun
 
 NARROW = [

@@ -41,7 +41,7 @@ def test_y_is_up_in_gltf(tmp_path: Path) -> None:
     trimesh.creation.box(BOX).export(tmp_path / "box.glb")
     low, high = corners(tmp_path / "box.glb")
     np.testing.assert_allclose(high - low, (2.0, 3.0, 1.0), atol=1e-6)
-    low, high = corners(tmp_path / "box.glb", "bodies.mesh.roll_deg=0")
+    low, high = corners(tmp_path / "box.glb", "bodies.mesh.up=z")
     np.testing.assert_allclose(high - low, BOX, atol=1e-6)
     np.testing.assert_allclose(low[2], 0.0, atol=1e-6)
 
@@ -65,11 +65,12 @@ def test_a_mesh_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
     trimesh.creation.box(np.multiply(BOX, 1000.0)).export(tmp_path / "box.stl")
     with pytest.raises(InputError, match=r"0\.05 to 2000 m across, got 3000 m; if its unit is millimetres"):
         load_scene(tmp_path / "box.stl")
-    low, high = corners(tmp_path / "box.stl", "bodies.mesh.scale=0.001")
-    np.testing.assert_allclose(high - low, BOX, atol=1e-5)
+    for said in ("unit=mm", "scale=0.001"):
+        low, high = corners(tmp_path / "box.stl", f"bodies.mesh.{said}")
+        np.testing.assert_allclose(high - low, BOX, atol=1e-5)
 
 
-@pytest.mark.parametrize("wrong", ["scale=-1", "scale=big", "roll_deg=left"])
+@pytest.mark.parametrize("wrong", ["scale=-1", "scale=big", "roll_deg=left", "unit=mile", "up=w"])
 def test_what_is_wrong_is_told_as_of_a_scene_file(box: Path, wrong: str) -> None:
     with pytest.raises(InputError, match=rf"box\.stl.*bodies.*{wrong.partition('=')[0]}"):
         load_scene(box, overrides=[f"bodies.mesh.{wrong}"])

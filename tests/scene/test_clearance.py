@@ -11,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.scene.clearance import Clearance
-from lidarscene.scene.meshes import box_mesh, cylinder_mesh, plane_mesh
+from lidarscene.scene.meshes.primitives import box_mesh, cylinder_mesh, plane_mesh
 from lidarscene.scene.model import Ball, Body, Part
 
 GROUND = """

@@ -17,6 +17,7 @@ EXTRAS = {
     "parquet": {"pyarrow": "pyarrow"},
     "pcd": {"lzf": "python-neo-lzf"},
     "ros": {"rosbags": "rosbags"},
+    "usd": {"pxr": "usd-core"},
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},

@@ -9,9 +9,7 @@ file        `load_scene`
 tables      the tables of a scene file
 motion      motion in scene files
 poses       trajectory files
-meshes      mesh files and primitives
-mesh_cache  meshes kept as arrays between runs
+meshes/     mesh files, USD and primitives
 bare_mesh   a mesh file as a scene
-patterns    reflectivity that varies over a mesh
 foreign     scenes of trimesh and Mitsuba
 """

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,18 @@ from ..errors import InputError, OptionWarning
 from ..files.toml import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from . import meshes
+from .meshes import reading, usd
+from .meshes.axes import UNITS, Axis, Unit, axis_of, upright
 from .model import Part, Scene
 
-MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
 """Ends of the names of mesh files that may stand for a scene."""
 
 SMALLEST_M, LARGEST_M = 0.05, 2000.0
 """What is smaller or larger across is taken for a mistake of its unit: from a bottle to a quarter of a city."""
 
-UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "kilometres": 1000.0}
+NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "in", "kilometres": "km"}
+"""Units that explain a size, likeliest first."""
 
 PLAIN = "concrete"
 """Material of what has no colour of its own."""
@@ -41,9 +44,6 @@ CLEAR_M = 5.0
 ACROSS_DEG, HIGH_DEG = 60.0, 18.0
 """Angles that the mesh's near side fills at most: a little less than the field of view of Table 1."""
 
-Y_UP = (".glb", ".gltf")
-"""glTF's y axis is up (glTF 2.0, 3.4). Other formats do not say, and are taken as z up."""
-
 
 def is_mesh(path: Path) -> bool:
     """Whether this is the name of a mesh file."""
@@ -53,28 +53,47 @@ def is_mesh(path: Path) -> bool:
 def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[str, Any]:
     """Tables of a scene file for this mesh, with the overrides in it. Raises InputError.
 
-    The body is called "mesh": `bodies.mesh.scale=0.001` says that its unit is the millimetre.
+    The body is called "mesh": `bodies.mesh.unit=mm` says that its unit is the millimetre.
     """
-    pieces = meshes.read_mesh(path)
+    pieces = reading.read_mesh(path)
     corners = np.concatenate([piece.vertices_m for piece in pieces])
     plain = {key: PLAIN for piece in pieces if piece.grey is None for key in piece.keys[:1]}
-    roll_deg = 90.0 if path.suffix.lower() in Y_UP else 0.0
-    found = with_overrides(_tables(path, corners, plain, 1.0, roll_deg), overrides, option=option)
+    found = with_overrides(_tables(path, corners, plain, _Given()), overrides, option=option)
     # What the user says of unit and axis decides where the mesh and the sensor stand.
     body = found["bodies"][1]
-    scale, roll_deg = body["scale"], body["roll_deg"]
-    if not isinstance(scale, int | float) or not isinstance(roll_deg, int | float) or scale <= 0.0:
+    given = _Given(**{key: body[key] for key in ("up", "unit", "scale", "roll_deg") if key in body})
+    if not given.is_valid:
         return found  # the check of the tables says what is wrong
-    _check_unit(path, float(np.ptp(corners, axis=0).max()) * scale, scale, option)
-    return with_overrides(_tables(path, corners, plain, scale, roll_deg), overrides, option=option)
+    _check_unit(path, float(np.ptp(corners, axis=0).max()), given, option)
+    return with_overrides(_tables(path, corners, plain, given), overrides, option=option)
 
 
-def _tables(
-    path: Path, corners: Numbers, plain: dict[str, str], scale: float, roll_deg: float
-) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What may be said of the mesh, before any check."""
+
+    up: Any = None
+    unit: Any = "m"
+    scale: Any = 1.0
+    roll_deg: Any = 0.0
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the mesh can be placed by it."""
+        numbers = isinstance(self.scale, int | float) and isinstance(self.roll_deg, int | float)
+        return numbers and self.scale > 0.0 and self.unit in UNITS and self.up in (None, "x", "y", "z")
+
+    @property
+    def metres(self) -> float:
+        """Of a length of 1 in the file."""
+        return float(self.scale * UNITS[self.unit])
+
+
+def _tables(path: Path, corners: Numbers, plain: dict[str, str], given: _Given) -> dict[str, Any]:
     """The ground at z = 0, the mesh on it around the origin, and the sensor that looks along x at its middle."""
-    turned = Pose.from_degrees(roll_deg=roll_deg).apply(corners)
-    low, high = turned.min(axis=0) * scale, turned.max(axis=0) * scale
+    up = given.up or axis_of(path) or "z"
+    turned = Pose.from_degrees(roll_deg=given.roll_deg).apply(upright(corners, up)) * given.metres
+    low, high = turned.min(axis=0), turned.max(axis=0)
     middle, size = (low + high) / 2.0, high - low
     fits = (
         size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)
@@ -100,26 +119,33 @@ def _tables(
                 "class": "object",
                 "mesh": path.name,
                 "materials": plain,
-                "scale": scale,
-                "roll_deg": roll_deg,
+                "unit": given.unit,
+                "up": up,
+                "scale": given.scale,
+                "roll_deg": given.roll_deg,
                 "position_m": [-float(middle[0]), -float(middle[1]), -float(low[2])],
             },
         ],
     }
 
 
-def _check_unit(path: Path, across_m: float, scale: float, option: str) -> None:
-    """Refuse what a wrong unit explains better. Raises InputError."""
+def _check_unit(path: Path, across: float, given: _Given, option: str) -> None:
+    """Refuse what a wrong unit explains better. Raises InputError.
+
+    across  in the file's own lengths
+    """
+    across_m = across * given.metres
     if SMALLEST_M <= across_m <= LARGEST_M:
         return
-    fits = [(unit, m) for unit, m in UNITS.items() if SMALLEST_M * 4 <= across_m / scale * m <= LARGEST_M / 4]
-    hint = f"; if its unit is {fits[0][0]}, add {option} bodies.mesh.scale={fits[0][1]:g}" if fits else ""
+    sizes = {unit: across * given.scale * UNITS[unit] for unit in NAMES.values()}
+    fits = [name for name, unit in NAMES.items() if SMALLEST_M * 4 <= sizes[unit] <= LARGEST_M / 4]
+    hint = f"; if its unit is {fits[0]}, add {option} bodies.mesh.unit={NAMES[fits[0]]}" if fits else ""
     raise InputError(
         f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}"
     )
 
 
-def tell_of_bare_mesh(path: Path, scene: Scene) -> None:
+def tell_of_bare_mesh(path: Path, scene: Scene, *, up: Axis) -> None:
     """Warn of what is assumed."""
     body = next(body for body in scene.bodies if body.name == "mesh")
     corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])
@@ -134,7 +160,7 @@ def tell_of_bare_mesh(path: Path, scene: Scene) -> None:
             scene.sun.illuminance_klux,
             float(np.hypot(*scene.sensor_pose.position_m[:2])),
             float(scene.sensor_pose.position_m[2]),
-            "y" if path.suffix.lower() in Y_UP else "z",
+            up,
         ),
         stacklevel=3,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,17 +19,19 @@ from typing import Any, cast
 import numpy as np
 
 from .. import catalog
-from ..errors import InputError
+from ..errors import InputError, OptionWarning
 from ..files.toml import Overrides, assignments, read_toml, validated, with_overrides
 from ..materials import catalogue
 from ..materials.material import Material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
-from . import meshes, patterns
 from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
-from .mesh_cache import SubMesh
+from .meshes import patterns, primitives, reading
+from .meshes.axes import UNITS, Axis, axis_of, upright
+from .meshes.cache import SubMesh
+from .meshes.usd import is_usd
 from .model import Ball, Body, Part, Scene
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -77,9 +80,10 @@ def load_scene(
         _refuse([name for name in given if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(given, str(path))
-    made = scene_from_model(scene_model(path, overrides=changes), path=path)
+    model = scene_model(path, overrides=changes)
+    made = scene_from_model(model, path=path)
     if is_mesh(path):
-        tell_of_bare_mesh(path, made)
+        tell_of_bare_mesh(path, made, up=model.bodies[1].up or "z")
     return made
 
 
@@ -141,7 +145,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
 def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """A scene from a checked scene file that lies at ``path``."""
     surfaces = _Surfaces(file)
-    reader = functools.cache(meshes.read_mesh)
+    reader = functools.cache(reading.read_mesh)
     ego = None
     if file.ego is not None:
         ego = file.ego.motion(file.ego.pose(), folder=path.parent, where=f"{path}: ego")
@@ -199,7 +203,7 @@ class _Surfaces:
 
     def add_grey(self, name: str, grey: float) -> str:
         """Add a mesh file's own colour as a diffuse material, and return its name."""
-        self.materials[name] = meshes.grey_material(name, grey)
+        self.materials[name] = reading.grey_material(name, grey)
         return name
 
 
@@ -267,11 +271,11 @@ def _parts(
     if body.primitive == "sphere":
         return (Ball(radius_m=radius_m, material=material),)
     if body.primitive == "plane":
-        vertices, faces = meshes.plane_mesh(size_m=cast(tuple[float, float], size_m))
+        vertices, faces = primitives.plane_mesh(size_m=cast(tuple[float, float], size_m))
     elif body.primitive == "box":
-        vertices, faces = meshes.box_mesh(size_m=cast(tuple[float, float, float], size_m))
+        vertices, faces = primitives.box_mesh(size_m=cast(tuple[float, float, float], size_m))
     else:
-        vertices, faces = meshes.cylinder_mesh(radius_m=radius_m, height_m=height_m)
+        vertices, faces = primitives.cylinder_mesh(radius_m=radius_m, height_m=height_m)
     return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
 
 
@@ -289,13 +293,34 @@ def _mesh_parts(
             f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
         )
     named = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
+    up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
-            vertices_m=piece.vertices_m * body.scale, faces=piece.faces, material=material, name=piece.keys[0],
-            pattern=pattern,
+            vertices_m=upright(piece.vertices_m, up) * scale, faces=piece.faces, material=material,
+            name=piece.keys[0], pattern=pattern,
         )
         for (piece, material), pattern in zip(named, _patterns(named, body, where, surfaces), strict=True)
     )  # fmt: skip
+
+
+def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
+    """Axis that points up in the body's mesh file, and what its lengths are multiplied by. Raises InputError."""
+    own = axis_of(path)
+    said = [key for key in ("unit", "up") if getattr(body, key) is not None]
+    if said and is_usd(path) and (body.unit, body.up) != ("m", "z"):
+        raise InputError(
+            f"{where}.{said[0]}: must be left out, since a USD stage says it, got {getattr(body, said[0])}"
+        )
+    if own is not None and body.up is None and abs(abs(body.roll_deg) - 90.0) < 1.0:
+        warnings.warn(
+            OptionWarning(
+                "{0}: {1} is {2} up by its standard and is set upright by itself, and roll_deg turns it once more: "
+                "leave roll_deg out, or say up = \"z\"",
+                where, path.name, own,
+            ),
+            stacklevel=2,
+        )  # fmt: skip
+    return body.up or own or "z", body.scale * UNITS[body.unit or "m"]
 
 
 def _patterns(

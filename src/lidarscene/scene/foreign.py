@@ -13,8 +13,8 @@ from ..errors import InputError
 from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials import catalogue
 from ..materials.material import Material
-from .mesh_cache import SubMesh
-from .meshes import checked, grey_material, pieces_of
+from .meshes.cache import SubMesh
+from .meshes.reading import checked, grey_material, pieces_of
 from .model import Body, Part, Scene
 
 Given = str | Material

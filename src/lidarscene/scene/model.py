@@ -21,7 +21,7 @@ from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
 from ..maths.units import Key, Quantity
 from ..physics.optics import air
-from .patterns import Pattern
+from .meshes.patterns import Pattern
 from .weather import Weather
 
 

@@ -19,6 +19,7 @@ from ..files.toml import FileModel
 from ..materials.file import MaterialFile
 from ..maths.units import si
 from ..sensor.file import PoseFile, Turned, Vector
+from .meshes.axes import Axis, Unit
 from .model import Air, Interferer, Sky, Sun, View
 from .motion import BodyMotionFile, EgoFile
 from .weather import Weather
@@ -155,6 +156,10 @@ class BodyFile(PoseFile):
     pattern: Literal["reflectivity", "colour"] | None = Field(
         default=None, description="what of the mesh file varies the reflectivity of its diffuse parts"
     )
+    unit: Unit | None = Field(default=None, description="of the mesh file's lengths; metres if left out")
+    up: Axis | None = Field(
+        default=None, description="axis of the mesh file that points up; if left out y for glTF, z for others"
+    )
     scale: Length = 1.0
     motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
     instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
@@ -172,6 +177,9 @@ class BodyFile(PoseFile):
         length = _LENGTHS.get(self.primitive or "")
         if length and len(self.size_m or ()) != length:
             raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
+        axes = [key for key in ("unit", "up") if getattr(self, key) is not None]
+        if self.primitive and axes:
+            raise ValueError(f"{axes[0]} is for meshes, {shape} has none")
         if self.primitive and self.pattern:
             raise ValueError(f"pattern is for meshes, {shape} has none")
         if self.primitive and self.material is None:

@@ -10,7 +10,7 @@ from helpers import chain, launches
 from lidarscene.errors import InputError
 from lidarscene.kernel.world.build import build_world
 from lidarscene.materials.material import Material, Spectrum
-from lidarscene.scene.patterns import Pattern
+from lidarscene.scene.meshes.patterns import Pattern
 
 pytestmark = pytest.mark.usefixtures("mi")
 

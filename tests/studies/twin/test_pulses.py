@@ -16,7 +16,7 @@ from lidarscene.recordings.sweep import Sweep
 from lidarscene.recordings.units.written import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.file import load_scene
-from lidarscene.scene.meshes import plane_mesh
+from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.model import Body, Part, Scene, Sun
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...materials.colour import reflectivity_by_colour
 from ...maths.arrays import Numbers
 from ...physics.optics import reflection
-from ...scene.patterns import Pattern
+from ...scene.meshes.patterns import Pattern
 from ..device.backend import mitsuba
 
 ATTRIBUTE = "vertex_reflectivity"

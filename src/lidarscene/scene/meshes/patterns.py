@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import InputError
-from ..maths.arrays import Numbers, frozen
+from ...errors import InputError
+from ...maths.arrays import Numbers, frozen
 
 Kind = Literal["reflectivity", "colour"]
 

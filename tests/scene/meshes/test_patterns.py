@@ -8,9 +8,9 @@ import trimesh
 from PIL import Image
 
 from lidarscene.errors import InputError
-from lidarscene.scene import patterns
 from lidarscene.scene.file import load_scene
-from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.meshes import patterns
+from lidarscene.scene.meshes.reading import read_mesh
 
 CORNERS = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
 FACES = [[0, 1, 2], [0, 2, 3]]

@@ -2,8 +2,9 @@
 
 Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
 content, the way it is read and the version of trimesh, so it is never out of date. Only files that refer to no others
-are cached. The cache is in `LIDARSCENE_CACHE`, else in the user's cache folder; an empty `LIDARSCENE_CACHE` turns it
-off. Any failure of the cache means that the mesh is read from its file.
+are cached, and OBJ files, whose materials' files are hashed with them. The cache is in `LIDARSCENE_CACHE`, else in the
+user's cache folder; an empty `LIDARSCENE_CACHE` turns it off. Beyond `LARGEST_BYTES` those entries go that were not
+used for longest. Any failure of the cache means that the mesh is read from its file.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
@@ -19,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import OutputError
-from ..files.atomic import atomic_output
-from ..maths.arrays import Numbers
+from ...errors import OutputError
+from ...files.atomic import atomic_output
+from ...maths.arrays import Numbers
 from .patterns import Pattern
 
 
@@ -44,6 +46,9 @@ class SubMesh:
 
 VARIABLE = "LIDARSCENE_CACHE"
 
+LARGEST_BYTES = 2 << 30
+"""Of all entries together: some 30 million triangles."""
+
 _LAYOUT = 1
 """Version of an entry's layout; a new number invalidates all old entries."""
 
@@ -54,10 +59,14 @@ def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
     if entry is None:
         return read()
     with suppress(Exception):  # a missing, damaged or foreign entry counts as none
-        return _load(entry)
+        pieces = _load(entry)
+        with suppress(OSError):  # a folder that may only be read
+            os.utime(entry)  # when it was used last
+        return pieces
     pieces = read()
     with suppress(OSError, OutputError):
         _save(entry, pieces)
+        _forget(entry)
     return pieces
 
 
@@ -75,16 +84,42 @@ def folder() -> Path | None:
 def _entry(path: Path) -> Path | None:
     """Path of the file's entry, or None if it cannot have one."""
     where, suffix = folder(), path.suffix.lower()
-    if where is None or suffix not in (".glb", ".ply", ".stl", ".off"):
+    if where is None or suffix not in (".glb", ".ply", ".stl", ".off", ".obj"):
         return None
     try:
         content = path.read_bytes()
+        if suffix == ".glb" and b'"uri"' in content:  # refers to another file
+            return None
+        how = hashlib.sha256(f"{_LAYOUT} {metadata.version('trimesh')} {suffix}".encode())
+        for one in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
+            how.update(hashlib.sha256(one).digest())
     except OSError:
         return None
-    if suffix == ".glb" and b'"uri"' in content:  # refers to another file
-        return None
-    how = f"{_LAYOUT} {metadata.version('trimesh')} {suffix}".encode()
-    return where / f"{hashlib.sha256(how + content).hexdigest()}.npz"
+    return where / f"{how.hexdigest()}.npz"
+
+
+def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
+    """What the files hold in which an OBJ file's materials are; of those that are missing, nothing."""
+    for names in re.findall(rb"^\s*mtllib[ \t]+(.*?)\s*$", obj, re.MULTILINE):
+        # Several names, or one with spaces in it.
+        for name in dict.fromkeys((names, *names.split())):
+            with suppress(FileNotFoundError, ValueError):
+                yield name + b"\n" + (folder / os.fsdecode(name)).read_bytes()
+
+
+def _forget(newest: Path) -> None:
+    """Remove the entries that were not used for longest, until the others fit into `LARGEST_BYTES`."""
+    entries = []
+    for entry in newest.parent.glob("*.npz"):
+        with suppress(FileNotFoundError):  # another process removes, too
+            about = entry.stat()
+            entries.append((entry == newest, about.st_mtime_ns, about.st_size, entry))
+    size = sum(one[2] for one in entries)
+    for is_newest, _, own, entry in sorted(entries):
+        if size <= LARGEST_BYTES or is_newest:
+            return
+        entry.unlink(missing_ok=True)
+        size -= own
 
 
 def _save(entry: Path, pieces: list[SubMesh]) -> None:

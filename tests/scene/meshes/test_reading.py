@@ -1,4 +1,4 @@
-"""Meshes: every format, its pieces and transforms; primitives closed, outward and of exact size."""
+"""Mesh files: every format, its pieces and transforms."""
 
 import json
 from pathlib import Path
@@ -9,8 +9,7 @@ import pytest
 import trimesh
 
 from lidarscene.errors import InputError
-from lidarscene.scene import meshes
-from lidarscene.scene.meshes import read_mesh
+from lidarscene.scene.meshes.reading import read_mesh
 
 PENTAGON = """ply
 format ascii 1.0
@@ -124,7 +123,9 @@ def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
     """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
-    done = run_python(f"from lidarscene.scene.meshes import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
+    done = run_python(
+        f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))"
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -135,42 +136,3 @@ def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "a.gltf").read_text())["buffers"]
     with pytest.raises(InputError, match=r"a\.gltf: cannot be read as a mesh: "):
         read_mesh(tmp_path / "a.gltf")
-
-
-SOLIDS = {
-    "box": (meshes.box_mesh(size_m=(1.0, 2.0, 3.0)), (1, 2, 3), 6.0),
-    "long box": (meshes.box_mesh(size_m=(50.0, 0.3, 33.3)), (50, 0.3, 33.3), 50 * 0.3 * 33.3),
-    "cylinder": (meshes.cylinder_mesh(radius_m=0.5, height_m=2.0), (1, 1, 2), np.pi / 2),
-    "tall cylinder": (meshes.cylinder_mesh(radius_m=2.0, height_m=40.0), (4, 4, 40), np.pi * 160),
-}
-
-
-@pytest.mark.parametrize("name", SOLIDS)
-def test_solids_are_closed_outward_and_of_exact_size(name: str) -> None:
-    """Volume: exact for boxes; a cylinder's 64 flats enclose sin(2 pi / 64) / (2 pi / 64) of the circle."""
-    (vertices, faces), size_m, volume_m3 = SOLIDS[name]
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    assert mesh.is_watertight
-    assert mesh.is_winding_consistent
-    step = 2 * np.pi / 64
-    expected = volume_m3 * (np.sin(step) / step if "cylinder" in name else 1.0)
-    assert mesh.volume == pytest.approx(expected, rel=1e-12)
-    np.testing.assert_allclose(mesh.bounds, np.array([[-0.5], [0.5]]) * size_m, rtol=1e-15)
-    assert mesh.area_faces.min() > 0
-
-
-@pytest.mark.parametrize("size_m", [(1.0, 2.0), (100.0, 7.0)])
-def test_plane_faces_up(size_m: tuple[float, float]) -> None:
-    vertices, faces = meshes.plane_mesh(size_m=size_m)
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    np.testing.assert_allclose(mesh.face_normals, np.tile([0.0, 0.0, 1.0], (len(faces), 1)), atol=1e-15)
-    np.testing.assert_allclose(
-        mesh.bounds, [[-size_m[0] / 2, -size_m[1] / 2, 0], [size_m[0] / 2, size_m[1] / 2, 0]]
-    )
-    assert mesh.area == pytest.approx(size_m[0] * size_m[1])
-
-
-def test_large_primitives_are_cut_but_not_without_end() -> None:
-    vertices, faces = meshes.plane_mesh(size_m=(100.0, 7.0))
-    assert np.ptp(vertices[faces], axis=1).max() <= meshes.LARGEST_EDGE_M
-    assert len(meshes.plane_mesh(size_m=(1e6, 1.0))[1]) == 2 * meshes.MOST_CUTS

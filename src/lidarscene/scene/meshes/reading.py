@@ -1,4 +1,4 @@
-"""Mesh files in (any that trimesh reads), and primitives, as vertices and faces in float64 metres.
+"""Mesh files in (any that trimesh reads, and USD), as vertices and faces in float64, in the file's own lengths.
 
 trimesh is kept from changing what the file says: it would merge vertices, reorder faces and forget material names, on
 which labels and materials depend.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import logging
-import math
 import re
 import warnings
 import zipfile
@@ -18,19 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files.inputs import require_archive, require_file
-from ..materials.material import Material, Spectrum
-from ..maths.arrays import Numbers
+from ...errors import InputError, LidarSceneError
+from ...files.inputs import require_archive, require_file
+from ...materials.material import Material, Spectrum
 from . import patterns
-from .mesh_cache import SubMesh, cached
-
-LARGEST_EDGE_M = 16.0
-"""Longest edge of a primitive's triangles, along an axis. The single-precision error of a hit grows with the triangle:
-6e-6 of a 2 m range on a triangle of 1 km, 6e-7 on one of 20 m."""
-
-MOST_CUTS = 512
-"""Most cuts along an axis; beyond it, on planes of more than 8 km, triangles grow instead."""
+from .cache import SubMesh, cached
+from .usd import is_usd, read_usd
 
 
 def read_mesh(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
@@ -71,6 +63,12 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
     """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
+            if is_usd(path):
+                if pattern is not None:
+                    raise InputError(
+                        "pattern: must be left out with USD, whose colours are not read by vertex or texture"
+                    )
+                return read_usd(path)
             warnings.simplefilter("ignore")
             loaded = _loaded(path)
             pieces = pieces_of(loaded)
@@ -83,6 +81,8 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
             ]
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    except LidarSceneError:
+        raise
     except Exception as error:
         # trimesh's readers raise whatever their parsers raise; all of it means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -173,72 +173,6 @@ def _grey(material: Any) -> float | None:
         return None
     rgb = np.asarray(colour[:3], dtype=np.float64)
     return float(np.clip(rgb.mean() / 255.0, 0.0, 1.0))
-
-
-def _cuts(length_m: float) -> int:
-    """Number of pieces into which a length is cut."""
-    return min(max(1, math.ceil(length_m / LARGEST_EDGE_M)), MOST_CUTS)
-
-
-def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Numbers, Numbers]:
-    """Rectangle in its xy plane, normal +z, centred: vertices (v, 3) and faces (f, 3)."""
-    nx, ny = (_cuts(s) for s in size_m)
-    x, y = np.linspace(-0.5, 0.5, nx + 1) * size_m[0], np.linspace(-0.5, 0.5, ny + 1) * size_m[1]
-    gx, gy = np.meshgrid(x, y, indexing="ij")
-    vertices = np.stack([gx.ravel(), gy.ravel(), np.zeros(gx.size)], axis=1)
-    i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
-    corner = (i * (ny + 1) + j).ravel()
-    a, b, c, d = corner, corner + ny + 1, corner + ny + 2, corner + 1
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return vertices, faces
-
-
-def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Numbers, Numbers]:
-    """Closed box centred on the origin, normals outward: vertices and faces."""
-    parts = []
-    for axis in range(3):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        flat, faces = plane_mesh(size_m=(size_m[u], size_m[v]))
-        for sign in (1.0, -1.0):
-            vertices = np.zeros_like(flat)
-            vertices[:, [u, v]], vertices[:, axis] = flat[:, :2], sign * size_m[axis] / 2
-            parts.append((vertices, faces if sign > 0 else faces[:, ::-1]))
-    return _welded(*joined(parts))
-
-
-def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Numbers, Numbers]:
-    """Closed cylinder about z, centred, with ``sections`` flat sides (64: 0.12 % of the radius off a circle)."""
-    rings = _cuts(height_m)
-    angle = np.arange(sections) * (2.0 * np.pi / sections)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius_m
-    heights = np.linspace(-0.5, 0.5, rings + 1) * height_m
-    side = np.concatenate([np.column_stack([circle, np.full(sections, z)]) for z in heights])
-    here = np.arange(sections)
-    following = (here + 1) % sections
-    faces = []
-    for ring in range(rings):
-        low, high = ring * sections, (ring + 1) * sections
-        faces.append(np.stack([low + here, low + following, high + following], axis=1))
-        faces.append(np.stack([low + here, high + following, high + here], axis=1))
-    centres = np.array([[0.0, 0.0, heights[0]], [0.0, 0.0, heights[-1]]])
-    bottom, top, last = len(side), len(side) + 1, rings * sections
-    faces.append(np.stack([np.full(sections, bottom), following, here], axis=1))
-    faces.append(np.stack([np.full(sections, top), last + here, last + following], axis=1))
-    return np.concatenate([side, centres]), np.concatenate(faces)
-
-
-def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
-    """Several (vertices, faces) as one mesh."""
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
-    vertices = np.concatenate([vertices for vertices, _ in parts])
-    faces = np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)])
-    return vertices, faces
-
-
-def _welded(vertices: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
-    """The same mesh with equal vertices merged."""
-    unique, index = np.unique(vertices, axis=0, return_inverse=True)
-    return unique, index.reshape(-1)[faces]
 
 
 def grey_material(name: str, grey: float) -> Material:

@@ -1,0 +1,41 @@
+"""Units and axes of mesh files: what a file means by a length and by up, and its vertices in metres, z up.
+
+Of the formats that trimesh reads only glTF says both: metres, y up (glTF 2.0, 3.4). OBJ, STL, PLY and OFF say
+neither: a scene file can (`unit`, `up`), and metres with z up are taken otherwise.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+
+Axis = Literal["x", "y", "z"]
+Unit = Literal["m", "mm", "cm", "km", "in", "ft"]
+
+UNITS: dict[Unit, float] = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+"""Metres of each unit; inch and foot by the international yard of 1959."""
+
+_Y_UP = (".glb", ".gltf")
+
+
+def axis_of(path: Path) -> Axis | None:
+    """The axis that points up by the standard of the file's format; None: it has no such standard."""
+    return "y" if path.suffix.lower() in _Y_UP else None
+
+
+def upright(vertices: Numbers, up: Axis) -> Numbers:
+    """(v, 3) vertices turned so that the axis ``up`` becomes z; exactly, since only places and signs change.
+
+    From y the turn is by 90 degrees around x, so that x stays x: Blender's export of a z-up model and this are each
+    other's inverse. From x it is by -90 degrees around y.
+    """
+    x, y, z = vertices.T
+    if up == "y":
+        return np.stack([x, -z, y], axis=1)
+    if up == "x":
+        return np.stack([-z, y, x], axis=1)
+    return vertices

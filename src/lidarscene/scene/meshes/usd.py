@@ -1,0 +1,230 @@
+"""USD stages (Omniverse, Isaac Sim, Blender, Houdini) as pieces of meshes, in metres and z up.
+
+A stage says its unit and its axis, so nothing is left to the scene file. Its library is `usd-core`, an optional
+package. Read are meshes (the control cage of subdivision surfaces), the solids that USD has, instances and point
+instancers, as they are at the stage's first time. What is invisible, or a guide or a proxy, is left out.
+
+Symbols: v vertices, f triangles.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError, OptionWarning
+from ...files.optional import optional
+from ...maths.arrays import Numbers
+from .axes import upright
+from .cache import SubMesh
+
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+_LEFT_OUT = ("guide", "proxy")
+
+
+def is_usd(path: Path) -> bool:
+    """Whether this is the name of a USD file."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_usd(path: Path) -> list[SubMesh]:
+    """All pieces of a stage, one for each material of a prim. Raises InputError; LidarSceneError without usd-core.
+
+    Their keys are the names of material and prim, and the prim's path.
+    """
+    pxr = optional("pxr", extra="usd")
+    for name in ("Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
+        optional(f"pxr.{name}", extra="usd")
+    # USD prints what it does not find; told to this object it is quiet.
+    told = pxr.UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        stage = pxr.Usd.Stage.Open(str(path))
+        reader = _Reader(pxr, stage, path)
+        pieces = list(reader.under(stage.GetPseudoRoot(), np.eye(4)))
+    except pxr.Tf.ErrorException as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"cannot be read as a USD stage: {reason}") from None
+    missing = [one for one in told.TakeUncoalescedDiagnostics() if "Could not open asset" in one.commentary]
+    if missing:
+        raise InputError(f"refers to what cannot be read: {' '.join(missing[0].commentary.split())[:200]}")
+    return pieces
+
+
+class _Reader:
+    """One stage while it is read."""
+
+    def __init__(self, pxr: Any, stage: Any, path: Path) -> None:
+        self._pxr = pxr
+        self._time = pxr.Usd.TimeCode.EarliestTime()
+        self._up = str(pxr.UsdGeom.GetStageUpAxis(stage)).lower()
+        self._metres = float(pxr.UsdGeom.GetStageMetersPerUnit(stage))
+        self._kinds = {
+            "Mesh": self._mesh, "Cube": self._cube, "Plane": self._plane, "Sphere": self._sphere,
+            "Cylinder": self._round, "Cone": self._round, "Capsule": self._round,
+        }  # fmt: skip
+        if not pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+            warnings.warn(
+                OptionWarning(
+                    "{0}: says no metersPerUnit, which makes its unit the centimetre by USD's standard; "
+                    "scale = 100 in the scene file makes it the metre",
+                    path,
+                ),
+                stacklevel=2,
+            )
+
+    def under(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
+        """The pieces of a prim and of all below it.
+
+        placed  (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
+        """
+        pxr = self._pxr
+        prims = iter(pxr.Usd.PrimRange(root, pxr.Usd.TraverseInstanceProxies(pxr.Usd.PrimDefaultPredicate)))
+        frames = {root.GetParent().GetPath(): placed} if root.GetParent() else {}
+        for prim in prims:
+            if not prim.IsA(pxr.UsdGeom.Imageable):
+                frames[prim.GetPath()] = (
+                    frames.get(prim.GetParent().GetPath(), placed) if prim.GetParent() else placed
+                )
+                continue
+            imageable = pxr.UsdGeom.Imageable(prim)
+            # What hides is inherited by all below, and so is the purpose of most stages.
+            hidden = imageable.GetVisibilityAttr().Get(self._time) == "invisible"
+            if hidden or imageable.ComputePurpose() in _LEFT_OUT:
+                prims.PruneChildren()
+                continue
+            frame = frames.get(prim.GetParent().GetPath(), placed)
+            if prim.IsA(pxr.UsdGeom.Xformable):
+                xformable = pxr.UsdGeom.Xformable(prim)
+                own = np.array(xformable.GetLocalTransformation(self._time))
+                frame = own if xformable.GetResetXformStack() else own @ frame
+            frames[prim.GetPath()] = frame
+            if prim.IsA(pxr.UsdGeom.PointInstancer):
+                prims.PruneChildren()  # its prototypes are seen where its points are
+                yield from self._instances(pxr.UsdGeom.PointInstancer(prim), frame)
+            elif str(prim.GetTypeName()) in self._kinds:
+                yield from self._pieces(prim, frame)
+
+    def _instances(self, instancer: Any, frame: Numbers) -> Iterator[SubMesh]:
+        prototypes = [
+            instancer.GetPrim().GetStage().GetPrimAtPath(one)
+            for one in instancer.GetPrototypesRel().GetTargets()
+        ]
+        numbers = instancer.GetProtoIndicesAttr().Get(self._time) or ()
+        # With the prototype's own transform, its last; invisible points are masked.
+        transforms = instancer.ComputeInstanceTransformsAtTime(
+            self._time, self._time, instancer.ExcludeProtoXform, instancer.ApplyMask
+        )
+        kept = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
+        numbers = [number for number, is_kept in zip(numbers, kept, strict=True) if is_kept]
+        for number, transform in zip(numbers, transforms, strict=True):
+            yield from self.under(prototypes[number], np.array(transform) @ frame)
+
+    def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:
+        """One piece for each material of a prim that has a shape."""
+        vertices, faces, face_of = self._kinds[str(prim.GetTypeName())](prim)
+        placed = vertices @ frame[:3, :3] + frame[3, :3]
+        placed = upright(placed, self._up) * self._metres  # type: ignore[arg-type]
+        binding = self._pxr.UsdShade.MaterialBindingAPI(prim)
+        left = np.ones(len(faces), dtype=bool)
+        for subset in binding.GetMaterialBindSubsets():
+            here = np.isin(face_of, np.asarray(subset.GetIndicesAttr().Get(self._time) or ())) & left
+            left &= ~here
+            yield self._piece(subset.GetPrim(), prim, placed, faces[here])
+        if left.any():
+            yield self._piece(prim, prim, placed, faces[left])
+
+    def _piece(self, bound: Any, prim: Any, vertices: Numbers, faces: Numbers) -> SubMesh:
+        """A piece with the names and the colour of the material that is bound to ``bound``."""
+        material = self._pxr.UsdShade.MaterialBindingAPI(bound).ComputeBoundMaterial()[0]
+        name = material.GetPrim().GetName() if material else ""
+        used, places = np.unique(faces, return_inverse=True)
+        return SubMesh(
+            vertices_m=vertices[used],
+            faces=places.reshape(-1, 3),
+            keys=tuple(key for key in dict.fromkeys((name, prim.GetName(), str(prim.GetPath()))) if key),
+            grey=self._grey(material, prim),
+        )
+
+    def _grey(self, material: Any, prim: Any) -> float | None:
+        """Mean of the base colour in linear light: of the material's preview, else of the prim; None: neither."""
+        colour = None
+        if material:
+            shader = material.ComputeSurfaceSource()[0]
+            given = shader.GetInput("diffuseColor") if shader else None
+            if given and not given.HasConnectedSource():
+                colour = given.Get(self._time)
+        if colour is None:
+            shown = self._pxr.UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
+            values = shown.Get(self._time) if shown else None
+            colour = values[0] if values is not None and len(values) == 1 else None
+        return None if colour is None else float(np.clip(np.mean(colour), 0.0, 1.0))
+
+    # Each gives vertices (v, 3) in the prim's frame, triangles (f, 3), and the face of the prim of each, (f,).
+
+    def _mesh(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        mesh = self._pxr.UsdGeom.Mesh(prim)
+        points = np.asarray(mesh.GetPointsAttr().Get(self._time) or (), dtype=np.float64).reshape(-1, 3)
+        counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(self._time) or (), dtype=np.int64)
+        corners = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(self._time) or (), dtype=np.int64)
+        holes = mesh.GetHoleIndicesAttr().Get(self._time) or ()
+        if counts.sum() != len(corners) or (
+            len(corners) and not 0 <= corners.min() <= corners.max() < len(points)
+        ):
+            raise InputError(f"{prim.GetPath()}: its faces do not fit its points")
+        # A polygon of n corners is a fan of n - 2 triangles around its first.
+        starts = np.cumsum(counts) - counts
+        fans = np.maximum(counts - 2, 0) * ~np.isin(np.arange(len(counts)), np.asarray(holes))
+        face_of = np.repeat(np.arange(len(counts)), fans)
+        step = np.arange(len(face_of)) - np.repeat(np.cumsum(fans) - fans, fans)
+        first = starts[face_of]
+        faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
+        return points, faces, face_of
+
+    def _cube(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        import trimesh
+
+        size = float(self._pxr.UsdGeom.Cube(prim).GetSizeAttr().Get(self._time))
+        return _whole(trimesh.creation.box((size,) * 3))
+
+    def _plane(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        plane = self._pxr.UsdGeom.Plane(prim)
+        width, length = (float(a.Get(self._time)) for a in (plane.GetWidthAttr(), plane.GetLengthAttr()))
+        u, v = np.array([-1.0, 1.0, 1.0, -1.0]) * width / 2.0, np.array([-1.0, -1.0, 1.0, 1.0]) * length / 2.0
+        zero = np.zeros(4)
+        # The width of a plane across x is along z, that of any other along x; across y its length is along z.
+        axes = {"X": (zero, v, u), "Y": (u, zero, v), "Z": (u, v, zero)}
+        corners = np.stack(axes[str(plane.GetAxisAttr().Get(self._time))], axis=1)
+        return corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64)
+
+    def _sphere(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        import trimesh
+
+        radius = float(self._pxr.UsdGeom.Sphere(prim).GetRadiusAttr().Get(self._time))
+        return _whole(trimesh.creation.icosphere(subdivisions=4, radius=radius))
+
+    def _round(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        """A cylinder, cone or capsule about one of its axes, centred."""
+        import trimesh
+
+        kind = str(prim.GetTypeName())
+        shape = getattr(self._pxr.UsdGeom, kind)(prim)
+        height, radius = (float(a.Get(self._time)) for a in (shape.GetHeightAttr(), shape.GetRadiusAttr()))
+        if kind == "Capsule":
+            made = trimesh.creation.capsule(height=height, radius=radius, count=[64, 64])
+        else:
+            made = getattr(trimesh.creation, kind.lower())(radius=radius, height=height, sections=64)
+        # trimesh stands a cone on the origin.
+        vertices = made.vertices - made.bounds.mean(axis=0)
+        # From along z to along the axis that is asked for.
+        turned = np.roll(vertices, {"X": 1, "Y": 2, "Z": 0}[str(shape.GetAxisAttr().Get(self._time))], axis=1)
+        return turned, np.asarray(made.faces), np.zeros(len(made.faces), dtype=np.int64)
+
+
+def _whole(mesh: Any) -> tuple[Numbers, Numbers, Numbers]:
+    """A solid, whose faces are all one."""
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.zeros(len(mesh.faces), dtype=np.int64)
