@@ -10,7 +10,7 @@ from helpers import street
 
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.files import png
+from lidarscene.files.encodings import png
 from lidarscene.outputs.range_image import images, write_range_image
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ..files.encodings.png import encoded
 from ..files.open3d import open3d
 from ..files.optional import optional
-from ..files.png import encoded
 from ..formats.columns import Cloud
 from .pixels import camera_for, coloured, lit, splat
 

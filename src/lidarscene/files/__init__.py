@@ -6,12 +6,11 @@ key, and optional packages that are imported when they are first needed, with a 
 atomic    output that appears whole or not at all
 toml      TOML files as checked models
 table     models of tables whose keys a dataclass declares
-csv       CSV files with a line of column names
-png       PNG files
-protobuf  Protocol Buffers on the wire
 spool     rows that wait on disk to be read again
+cache     where files are kept between runs
 facts     a few facts of an object, for a prompt and a notebook
 optional  optional packages, or what to install
 open3d    Open3D
 pvlib     pvlib: standard spectra, position of the sun
+encodings/  CSV with a line of names, PNG, Protocol Buffers
 """

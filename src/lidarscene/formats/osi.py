@@ -17,7 +17,7 @@ import struct
 import numpy as np
 
 from ..files.atomic import atomic_output
-from ..files.protobuf import double, double_rows, joined, message, message_rows, number, number_rows
+from ..files.encodings.protobuf import double, double_rows, joined, message, message_rows, number, number_rows
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..files.protobuf import message, number
+from ..files.encodings.protobuf import message, number
 from ..formats.osi import placed, timestamp, trace_file, vector, version
 from .boxes import Box
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..cloud.pixels import NOTHING, cells_of_beams
 from ..detection.sampled_waveforms import Waveforms
 from ..files.atomic import atomic_output
-from ..files.png import encoded
+from ..files.encodings.png import encoded
 from ..maths.arrays import Numbers
 from ..sensor.model import Sensor
 

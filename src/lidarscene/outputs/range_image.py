@@ -20,7 +20,7 @@ from ..cloud.pixels import NOTHING, cells_of
 from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
-from ..files.png import encoded
+from ..files.encodings.png import encoded
 from ..formats.described import unit_of
 from ..maths.arrays import Numbers
 

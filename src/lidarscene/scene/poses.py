@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files.csv import read_columns
+from ..files.encodings.csv import read_columns
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose, rotation_numbers

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files.csv import read_columns
+from ..files.encodings.csv import read_columns
 from ..files.inputs import require_archive, require_file
 from ..maths.arrays import Numbers
 from ..scan import Pattern

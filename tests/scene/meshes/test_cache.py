@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from lidarscene.files.cache import VARIABLE, cache_folder
 from lidarscene.scene.meshes import cache as mesh_cache
 from lidarscene.scene.meshes import reading
 from lidarscene.scene.meshes.cache import SubMesh
@@ -28,7 +29,7 @@ print(json.dumps(["trimesh" in sys.modules, sum(len(p.faces) for p in pieces)]))
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(mesh_cache.VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache" / "meshes"
 
 
@@ -48,9 +49,7 @@ def test_the_cache_gives_what_the_file_gives(cache: Path, monkeypatch: pytest.Mo
 
 def test_a_warm_start_needs_no_mesh_library(cache: Path, run_python) -> None:
     code = IN_A_FRESH_PYTHON.format(path=str(CAR))
-    first, second = (
-        json.loads(run_python(code, **{mesh_cache.VARIABLE: str(cache.parent)}).stdout) for _ in range(2)
-    )
+    first, second = (json.loads(run_python(code, **{VARIABLE: str(cache.parent)}).stdout) for _ in range(2))
     assert first[0]
     assert not second[0]
     assert first[1] == second[1] > 1000
@@ -115,10 +114,10 @@ def test_what_was_not_used_for_longest_goes_first(
 
 
 def test_it_can_be_turned_off_and_may_be_unwritable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(mesh_cache.VARIABLE, "")
-    assert mesh_cache.folder() is None
+    monkeypatch.setenv(VARIABLE, "")
+    assert cache_folder("meshes") is None
     reading.read_mesh(CAR)
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setenv(mesh_cache.VARIABLE, str(tmp_path / "file"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
     reading.read_mesh(CAR)
     assert (tmp_path / "file").read_text() == "in the way"

@@ -10,14 +10,15 @@ import contextlib
 import functools
 import os
 import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ...errors import BackendError
-from . import llvm
+from ...errors import BackendError, OptionWarning
+from . import llvm, trial
 from .llvm import LlvmCandidate
 
 VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
@@ -43,7 +44,8 @@ def mitsuba() -> ModuleType:
     """Return the `mitsuba` module with a variant set.
 
     The order: LIDARSCENE_VARIANT if it is set; else a vectorised variant that the user has already set; else
-    cuda_ad_mono if a GPU works; else llvm_ad_mono. Raises `BackendError` if none works.
+    cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
+    if none works.
     """
     wanted = os.environ.get(VARIANT_VARIABLE)
     if wanted:
@@ -59,6 +61,8 @@ def mitsuba() -> ModuleType:
         return _users_own(loaded, current)
     for name in DEFAULT_ORDER:
         try:
+            if name.startswith("cuda"):
+                _require_trial(name)
             return _with_variant(name)
         except BackendError as error:
             _refused[name] = str(error)
@@ -165,6 +169,24 @@ def llvm_problem() -> str:
     except BackendError as error:
         return str(error)
     return ""
+
+
+def _require_trial(name: str) -> None:
+    """Raise `BackendError` unless frames of this variant are those of the CPU; the first time this takes seconds."""
+    if problem := cuda_problem():
+        raise BackendError(problem)
+    _imported()
+    _require_backend(name)
+    found = trial.verdict(name, DEFAULT_ORDER[-1])
+    if found.fault and found.renders:
+        warnings.warn(
+            OptionWarning(
+                "the GPU is not used: {0}; {1}={2} uses it nevertheless", found.fault, VARIANT_VARIABLE, name
+            ),
+            stacklevel=2,
+        )
+    if found.fault:
+        raise BackendError(found.fault)
 
 
 # --- one variant ------------------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 
 Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
 content, the way it is read and the version of trimesh, so it is never out of date. Only files that refer to no others
-are cached, and OBJ files, whose materials' files are hashed with them. The cache is in `LIDARSCENE_CACHE`, else in the
-user's cache folder; an empty `LIDARSCENE_CACHE` turns it off. Beyond `LARGEST_BYTES` those entries go that were not
-used for longest. Any failure of the cache means that the mesh is read from its file.
+are cached, and OBJ files, whose materials' files are hashed with them. Beyond `LARGEST_BYTES` those entries go that
+were not used for longest. `files.cache` says where the cache is. Any failure of the cache means that the mesh is read
+from its file.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 
 from ...errors import OutputError
 from ...files.atomic import atomic_output
+from ...files.cache import cache_folder
 from ...maths.arrays import Numbers
 from .patterns import Pattern
 
@@ -43,8 +44,6 @@ class SubMesh:
     grey: float | None = None
     pattern: Pattern | None = None
 
-
-VARIABLE = "LIDARSCENE_CACHE"
 
 LARGEST_BYTES = 2 << 30
 """Of all entries together: some 30 million triangles."""
@@ -70,20 +69,9 @@ def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
     return pieces
 
 
-def folder() -> Path | None:
-    """Folder of the entries, or None: no cache."""
-    given = os.environ.get(VARIABLE)
-    if given is not None:
-        return Path(given) / "meshes" if given else None
-    with suppress(RuntimeError):  # no home
-        base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
-        return (Path(base) if base else Path.home() / ".cache") / "lidarscene" / "meshes"
-    return None
-
-
 def _entry(path: Path) -> Path | None:
     """Path of the file's entry, or None if it cannot have one."""
-    where, suffix = folder(), path.suffix.lower()
+    where, suffix = cache_folder("meshes"), path.suffix.lower()
     if where is None or suffix not in (".glb", ".ply", ".stl", ".off", ".obj"):
         return None
     try:

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..maths.arrays import Numbers
-from .inputs import require_file
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from ..inputs import require_file
 
 
 def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbers]:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..maths.arrays import Numbers
+from ...maths.arrays import Numbers
 
 VARINT, FIXED64, BYTES = 0, 1, 2
 """Wire types."""

@@ -1,0 +1,23 @@
+"""Where files are kept between runs: in `LIDARSCENE_CACHE`, else in the user's cache folder.
+
+An empty `LIDARSCENE_CACHE` turns all of it off. Nothing depends on what is there but time.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+VARIABLE = "LIDARSCENE_CACHE"
+
+
+def cache_folder(name: str) -> Path | None:
+    """Folder for files of one kind, which need not exist; None: nothing is kept."""
+    given = os.environ.get(VARIABLE)
+    if given is not None:
+        return Path(given) / name if given else None
+    with suppress(RuntimeError):  # no home
+        base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
+        return (Path(base) if base else Path.home() / ".cache") / "lidarscene" / name
+    return None

@@ -1,0 +1,6 @@
+"""Encodings that need no library of their own.
+
+csv       CSV files with a line of column names
+png       PNG files
+protobuf  Protocol Buffers on the wire
+"""

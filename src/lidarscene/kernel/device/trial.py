@@ -1,0 +1,156 @@
+"""A GPU on trial: the first time, small frames of it are compared with those of the CPU.
+
+What Dr.Jit and Mitsuba do on a GPU depends on its driver, and a fault there may be silent. So before the first use on a
+machine both render the same small frames, each in a process of its own, which may even die: with moving bodies and
+glass, and with fog and several rays. Random numbers belong to pulses, so the frames must be the same but for rounding.
+The verdict is kept (`files.cache`) for these versions, this driver and these settings.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._version import __version__
+from ...errors import OutputError
+from ...files.atomic import atomic_output
+from ...files.cache import cache_folder
+from ...maths.arrays import Numbers
+
+Columns = Mapping[str, Numbers]
+
+FRAMES = {
+    "drive": ("drive", "--sensor", "vlp-16"),
+    "fog": ("fog", "--sensor", "table1-sipm", "--rays", "3", "--set", "scanner.azimuth_step_deg=1"),
+}
+"""Options of `lidarscene render` for each frame."""
+
+LARGEST_SHARE = 1e-3
+"""Of points that may differ: exp, log and roots round otherwise, so that some echoes trip on one side alone."""
+
+LIMITS = {"range": (1e-3, 0.0), "true_range": (1e-3, 0.0), "intensity": (0.0, 1e-3), "status": (0.0, 0.0)}
+"""Absolute and relative differences of a column that rounding explains: a traced range is good to 0.1 mm at 200 m, an
+amplitude to 1e-5.
+"""
+
+PATIENCE_S = 600.0
+"""For one frame, kernels compiled for the first time."""
+
+_DRIVER = Path("/proc/driver/nvidia/version")
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came out for a variant.
+
+    fault    why its frames cannot be trusted, in words; "" if they are the same
+    renders  whether it renders at all
+    """
+
+    fault: str = ""
+    renders: bool = True
+
+
+def verdict(
+    variant: str, other: str, *, render: Callable[[str, str], Columns | str] | None = None
+) -> Verdict:
+    """Whether frames by ``variant`` are those of ``other``, found now or once before.
+
+    render  frame and variant in, the columns of its points out, or why there are none
+    """
+    entry = _entry(variant, other)
+    if entry is not None:
+        with suppress(OSError, ValueError, TypeError):
+            return Verdict(**json.loads(entry.read_text(encoding="utf-8")))
+    found = _compared(variant, other, render or _rendered)
+    if entry is not None:
+        with suppress(OSError, OutputError), atomic_output(entry) as temporary:
+            temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    return found
+
+
+def _compared(variant: str, other: str, render: Callable[[str, str], Columns | str]) -> Verdict:
+    for frame in FRAMES:
+        mine = render(frame, variant)
+        if isinstance(mine, str):
+            return Verdict(f"cannot render a small frame ({frame}): {mine}", renders=False)
+        theirs = render(frame, other)
+        # Without the other there is nothing to fall back on either.
+        found = "" if isinstance(theirs, str) else unlike(mine, theirs)
+        if found:
+            return Verdict(f"a small frame ({frame}) is not that of {other}: {found}")
+    return Verdict()
+
+
+def unlike(mine: Columns, theirs: Columns) -> str:
+    """How two clouds of the same pulses differ beyond rounding, in words; "" if they do not.
+
+    Points go by time and return number.
+    """
+    keys = [np.stack([one["time"], one["return_number"]], axis=1) for one in (mine, theirs)]
+    most = max(len(key) for key in keys)
+    everyone, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    places = places.reshape(-1)
+    row = np.full((2, len(everyone)), -1)
+    for number, part in enumerate(np.split(places, [len(keys[0])])):
+        row[number, part] = np.arange(len(part))
+    both = (row >= 0).all(axis=0)
+    alone = len(everyone) - int(both.sum())
+    if alone > LARGEST_SHARE * most:
+        return f"{alone} of {most} points have no counterpart"
+    a, b = row[0, both], row[1, both]
+    for name, (absolute, relative) in LIMITS.items():
+        x, y = mine[name][a].astype(np.float64), theirs[name][b].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # the same infinity is the same
+            same = (x == y) | (np.abs(x - y) <= absolute + relative * np.abs(y))
+        if np.count_nonzero(~same) > LARGEST_SHARE * most:
+            return f"{np.count_nonzero(~same)} of {most} points differ in {name}"
+    return ""
+
+
+def _rendered(frame: str, variant: str) -> Columns | str:
+    """The columns of a frame that a process of its own renders, or the last line of what it says."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frame.npz"
+        options = [*FRAMES[frame], "--seed", "1", "-o", str(path)]
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "lidarscene", "render", *options],
+                env=os.environ | {"LIDARSCENE_VARIANT": variant}, capture_output=True, text=True,
+                timeout=PATIENCE_S,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return f"not done after {PATIENCE_S:g} s"
+        if done.returncode != 0 or not path.exists():
+            said = done.stderr.strip().splitlines() or [f"the process ended with {done.returncode}"]
+            return said[-1].removeprefix("lidarscene: error: ")
+        with np.load(path, allow_pickle=False) as archive:
+            return {
+                name: archive[name]
+                for name in ("time", "return_number", "range", "intensity", "true_range", "status")
+            }
+
+
+def _entry(variant: str, other: str) -> Path | None:
+    """File of the verdict on this machine; None: nothing is kept."""
+    folder = cache_folder("trials")
+    if folder is None:
+        return None
+    driver = _DRIVER.read_text(encoding="utf-8", errors="replace") if _DRIVER.exists() else ""
+    about: list[Any] = [
+        variant, other, __version__, metadata.version("mitsuba"), metadata.version("drjit"), driver,
+        *(os.environ.get(name) for name in ("CUDA_VISIBLE_DEVICES", "DRJIT_LIBCUDA_PATH", "DRJIT_LIBLLVM_PATH")),
+    ]  # fmt: skip
+    return folder / f"{hashlib.sha256(json.dumps(about).encode()).hexdigest()}.json"

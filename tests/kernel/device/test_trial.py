@@ -1,0 +1,153 @@
+"""A GPU on trial: frames that are the same pass, once; others, and processes that die, leave the CPU."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarscene.files.cache import VARIABLE
+from lidarscene.kernel.device import trial
+from lidarscene.kernel.device.trial import Columns, Verdict
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Verdicts of this test only."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache" / "trials"
+
+
+def frame(points: int = 4000) -> dict[str, np.ndarray]:
+    """Columns of a cloud, two returns of every second pulse."""
+    rng = np.random.default_rng(1)
+    pulse = np.sort(rng.choice(10 * points, points, replace=False)) // 2
+    return {
+        "time": np.repeat(pulse * 1e-6, 1),
+        "return_number": 1 + np.r_[False, np.diff(pulse) == 0].astype(np.uint8),
+        "range": rng.uniform(1.0, 200.0, points).astype(np.float32),
+        "true_range": rng.uniform(1.0, 200.0, points).astype(np.float32),
+        "intensity": rng.uniform(1e-6, 1e-3, points).astype(np.float32),
+        "status": np.zeros(points, np.uint8),
+    }
+
+
+def without(columns: Columns, rows: list[int]) -> Columns:
+    return {name: np.delete(values, rows) for name, values in columns.items()}
+
+
+def changed(columns: Columns, name: str, values: np.ndarray) -> Columns:
+    return {**columns, name: values}
+
+
+def test_rounding_is_no_difference() -> None:
+    one = frame()
+    rounded = changed(changed(one, "range", one["range"] + 2e-4), "intensity", one["intensity"] * 1.0002)
+    assert trial.unlike(one, rounded) == ""
+    assert trial.unlike(without(one, [3]), without(one, [900])) == ""  # two echoes at the threshold
+    assert trial.unlike(without(one, list(range(4000))), without(one, list(range(4000)))) == ""
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (lambda one: without(one, [1, 50, 900, 901, 2000]), "5 of 4000 points have no counterpart"),
+        (lambda one: without(one, list(range(4000))), "4000 of 4000 points have no counterpart"),
+        (lambda one: changed(one, "range", one["range"] * 1.001), "points differ in range"),
+        (lambda one: changed(one, "intensity", one["intensity"][::-1]), "points differ in intensity"),
+        (lambda one: changed(one, "true_range", np.full(4000, np.inf)), "4000 of 4000 points differ in true_range"),
+        (lambda one: changed(one, "range", np.full(4000, np.nan, np.float32)), "4000 of 4000 points differ in range"),
+        (lambda one: changed(one, "status", one["status"] + 1), "4000 of 4000 points differ in status"),
+    ],
+)  # fmt: skip
+def test_what_rounding_does_not_explain_is_told(fault, told: str) -> None:
+    one = frame()
+    assert told in trial.unlike(one, fault(one))
+    assert told in trial.unlike(fault(one), one)
+
+
+def test_a_verdict_is_kept(cache: Path) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def render(name: str, variant: str) -> Columns:
+        asked.append((name, variant))
+        return frame()
+
+    for _ in range(2):
+        assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=render) == Verdict()
+    assert asked == [(name, variant) for name in trial.FRAMES for variant in ("cuda_ad_mono", "llvm_ad_mono")]
+    assert len(list(cache.iterdir())) == 1
+    shutil.rmtree(cache)
+    trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=render)
+    assert len(asked) == 8
+
+
+def test_a_bad_verdict_is_kept_too_but_not_for_another_driver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(name: str, variant: str) -> Columns | str:
+        return "the process ended with -11" if variant.startswith("cuda") else frame()
+
+    (tmp_path / "version").write_text("driver 1")
+    monkeypatch.setattr(trial, "_DRIVER", tmp_path / "version")
+    expected = Verdict("cannot render a small frame (drive): the process ended with -11", renders=False)
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=broken) == expected
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == expected
+    (tmp_path / "version").write_text("driver 2")
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == Verdict()
+
+
+def test_a_damaged_verdict_is_made_again(cache: Path) -> None:
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == Verdict()
+    (entry,) = cache.iterdir()
+    entry.write_text("{")
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == Verdict()
+    assert entry.read_text() != "{"
+
+
+def test_without_a_cpu_to_compare_with_the_gpu_is_used() -> None:
+    def only_gpu(name: str, variant: str) -> Columns | str:
+        return frame() if variant.startswith("cuda") else "no LLVM"
+
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=only_gpu) == Verdict()
+
+
+def test_frames_come_from_processes_of_their_own(mi, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame is what the program renders, and one that cannot be is told by its last line."""
+    monkeypatch.setitem(trial.FRAMES, "car", ("car", "--set", "scanner.azimuth_step_deg=1"))
+    columns = trial._rendered("car", mi.variant())
+    assert not isinstance(columns, str), columns
+    assert len(columns["time"]) > 1000
+    assert columns["range"].min() > 1.0
+    assert trial.unlike(columns, columns) == ""
+    said = trial._rendered("drive", "nonsense_variant")
+    assert isinstance(said, str)
+    assert said.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    assert trial._rendered("drive", mi.variant()) == "the process ended with 1"
+
+
+def test_a_gpu_with_other_frames_is_left_with_one_line(run_python, tmp_path: Path) -> None:
+    """The door itself: a driver is found, its frames are wrong, and the CPU is taken."""
+    code = """
+import warnings
+from lidarscene.kernel.device import backend, trial
+backend.cuda_problem = lambda: ""
+check = backend._require_backend
+backend._require_backend = lambda name: name.startswith("cuda") or check(name)
+trial._compared = lambda *_: trial.Verdict({fault!r}, {renders})
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    report = backend.probe()
+print(report.variant, "|", report.cuda, "|", *(one.message for one in told))
+"""
+    for renders, warning in (
+        (True, "the GPU is not used: points are wrong; LIDARSCENE_VARIANT=cuda_ad_mono uses it nevertheless"),
+        (False, ""),
+    ):
+        done = run_python(
+            code.format(fault="points are wrong", renders=renders),
+            LIDARSCENE_VARIANT=None, LIDARSCENE_CACHE=str(tmp_path / str(renders)),
+        )  # fmt: skip
+        assert done.stdout.strip() == f"llvm_ad_mono | points are wrong | {warning}".strip(), done.stderr
