@@ -183,7 +183,7 @@ def test_ascii_and_no_truth(run: Run, wall: str, mi: ModuleType) -> None:
     assert not render(run, wall, "--no-truth").has_truth
 
 
-def test_picture_and_new_folders(run: Run, wall: str, mi: ModuleType) -> None:
+def test_picture_and_new_folders(run: Run, wall: str, small_pictures: None, mi: ModuleType) -> None:
     told = summary(run, wall, "--picture", "new/deep/o.PNG")
     assert told["picture"] == "new/deep/o.PNG"
     assert Path("new/deep/o.PNG").read_bytes().startswith(b"\x89PNG")
