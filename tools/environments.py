@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from lidarscene import __version__
@@ -102,12 +103,17 @@ def check_wheel() -> None:
         kinds = [("newest releases", sys.executable, ()), ("lowest bounds", LOWEST_PYTHON, LOWEST)]
         if newest := newest_python():
             kinds.append(("newest Python", newest, ()))
-        for number, (name, version, options) in enumerate(kinds):
-            home = Path(folder) / str(number)
+
+        def check(kind: tuple[str, str, tuple[str, ...]]) -> None:
+            name, version, options = kind
+            home = Path(folder) / name.replace(" ", "_")
             python = made(home / "env", version)
             uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
-            say(f"wheel: {name}: {output(python, '--version')}")
             use(home, python)
+            say(f"wheel: {name}: {output(python, '--version')}")
+
+        with ThreadPoolExecutor(2) as threads:  # two at a time: a command waits for one core, mostly
+            list(threads.map(check, kinds))
 
 
 def use(home: Path, python: str) -> None:

@@ -56,11 +56,11 @@ class Standing:
             )  # fmt: skip
         self.processes.append(started)
 
-    def start_workers(self, count: int, first: Path | None = None) -> None:
+    def start_workers(self, count: int, *options: str, first: Path | None = None) -> None:
         """By the command of docs/scaling.md."""
         self.start(
             "worker", self.address, "--nworkers", str(count), "--nthreads", "1", "--memory-limit", "0",
-            "--host", "127.0.0.1", first=first,
+            "--host", "127.0.0.1", *options, first=first,
         )  # fmt: skip
 
     def end(self, processes: int) -> None:
@@ -174,7 +174,7 @@ def test_workers_that_do_not_fit(
     """Every frame fails with that cause; nothing is written, and nothing waits for ever."""
     (tmp_path / "path").mkdir()
     (tmp_path / "path" / module).write_text(text)
-    bare.start_workers(1, first=tmp_path / "path")
+    bare.start_workers(1, "--no-nanny", first=tmp_path / "path")  # which only starts it anew when it dies
     argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", bare.address]
     code = main.main(argv)
     bare.end(1)

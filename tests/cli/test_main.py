@@ -183,7 +183,7 @@ def test_ascii_and_no_truth(run: Run, wall: str, mi: ModuleType) -> None:
     assert not render(run, wall, "--no-truth").has_truth
 
 
-def test_picture_and_new_folders(run: Run, wall: str, mi: ModuleType) -> None:
+def test_picture_and_new_folders(run: Run, wall: str, small_pictures: None, mi: ModuleType) -> None:
     told = summary(run, wall, "--picture", "new/deep/o.PNG")
     assert told["picture"] == "new/deep/o.PNG"
     assert Path("new/deep/o.PNG").read_bytes().startswith(b"\x89PNG")
@@ -326,9 +326,11 @@ def test_the_five_scenes_are_there() -> None:
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
-    steps = ("--set=scanner.azimuth_step_deg=1", "--set=scanner.elevation_step_deg=1")
     raster = scene.stem != "drive"  # whose sensor turns, and has no steps
-    ran = run("render", str(scene), "-o", "o.ply", *(steps if raster else ()), "--json")
+    coarse = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2") if raster else (
+        "--set=scanner.columns_per_turn=64", "--set=laser.repetition_rate_khz=81.92"
+    )  # fmt: skip
+    ran = run("render", str(scene), "-o", "o.ply", *coarse, "--json")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads(ran.out)
     assert told["points"] > 20

@@ -390,7 +390,7 @@ def test_full_disk_behind_standard_output(run_python: Any) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full on this system")
     code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"
-    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog']))"
+    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
     done = run_python(code)
     assert done.returncode == 2
     assert done.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
@@ -398,7 +398,7 @@ def test_full_disk_behind_standard_output(run_python: Any) -> None:
 
 def test_reader_that_has_gone_is_no_mistake(run_python: Any) -> None:
     code = "import sys, os; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
-    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog']))"
+    code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
     done = run_python(code)
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -36,7 +36,7 @@ def ran(run: Run, *argv: str) -> dict:
     return json.loads(told.out)
 
 
-def test_frames_in_a_folder(mi, run: Run, drive: str, tmp_path: Path) -> None:
+def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
     told = ran(
         run, drive, "-o", "new/out", "--frames", "3", "--begin", "0.1", "--coordinates", "vehicle",
@@ -83,7 +83,7 @@ def test_one_frame_is_the_first_of_many(mi, run: Run, drive: str) -> None:
     np.testing.assert_array_equal(one.xyz_m, first.xyz_m)
 
 
-def test_a_rig_one_cloud_each(mi, run: Run, drive: str, tmp_path: Path) -> None:
+def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     told = ran(run, drive, "--rig", "two.toml", "-o", "out", "--set", "right:laser.peak_power_w=50",
                "--picture", "p.png", "--keep-missed", "m.npz", "--deskew")  # fmt: skip
     assert files_of(tmp_path) == {
@@ -99,7 +99,9 @@ def test_a_rig_one_cloud_each(mi, run: Run, drive: str, tmp_path: Path) -> None:
     assert right.metadata["sensor"] == "table1-sipm"
 
 
-def test_a_rig_merged_in_several_frames(mi, run: Run, drive: str, tmp_path: Path) -> None:
+def test_a_rig_merged_in_several_frames(
+    mi, run: Run, small_pictures: None, drive: str, tmp_path: Path
+) -> None:
     """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
     told = ran(
         run, drive, "--rig", "two.toml", "--merge", "-o", "out", "--frames", "2", "--picture", "p.svg", "--deskew",

@@ -104,7 +104,7 @@ def _drawn(chart: Chart) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, facecolor="white", layout="constrained")
+    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     if chart.x_log:
@@ -120,7 +120,15 @@ def _drawn(chart: Chart) -> Any:
     _frame(axes, chart)
     _notes(axes, chart)
     _legend(figure, axes, chart)
+    arrange(figure)
     return figure
+
+
+def arrange(figure: Any) -> None:
+    """Give axes and texts their places, once. A figure that has a layout is drawn twice for each file to find them."""
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    ConstrainedLayoutEngine().execute(figure)
 
 
 def _frame(axes: Any, chart: Chart) -> None:
@@ -222,9 +230,10 @@ def tornado(
     kinds = [(path, suffix_of(path)) for path in paths]
     with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
         height = 1.1 + 0.215 * max(len(bars), 2)
-        figure = Figure(figsize=(SIZE_INCHES[0], height), dpi=DPI, facecolor="white", layout="constrained")
+        figure = Figure(figsize=(SIZE_INCHES[0], height), dpi=DPI, facecolor="white")
         FigureCanvasAgg(figure)
         _tornado(figure.add_subplot(), bars, title, label)
+        arrange(figure)
         for path, kind in kinds:
             options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
             with atomic_output(path) as temporary:

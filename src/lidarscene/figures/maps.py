@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
-from .lines import COLOURS, DPI, GREY, GRID, INK
+from .lines import COLOURS, DPI, GREY, GRID, INK, arrange
 
 WIDTH_INCHES = 7.2
 NOTHING = "#e4e4e4"
@@ -54,7 +54,7 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
         axes.imshow(blank, cmap=ListedColormap([NOTHING]), **options)
         shown = np.ma.masked_where(picture.outside | ~np.isfinite(values), values)
         image = axes.imshow(shown, cmap="viridis", norm=norm, **options)
-        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24)
+        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
         bar.set_label(picture.label, fontsize=9, color=INK)
         if not picture.log:
             bar.ax.ticklabel_format(useOffset=False)
@@ -78,7 +78,7 @@ def save_pattern(
             vmin=0.0, vmax=float(time_s.max()) * 1e3 or 1.0,  # a flash has all its pulses at once
             s=float(np.clip(60_000.0 / max(len(time_s), 1), 0.6, 9.0)),
         )  # fmt: skip
-        bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24)
+        bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
         bar.set_label("time [ms]", fontsize=9, color=INK)
         bar.ax.tick_params(labelsize=8)
         _angles(axes, extent)
@@ -166,10 +166,11 @@ def save_drawn(
 
     if not str(path).endswith(".png"):
         raise InputError(f"{path}: the name must end in .png")
-    figure = Figure(figsize=(WIDTH_INCHES, height), dpi=DPI, facecolor="white", layout="constrained")
+    figure = Figure(figsize=(WIDTH_INCHES, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     draw(figure, figure.add_subplot())
     figure.suptitle(title.replace("$", r"\$"), x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
+    arrange(figure)
     with atomic_output(path) as temporary:
         figure.savefig(temporary, format="png", metadata={"Software": None})
 

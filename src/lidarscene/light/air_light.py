@@ -22,14 +22,12 @@ from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
 from ..physics.weather.particles import (
-    MEAN_HITS,
     Sight,
     Strengths,
     hits,
     medium_backscatter_per_m_sr,
     strengths,
 )
-from ..physics.weather.precipitation import Sizes
 from ..scene.weather import Medium, Weather
 from ..sensor.model import Sensor
 from ..sensor.overlap import Overlap
@@ -129,9 +127,9 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     for medium in media:
         if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
             continue
-        drawn[medium.name] = _enough(
-            _least_strength(sensor), sight, sizes=medium.sizes,
-            backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
+        drawn[medium.name] = strengths(
+            sight, sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
+            down_to=_LEFT_OUT * _least_strength(sensor),
         )  # fmt: skip
 
     def left(medium: Medium, range_m: Numbers) -> Numbers:
@@ -182,27 +180,6 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         names=tuple(medium.name for medium in media),
         strongest=max(media, key=lambda medium: float(left(medium, at_peak)[0])).name,
     )
-
-
-def _enough(
-    least: float,
-    sight: Sight,
-    *,
-    sizes: Sizes,
-    backscatter_m2_sr: Callable[..., Lanes],
-    gain: Callable[..., Numbers] | None,
-) -> Strengths:
-    """Tables with the fewest particles for each pulse whose weakest is below `_LEFT_OUT` times ``least``.
-
-    least  strength of the weakest particle that trips the comparator alone
-    """
-    # If even the largest number does not reach that far down, it is used all the same.
-    for count in MEAN_HITS:
-        found = strengths(sight, sizes=sizes, backscatter_m2_sr=backscatter_m2_sr, gain=gain, count=count)
-        # The table runs from strong to weak: its last entry is the weakest particle that is drawn.
-        if math.exp(found.log_strength.values[-1]) < _LEFT_OUT * least:
-            break
-    return found
 
 
 def _least_strength(sensor: Sensor) -> float:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 
-from .arrays import Lanes, xp
+import numpy as np
+
+from .arrays import Lanes, is_drjit, xp
 
 # erfc(z) = t exp(-z^2 + g), t = 2 / (2 + z), with g a polynomial in t fitted to scipy.special.erfcx by
 # Chebyshev interpolation on 0 <= z <= 12: 1.8e-10 relative in float64, a few 1e-7 in float32.
@@ -48,6 +50,8 @@ def _erfcx(z: Lanes) -> tuple[Lanes, Lanes]:
 
 def log1p(x: Lanes) -> Lanes:
     """log(1 + x), precise for small ``x`` in float32 too."""
+    if not is_drjit(x):
+        return np.log1p(x)
     ops = xp(x)
     series = x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - 0.25 * x)))
     return ops.where(ops.abs(x) < 2.0**-7, series, ops.log(1.0 + x))
@@ -55,6 +59,8 @@ def log1p(x: Lanes) -> Lanes:
 
 def expm1(x: Lanes) -> Lanes:
     """exp(x) - 1, precise for small ``x`` in float32 too."""
+    if not is_drjit(x):
+        return np.expm1(x)
     ops = xp(x)
     series = x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0))))
     return ops.where(ops.abs(x) < 2.0**-6, series, ops.exp(x) - 1.0)

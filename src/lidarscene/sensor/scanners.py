@@ -167,8 +167,9 @@ class RisleyFile(ScannerFile[Risley]):
 
     def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
         """Whether a beam is lost on its way; on the axis only the wedges' phases to each other matter."""
-        # All positions of the wedges to each other, in steps of 5 degrees: the losses change slowly with the angle.
-        phases = np.radians(np.arange(0.0, 360.0, 5.0))
+        # All positions of the wedges to each other, in steps of 15 degrees: the losses change slowly with the angle,
+        # and are largest where all thick sides are in one plane with the beam, which these steps meet.
+        phases = np.radians(np.arange(0.0, 360.0, 15.0))
         first = np.zeros(1) if elevation_rad is None else phases
         turned = np.meshgrid(first, *[phases] * (len(self.wedges) - 1), indexing="ij", sparse=True)
         start = None if elevation_rad is None else np.array(elevation_rad)

@@ -65,11 +65,16 @@ def test_busy_cells_are_binomial(photons, busy):
     )
 
 
-@pytest.mark.parametrize("engine", [fire_independent, fire_coupled])
-@pytest.mark.parametrize("width", [0.25, 1.0, 3.0])
+@pytest.mark.parametrize(
+    ("engine", "width"),
+    [(fire_independent, 0.25), (fire_independent, 1.0), (fire_independent, 3.0), (fire_coupled, 1.0)],
+)
 @pytest.mark.parametrize(("background", "signal"), [(10.0, 100.0), (686.093, 2660.31), (2000.0, 300.0)])
 def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, signal, monkeypatch):
-    """Both engines against the busy share's equation, mean and variance at every fourth sample."""
+    """Both engines against the busy share's equation, mean and variance at every fourth sample.
+
+    The slow engine at one width: of the pulse both know nothing but `Rates`.
+    """
     monkeypatch.setattr("lidarscene.studies.sipm_events.events.fire_independent", engine)
     shots = 2_000
     light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=width * TAU)
@@ -199,7 +204,7 @@ def test_recovery_weakens_and_the_engines_agree():
     """Both recoveries on, both engines: nothing is known in closed form but that they must agree."""
     array = dataclasses.replace(TABLE1, recovery_s=4e-9, trigger_recovery_s=3e-9)
     light = Light(background_photons=1000.0, signal_photons=1000.0, pulse_fwhm_s=6e-9)
-    shots = 1_500
+    shots = 800
     window = {"start_s": -6e-9, "end_s": 3e-9, "shots": shots, "seed": 9}
     step = TAU / 4
     found = []
@@ -228,7 +233,7 @@ def test_crosstalk_and_afterpulses_add_as_branching():
         cells=1000, pde=0.5, dead_time_s=TAU, crosstalk=0.15, afterpulse=0.2, afterpulse_s=20e-9
     )
     light = Light(background_photons=2.0)
-    total, shots = 0, 20_000
+    total, shots = 0, 8_000  # 4 errors are 4 %; 9 % are missing without avalanches of avalanches
     for _, avalanches in simulate(array, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=10):
         inside = (avalanches.time_s > 0.0) & (avalanches.time_s <= 2 * TAU)
         total += int(np.count_nonzero(inside))
@@ -243,7 +248,7 @@ def test_exponential_shape_sums_by_campbell():
     """Shot noise: mean rate times area, variance rate times the area of the square; dead time is negligible."""
     array = CellArray(cells=10_000, pde=1.0, dead_time_s=1e-9, shape="exponential", rise_s=2e-9, fall_s=10e-9)
     light = Light(background_photons=20.0)
-    shots = 4_000
+    shots = 2_000
     time_s, wave = all_outputs(array, light, start_s=0.0, end_s=0.0, shots=shots, seed=11)
     found = moments(time_s, wave)
     rate = 20.0 / 1e-9 / (1 + 20.0 / 10_000)

@@ -124,8 +124,9 @@ def build_world(
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
-    shapes = _own_shapes(still, centre, resolved)
-    moving = _moving(scene.bodies, resolved)
+    bsdfs: dict[str, Any] = {}
+    shapes = _own_shapes(still, centre, resolved, bsdfs)
+    moving = _moving(scene.bodies, resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -181,10 +182,15 @@ def _tell_of_stand_ins(shapes: Sequence[mitsuba_xml.FoundShape], path: Path) -> 
 
 
 def _own_shapes(
-    bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]]
+    bodies: Mapping[int, Body],
+    centre: Numbers,
+    resolved: dict[str, dict[str, object]],
+    bsdfs: dict[str, Any],
 ) -> list[PlacedShape]:
     """Return one mesh for each material and image, over all these bodies where they stand, and a shape for each exact
     sphere.
+
+    bsdfs  by material, those of the world so far: a coat's takes 10 ms to make
     """
     mi = mitsuba()
     grouped: dict[tuple[str, Hashable], list[tuple[int, Numbers, Part]]] = {}
@@ -200,11 +206,18 @@ def _own_shapes(
             else:
                 shapes.append(_ball(mi, part, body.pose.position_m - centre, index, resolved))
     for (material, _), pieces in grouped.items():
-        shapes.append(_merged(mi, material, pieces, resolved[material]))
+        values, pattern = resolved[material], pieces[0][2].pattern
+        if pattern is not None:
+            bsdf = mi.load_dict(bsdf_dict(values, texture(pattern, values)))
+        elif (bsdf := bsdfs.get(material)) is None:
+            bsdf = bsdfs[material] = mi.load_dict(bsdf_dict(values))
+        shapes.append(_merged(mi, material, pieces, values, bsdf))
     return shapes
 
 
-def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]]) -> list[_Moving]:
+def _moving(
+    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, Any]
+) -> list[_Moving]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
@@ -215,14 +228,18 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]]) -> l
     for indices in sharing.values():
         first = bodies[indices[0]]
         at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
-        shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved)
+        shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
         if shapes:
             moving.append(_Moving(tuple(indices), shapes))
     return moving
 
 
 def _merged(
-    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Part]], values: dict[str, object]
+    mi: ModuleType,
+    material: str,
+    pieces: Sequence[tuple[int, Numbers, Part]],
+    values: dict[str, object],
+    bsdf: Any,
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
@@ -235,7 +252,7 @@ def _merged(
     props = mi.Properties()
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     first = pieces[0][2].pattern
-    props["mesh_bsdf"] = mi.load_dict(bsdf_dict(values, None if first is None else texture(first, values)))
+    props["mesh_bsdf"] = bsdf
     has_image = first is not None and first.uv is not None
     mesh = mi.Mesh(material, len(vertices), len(faces), props=props, has_vertex_texcoords=has_image)
     patterns = [part.pattern for _, _, part in pieces if part.pattern is not None]

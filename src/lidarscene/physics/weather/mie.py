@@ -33,6 +33,8 @@ _WATER = np.array(
     ]
 )  # fmt: skip
 
+_DERIVATIVES = 2**22  # at once: 64 MiB
+
 
 def water_index(*, wavelength_m: float) -> complex:
     """Refractive index n + i k of liquid water, 300 nm to 2.5 um; linear in n and in log k between table rows."""
@@ -58,8 +60,10 @@ def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, N
     x = np.asarray(size_parameter, dtype=float)
     order = np.argsort(x)
     extinction, backscatter = np.zeros_like(x), np.zeros_like(x)
-    # Spheres of similar size together: the derivatives need memory for (terms of the largest) x (spheres).
-    for some in np.array_split(order, math.ceil(len(x) / 256)):
+    # Spheres of similar size together: the derivatives need memory for (terms of the largest) x (spheres). As many as
+    # fit, for a term takes nearly the same time for 100 spheres and for 1000.
+    together = math.ceil(len(x) * float(_last_term(x).max()) / _DERIVATIVES)
+    for some in np.array_split(order, together):
         extinction[some], backscatter[some] = _of_alike(x[some], index)
     return extinction, backscatter
 

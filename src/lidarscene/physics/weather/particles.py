@@ -84,6 +84,7 @@ def strengths(
     backscatter_m2_sr: Callable[..., Lanes],
     gain: Callable[..., Numbers] | None = None,
     count: int = 4,
+    down_to: float = math.inf,
 ) -> Strengths:
     """Tables for `hits`.
 
@@ -97,6 +98,8 @@ def strengths(
                        variance of the echoes are then those of the Gaussian
     overlap            xi(R), 0 where the receiver sees nothing of the beam
     count              a key of `MEAN_HITS`; more particles mean a weaker cut
+    down_to            strength: the count is the least from ``count`` on whose weakest particle is below it, or the
+                       most
 
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``: use the distance from which the
     receiver sees its beam, not less.
@@ -118,10 +121,14 @@ def strengths(
     trial = strongest * np.geomspace(1.0, 1e-12, 1500)
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 3)])
     usable = expected > 1e-12
-    last_log = math.log(MEAN_HITS[count])
+    log_expected, log_trial = np.log(expected[usable]), np.log(trial[usable])
+    for count in (more for more in MEAN_HITS if more >= count):
+        last_log = math.log(MEAN_HITS[count])
+        if math.exp(np.interp(last_log, log_expected, log_trial)) < down_to:
+            break
     half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
     level = np.linspace(_FIRST_LOG - half, last_log + half, 2 * _LEVELS + 1)
-    log_strength = np.interp(level, np.log(expected[usable]), np.log(trial[usable]))
+    log_strength = np.interp(level, log_expected, log_trial)
     # Step 2: where particles of each strength are. The difference of the counts half a step above and below is the
     # range distribution of particles of just that strength; its inverse gives ln R from a uniform number.
     counted = nearer(np.exp(log_strength[::2]))
