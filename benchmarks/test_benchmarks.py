@@ -59,7 +59,12 @@ SECTIONS = {
             for sampler in ("TDC", "multi-level TDC", "ADC", "TDC that keeps 16 returns")
         ),
     ],
-    "Motion": ["vehicle drives / still", "1 bodies move / still", "tables of 2 motions"],
+    "Motion": [
+        "vehicle drives / still",
+        "1 bodies move / still",
+        "20 bodies move, out of the way / still",
+        "tables of 3 motions",
+    ],
     "From process start to a file": [
         "process start to end: render car.toml",
         *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),

@@ -122,3 +122,31 @@ def test_numpy_and_device_agree(mi) -> None:
         ):
             came = np.stack([np.array(x.numpy()) for x in getattr(there, name)], axis=-1)
             np.testing.assert_allclose(came, rows(getattr(here, name)), atol=tolerance)
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_boxes_hold_all_that_is_carried(name: str) -> None:
+    """Corners of a box at 4001 instants, between those of the table too; and no wider than they need by 0.1 m."""
+    carried = np.array([[[-1.0, -0.5, 0.0], [2.5, 0.5, 1.5]]])
+    paths = Paths.of(
+        [BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried
+    )
+    low, high = np.asarray(paths.boxes_m).reshape(2, 3)
+    corners = np.stack(np.meshgrid(*carried[0].T, indexing="ij"), axis=-1).reshape(-1, 3)
+    there = paths.at(np.linspace(0.0, FRAME_S, 4001), 1)
+    points = np.stack([rows(there.point(tuple(corner))) for corner in corners]).reshape(-1, 3)
+    assert (low < points.min(axis=0)).all()
+    assert (high > points.max(axis=0)).all()
+    np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], atol=0.1)
+
+
+def test_a_straight_motion_has_two_instants() -> None:
+    """And is where it has to be between them; with one that bends beside it there are as many as that needs."""
+    line = Course(velocity_m_s=(30.0, -20.0, 1.0))
+    alone, beside = (
+        Paths.of(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3))
+        for motions in ([line], [line, BEND])
+    )
+    assert (alone.last, beside.last) == (1.0, FRAME_S / STEP_S)
+    time_s = np.linspace(0.0, FRAME_S, 77)
+    np.testing.assert_allclose(rows(alone.at(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -81,20 +82,34 @@ class Paths:
     rate_hz  instants per second
     last     number of the last instant
     count    of motions
+    boxes_m  (m, 2, 3), flat: boxes along the axes of the traced frame, lowest and highest corner, which hold all that
+             the last m motions carry, all the time; None without any
     """
 
     table: Lanes
     rate_hz: Lanes
     last: Lanes
     count: int
+    boxes_m: Any = None
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], *, start_s: float, length_s: float, centre_m: Numbers) -> Paths:
+    def of(
+        cls,
+        motions: Sequence[Motion],
+        *,
+        start_s: float,
+        length_s: float,
+        centre_m: Numbers,
+        carried_m: Numbers | None = None,
+    ) -> Paths:
         """Tables from ``start_s``, for ``length_s``.
 
+        carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame
         centre_m  (3,) origin of the traced frame in the world
         """
-        steps = max(math.ceil(length_s / STEP_S), 1)
+        # Between two instants everything goes straight on: where it does so anyway, two are enough.
+        bends = not all(motion.is_straight for motion in motions)
+        steps = max(math.ceil(length_s / STEP_S), 1) if bends else 1
         times = start_s + np.linspace(0.0, length_s, steps + 1)
         rows = []
         for motion in motions:
@@ -105,12 +120,21 @@ class Paths:
                     [states.position_m - centre_m, turns, states.velocity_m_s, states.turning_rad_s], axis=1
                 )
             )
+        table = np.stack(rows)
+        swept = None if carried_m is None else _swept(table[len(table) - len(carried_m) :], carried_m).ravel()
         return cls(
-            table=np.stack(rows).ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions)
+            table=table.ravel(),
+            rate_hz=steps / length_s,
+            last=float(steps),
+            count=len(motions),
+            boxes_m=swept,
         )
 
-    def at(self, time_s: Lanes, which: int) -> Placement:
-        """Placement of motion number ``which`` at (n,) seconds after the start; clipped to the table's ends."""
+    def at(self, time_s: Lanes, which: Lanes) -> Placement:
+        """Placement of motion number ``which`` at (n,) seconds after the start; clipped to the table's ends.
+
+        which  one number for all, or (n,) of them
+        """
         ops = xp(time_s)
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
         lower = ops.minimum(ops.floor(place), self.last - 1.0)
@@ -132,20 +156,54 @@ class Paths:
         )
 
 
-def _quaternion(rotation: Numbers) -> Numbers:
-    """(n, 4) unit quaternions (w, x, y, z) of (n, 3, 3) rotations, by Bar-Itzhack's method.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moving:
+    """Where each of several bodies is when each of n rays leaves.
 
-    The quaternion is the eigenvector for the largest eigenvalue (1) of a 4 x 4 matrix: no cases, precise at every
-    angle. J. Guidance, Control, and Dynamics 23 (2000), 1085.
+    paths   of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
+    time_s  (n,) when the rays leave, after the start of the paths
+    """
+
+    paths: Paths
+    time_s: Lanes
+
+    def at(self, which: Lanes) -> Placement:
+        """Of the body of this number, the first being 0; one for all rays, or one for each."""
+        return self.paths.at(self.time_s, which + 1)
+
+
+def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
+    """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `Paths.table`."""
+    rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
+    rotation = rotation.reshape(*rotation.shape[:2], 3, 3)
+    centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
+    middle = table[:, :, :3] + np.einsum("mtij,mj->mti", rotation, centre)
+    reach = np.einsum("mtij,mj->mti", np.abs(rotation), half)
+    low, high = (middle - reach).min(axis=1), (middle + reach).max(axis=1)
+    # A corner at r from the origin of its frame leaves the straight line between two instants by less than r times the
+    # change of the rotation. The rest is for single precision: some ten roundings of a coordinate.
+    corner_m = np.linalg.norm(np.abs(carried_m).max(axis=1), axis=1)
+    turned = np.linalg.norm(np.diff(rotation, axis=1), axis=(2, 3)).max(axis=1)
+    room = corner_m * turned + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
+    return np.stack([low - room[:, None], high + room[:, None]], axis=1)
+
+
+def _quaternion(rotation: Numbers) -> Numbers:
+    """(n, 4) unit quaternions (w, x, y, z) of (n, 3, 3) rotations.
+
+    The entries of a rotation give 4 q q^T. Each of its rows is q times a number; the row of the largest element of q
+    is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
     """
     r = rotation
-    k = np.zeros((len(r), 4, 4))
-    k[:, 0, 0] = r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
+    k = np.empty((len(r), 4, 4))
+    k[:, 0, 0] = 1.0 + r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
     for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        k[:, 1 + i, 1 + i] = r[:, i, i] - r[:, j, j] - r[:, m, m]
+        k[:, 1 + i, 1 + i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, m, m]
         k[:, 1 + i, 1 + j] = k[:, 1 + j, 1 + i] = r[:, i, j] + r[:, j, i]
         k[:, 0, 1 + i] = k[:, 1 + i, 0] = r[:, m, j] - r[:, j, m]
-    return np.asarray(np.linalg.eigh(k)[1][:, :, -1])
+    largest = np.einsum("nii->ni", k).argmax(axis=1)
+    rows = k[np.arange(len(r)), largest]
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
 def _continuous(quaternion: Numbers) -> Numbers:

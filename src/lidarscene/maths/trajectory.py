@@ -62,6 +62,10 @@ class Motion(Protocol):
     def span_s(self) -> tuple[float, float]:
         """First and last time at which the motion is defined."""
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether it has the same velocity all the time and does not turn."""
+
     def at(self, time_s: Numbers) -> States:
         """States at (n,) times [s] in the span; beyond it, those at its end."""
 
@@ -114,6 +118,11 @@ class Course:
         """Unbounded: defined at every time."""
         return ALWAYS
 
+    @property
+    def is_straight(self) -> bool:
+        """Unless it turns."""
+        return self.yaw_rate_rad_s == 0.0
+
     def at(self, time_s: Numbers) -> States:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
         time_s = np.asarray(time_s, dtype=np.float64)
@@ -148,6 +157,11 @@ class Riding:
     def span_s(self) -> tuple[float, float]:
         """The carrier's span."""
         return self.carrier.span_s
+
+    @property
+    def is_straight(self) -> bool:
+        """If the carrier's motion is."""
+        return self.carrier.is_straight
 
     def at(self, time_s: Numbers) -> States:
         """The carrier's states, at this pose in it."""
@@ -191,6 +205,11 @@ class Spline:
     def span_s(self) -> tuple[float, float]:
         """From the first pose to the last."""
         return float(self.time_s[0]), float(self.time_s[-1])
+
+    @property
+    def is_straight(self) -> bool:
+        """Never for certain."""
+        return False
 
     def at(self, time_s: Numbers) -> States:
         """States; before the first pose and after the last, those at that pose."""

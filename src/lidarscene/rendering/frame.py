@@ -7,16 +7,16 @@ not know what a motion is.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..kernel.device import transfer
-from ..kernel.world.build import World, at_rest
+from ..kernel.world.build import World, at_rest, boxes_of, on_device
 from ..maths.arrays import Lanes, Numbers
-from ..maths.paths import Paths, Placement
+from ..maths.paths import Moving, Paths, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding, pose_at
 from ..scan import Scanner
@@ -80,14 +80,13 @@ class Frame:
         if scene.ego is not None or world.movers:
             paths = Paths.of(
                 [riding, *(mover.motion for mover in world.movers)],
-                start_s=start_s, length_s=length_s, centre_m=world.centre_m,
+                start_s=start_s, length_s=length_s, centre_m=world.centre_m, carried_m=boxes_of(world.movers),
             )  # fmt: skip
         return cls(
             number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
             place=place, vehicle=pose_at(scene.ego or Course(), start_s),
             origin=at_rest(place, world.centre_m),
-            paths=None if paths is None
-            else replace(transfer.opaque(paths), table=transfer.from_numpy(np.asarray(paths.table))),
+            paths=None if paths is None else on_device(paths),
             moves=scene.ego is not None, _scanner=sensor.scanner,
         )  # fmt: skip
 
@@ -103,10 +102,8 @@ class Frame:
         # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         return None if self.paths is None else transfer.from_numpy(self.time_s(pulse()))
 
-    def placements(
-        self, pulse: Callable[[], Numbers], rays: int = 1
-    ) -> tuple[Placement, list[Placement] | None]:
-        """`placements` of the sensor and of each mover when pulses of so many rays leave."""
+    def placements(self, pulse: Callable[[], Numbers], rays: int = 1) -> tuple[Placement, Moving | None]:
+        """`placements` of the sensor and of the movers when pulses of so many rays leave."""
         times = self.times(pulse)
         if times is not None and rays > 1:
             times, _ = transfer.repeated(times, rays)
@@ -121,15 +118,15 @@ class Frame:
 
 def placements(
     origin: Placement, paths: Paths | None, times: Lanes | None, *, moves: bool
-) -> tuple[Placement, list[Placement] | None]:
-    """Of the sensor and of each mover at these times; None: nothing moves.
+) -> tuple[Placement, Moving | None]:
+    """Of the sensor and of the movers at these times; None: nothing but the sensor moves.
 
     origin  of the sensor unless it ``moves``
     """
     if paths is None or times is None:
         return origin, None
-    sensor, *movers = (paths.at(times, number) for number in range(paths.count))
-    return sensor if moves else origin, movers
+    movers = Moving(paths=paths, time_s=times) if paths.count > 1 else None
+    return paths.at(times, 0) if moves else origin, movers
 
 
 def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:

@@ -24,7 +24,7 @@ from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, together
 from ..maths.arrays import Array, Lanes
-from ..maths.paths import Paths, Placement
+from ..maths.paths import Moving, Paths, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.model import Scene
@@ -33,8 +33,8 @@ from .chunk import Chunk, Lit, PulseNumbers, needed_of, numbers_of, of_light, wi
 from .frame import Frame, placements
 from .options import TraceOptions
 
-Places = Callable[[int], tuple[Placement, list[Placement] | None]]
-"""Where the sensor and each mover are when pulses of so many rays leave, ray by ray; None: nothing moves."""
+Places = Callable[[int], tuple[Placement, Moving | None]]
+"""Where the sensor and what moves are when pulses of so many rays leave, ray by ray; None: nothing moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +130,7 @@ class Stages:
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
         )  # fmt: skip
         return rays, trace(
-            self.world, rays, sun=self.sun, placements=movers, interactions=self.interactions, survey=survey,
+            self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey,
             firing=firing,
         )  # fmt: skip
 
@@ -174,7 +174,13 @@ class Chain:
             moving = (
                 ()
                 if now.paths is None
-                else (now.paths.table, now.paths.rate_hz, now.paths.last, now.times(numbers))
+                else (
+                    now.paths.table,
+                    now.paths.rate_hz,
+                    now.paths.last,
+                    now.paths.boxes_m,
+                    now.times(numbers),
+                )
             )
             place = now.origin.origin_m, now.origin.rotation
             repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving)
@@ -209,8 +215,8 @@ class Chain:
             ) -> Chunk:
                 paths, times = None, None
                 if moving:
-                    table, rate_hz, last, times = moving
-                    paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count)
+                    table, rate_hz, last, boxes, times = moving
+                    paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count, boxes_m=boxes)
                 origin_m, rotation = place
                 found = placements(Placement(origin_m=origin_m, rotation=rotation), paths, times, moves=moves)
                 return stages.chain(lambda _: found, pulse, seed, survey=survey)

@@ -5,6 +5,7 @@ a ray; `trace` asks them in order.
 
 trace    the surface at the end of each path of a beam
 meeting  the nearest surface among bodies that move
+nearby   which rays come near what moves
 onward   beyond a pane, gap or mirror
 gaps     which rays pass a porous surface
 glints   specular returns into the receiver

@@ -41,9 +41,7 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask)
     if aim is None:
         return mi.Bool(False), way
     # The normal is in the frame of the body that was met; the beam's axes are in the traced frame.
-    normal = mi.Vector3f(met.surface.n)
-    for (_, place), here in zip(moment.moving, met.here, strict=True):
-        normal = dr.select(here, mi.Vector3f(*place.vector(tuple(normal))), normal)
+    normal = mi.Vector3f(met.turned(met.surface.n))
     range_m = way.length_m + met.t
     # The surface mirrors the aperture to a place 2 R away along its normal. Seen across the beam that image is
     # 2 R sin(delta) off the axis: the component of the normal along each of the two axes across the beam. Components

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from ...maths.arrays import Array, Lanes, Mask, xp
+from ...maths.paths import Placement
 from ...physics.optics import dielectrics
 from ..device.backend import mitsuba
 from ..device.types import Ray
@@ -52,16 +53,18 @@ class Way:
     glint_per_sr: Lanes = 0.0
 
 
-Followed = TypeVar("Followed", Way, Meeting)
+Followed = TypeVar("Followed", Way, Meeting, Placement)
 
 
 def chosen(mask: Mask, here: Followed, elsewhere: Followed) -> Followed:
-    """Select field by field between two objects of type `Way` or `Meeting`: ``here`` where the mask holds."""
+    """Select field by field between two objects of one type: ``here`` where the mask holds."""
     import drjit as dr
 
     def one(a: object, b: object) -> Any:
         if isinstance(a, tuple) and isinstance(b, tuple):
             return tuple(one(x, y) for x, y in zip(a, b, strict=True))
+        if isinstance(a, Placement) and isinstance(b, Placement):
+            return chosen(mask, a, b)
         # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
 
@@ -101,17 +104,12 @@ def gone_on(moment: Moment, way: Way, met: Meeting, active: Mask, *, reflected: 
     # side of a pane, or on the near side of a mirror: along its own new direction in both cases.
     step = START_OFFSET_M / xp(share).maximum(dr.abs(direction.z), _LEAST_COSINE)
     # The interaction's "world" is the frame of the body that was met; from there to the traced frame.
-    out = met.surface.to_world(direction)
-    for (_, place), here in zip(moment.moving, met.here, strict=True):
-        out = dr.select(here, mi.Vector3f(*place.vector(tuple(out))), out)
-    out = dr.normalize(out)
+    out = dr.normalize(met.turned(met.surface.to_world(direction)))
     # A mirror that moves by v changes the path's length by v . (d_in - d_out) per second. At a pane both directions
     # are the same, and its motion changes nothing.
     at = way.ray.o + met.t * way.ray.d
-    receding = way.receding_m_s
-    for (_, place), here in zip(moment.moving, met.here, strict=True):
-        drift = mi.Vector3f(*place.velocity_at(tuple(at)))
-        receding = dr.select(here, receding + dr.dot(drift, way.ray.d - out), receding)
+    drift = met.receding(at, way.ray.d - out)
+    receding = way.receding_m_s if drift is None else way.receding_m_s + drift
     return Way(
         ray=mi.Ray3f(at + step * out, out),
         length_m=way.length_m + met.t + step,

@@ -6,12 +6,10 @@ who asks for the light of some pulses gets it from the same stages, run once mor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
 from ...maths.arrays import Numbers
-from ...maths.paths import Placement
+from ...maths.paths import Moving, Placement
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..world.build import World
@@ -26,7 +24,7 @@ def light_of(
     ambient: Ambient,
     *,
     sun: Numbers,
-    placements: tuple[Placement, Sequence[Placement] | None],
+    placements: tuple[Placement, Moving | None],
     pulses: range,
     seed: int,
 ) -> Echoes:
@@ -45,7 +43,7 @@ def light_of(
     towards = transfer.opaque(tuple(float(x) for x in sun))
     air = transfer.opaque(ambient)
     firing = Firing(seed=transfer.opaque_uint32(seed))
-    ways = trace(world, rays, sun=towards, placements=movers, firing=firing)
+    ways = trace(world, rays, sun=towards, moving=movers, firing=firing)
     light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}
     transfer.start(list(columns.values()))  # together, or each would be traced for itself

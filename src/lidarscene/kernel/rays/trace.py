@@ -14,7 +14,7 @@ Symbols: theta angle of incidence, theta_s angle of the sun, f_r BSDF (1/sr), ta
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -24,7 +24,7 @@ from ...light.footprint import Aim
 from ...light.hits import Hits
 from ...light.limits import INTERACTIONS
 from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
-from ...maths.paths import Placement
+from ...maths.paths import Moving
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Ray, Surface
@@ -32,6 +32,7 @@ from ..world.build import World
 from .gaps import Draws, gap_share
 from .glints import returned
 from .meeting import Meeting, Moment
+from .nearby import boxes_of
 from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
 
 
@@ -58,7 +59,7 @@ def trace(
     beams: Beams,
     *,
     sun: Vector,
-    placements: Sequence[Placement] | None = None,
+    moving: Moving | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
     firing: Firing | None = None,
@@ -70,7 +71,7 @@ def trace(
     If there is no such pane it carries no light.
 
     sun           (x, y, z) unit vector towards the sun
-    placements    of each of the world's movers when each ray leaves; None: as at time 0
+    moving        where each of the world's movers is when each ray leaves; None: as at time 0
     interactions  largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path ends
                   without an echo; the next porous surface counts as solid
     survey        end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in full:
@@ -80,10 +81,10 @@ def trace(
     """
     mi = mitsuba()
     firing = firing or Firing()
-    if placements is None:
-        placements = [mover.rest for mover in world.movers]
+    moving = moving or world.rest
     moment = Moment(
-        world=world, moving=list(zip(world.movers, placements, strict=True)), sun=sun, coherent=True,
+        world=world, sun=sun, coherent=True,
+        moving=moving, boxes=() if moving is None else boxes_of(moving.paths.boxes_m),
         draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray), aim=firing.aim,
     )  # fmt: skip
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
@@ -229,11 +230,9 @@ def _ended(
     if behind is not None:
         sunny, side = sunny | behind, dr.select(behind, -normal, normal)
     # Above the surface, or rounding would put half of the shadow rays inside of it ("shadow acne").
-    start = moment.outside(met, surface.p + side * START_OFFSET_M)
-    receding = way.receding_m_s
-    for (_, place), here in zip(moment.moving, met.here, strict=True):
-        velocity = place.velocity_at(tuple(start))
-        receding = dr.select(here, receding + _along(velocity, tuple(way.ray.d)), receding)
+    start = met.outside(surface.p + side * START_OFFSET_M)
+    away = met.receding(start, way.ray.d)
+    receding = way.receding_m_s if away is None else way.receding_m_s + away
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
     if behind is not None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,9 +22,9 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning
 from ...maths.arrays import Numbers
-from ...maths.paths import Placement
+from ...maths.paths import Moving, Paths, Placement
 from ...maths.pose import Pose
-from ...maths.trajectory import Motion
+from ...maths.trajectory import Course, Motion
 from ...scene.model import Ball, Body, Part, Scene
 from ..device import transfer
 from ..device.backend import mitsuba
@@ -38,22 +38,22 @@ from .speculars import Speculars, lets_through
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mover:
-    """A body that moves. Bodies with the same parts share their Mitsuba scenes.
+    """A body that moves. Bodies with the same parts share their Mitsuba scenes, and follow each other.
 
     scene       Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
     panes       Mitsuba scene of its panes and porous surfaces; None if there are none
-    sphere      (x, y, z, radius) of a sphere around the body, in its frame; opaque
-    face_shift  what to add to a face number of the shared scene to get this body's; UInt32, opaque
+    box_m       (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
+    face_shift  what to add to a face number of the shared scene to get this body's
     motion      its pose over time
-    rest        its pose at time 0, in the traced frame; opaque
+    pose        its pose at time 0
     """
 
     scene: Any
     panes: Any
-    sphere: tuple[Any, ...]
-    face_shift: Any
+    box_m: Numbers
+    face_shift: int
     motion: Motion
-    rest: Placement
+    pose: Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,6 +64,8 @@ class World:
                     Vertices are relative to ``centre_m``
     panes           Mitsuba scene of panes and porous surfaces that stand still; None if there are none
     movers          what moves
+    rest            where that is at time 0, numbers on the device; None if nothing moves
+    mover_shift     (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
     centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
     first_face, shape_reflectivity, shape_transmittance
                     by the registry number of a shape: number of its first face; diffuse reflectivity (-1: ask the
@@ -81,6 +83,8 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
+    rest: Moving | None
+    mover_shift: Any
     centre_m: Numbers
     first_face: Any
     shape_reflectivity: Any
@@ -147,7 +151,7 @@ def build_world(
         # in the tables, a constant number of rows later: that number is its shift.
         starts = [faces.add(group.shapes, body=index) for index in group.bodies]
         movers += [
-            _mover(traced, panes, scene.bodies[index], centre, start - starts[0])
+            _mover(traced, panes, scene.bodies[index], start - starts[0])
             for index, start in zip(group.bodies, starts, strict=True)
         ]
     class_names = tuple(dict.fromkeys(class_of))
@@ -158,6 +162,10 @@ def build_world(
         panes=panes,
         see_through=see_through,
         movers=tuple(movers),
+        rest=_rest(movers, centre),
+        mover_shift=transfer.unsigned_numbers(np.array([one.face_shift for one in movers]))
+        if movers
+        else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
@@ -304,22 +312,37 @@ def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
     return mitsuba().load_dict(settings | children, optimize=False)
 
 
-def _mover(
-    scene: TracedScene | None, panes: TracedScene | None, body: Body, centre: Numbers, face_shift: int
-) -> Mover:
-    # Half the diagonal of the box: not the smallest sphere around a body, but one that surely holds it.
-    low, high = _extent(body)
-    middle = (low + high) / 2.0
-    radius = float(np.linalg.norm(high - low)) / 2.0
+def _mover(scene: TracedScene | None, panes: TracedScene | None, body: Body, face_shift: int) -> Mover:
     assert body.motion is not None
     return Mover(
         scene=scene,
         panes=panes,
-        sphere=transfer.opaque((*(float(x) for x in middle), radius)),
-        face_shift=transfer.opaque_uint32(face_shift),
+        box_m=np.stack(_extent(body)),
+        face_shift=face_shift,
         motion=body.motion,
-        rest=at_rest(body.pose, centre),
+        pose=body.pose,
     )
+
+
+def on_device(paths: Paths) -> Paths:
+    """Return paths whose numbers are on the device."""
+    table = transfer.from_numpy(np.asarray(paths.table))
+    boxes = None if paths.boxes_m is None else transfer.from_numpy(paths.boxes_m)
+    return replace(transfer.opaque(paths), table=table, boxes_m=boxes)
+
+
+def boxes_of(movers: Sequence[Mover]) -> Numbers | None:
+    """Return the boxes around bodies, (m, 2, 3), each in its frame; None without any."""
+    return np.stack([one.box_m for one in movers]) if movers else None
+
+
+def _rest(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:
+    """Return the poses of what moves, as the bodies have them."""
+    if not movers:
+        return None
+    stay = [Course(), *(Course(start=mover.pose) for mover in movers)]
+    paths = Paths.of(stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=boxes_of(movers))
+    return Moving(paths=on_device(paths), time_s=transfer.opaque(0.0))
 
 
 def at_rest(pose: Pose, centre_m: Numbers) -> Placement:
