@@ -8,6 +8,7 @@ parameters, the one that is best known from elsewhere, stays at the value that i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,8 +26,14 @@ BLOCKS = 40
 LONGEST_STEP = 0.5
 """Of a logarithm."""
 
+FARTHEST = 3.0
+"""A logarithm that runs off farther, a factor of 20, leads to nothing that the recording tells: it is held there."""
+
 OUTLIER = 5.0
 """Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
+
+HUBER = 4.0
+"""Sigmas from which on a signal counts less: an edge, a surface that is not as it is believed to be."""
 
 DONE = 1e-3
 """A step of so many sigmas is the last."""
@@ -102,7 +109,8 @@ def fit_known(
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
         size = float(np.sqrt(move @ matrix @ move))
-        move = move * min(1.0, LONGEST_STEP / max(float(np.abs(move).max()), 1e-12))
+        # Each for itself: one that runs off must not hold up the others.
+        move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
         whole = np.zeros(len(names))
         whole[rows] = move
         surfaces = surfaces + np.clip(
@@ -110,6 +118,10 @@ def fit_known(
         )
         for name, one in zip(active, move, strict=True):
             values[name] += float(one)
+        gone = [name for name in active if abs(values[name]) > FARTHEST]
+        null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in gone]
+        held += gone
+        active = [name for name in active if name not in gone]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
             strong = _strong(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong, weight)
@@ -179,6 +191,8 @@ def _step(
     said = 1.0 - strong
     chance = np.clip(now.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong, reported.signal - now.signal, 0.0)
+    fair = np.minimum(1.0, HUBER * np.sqrt(now.variance) / np.maximum(np.abs(signal), 1e-12))
+    light = np.isfinite(reported.near_ir)
     apart = np.where(strong, (reported.range_m - scene.range_m) / now.sigma_m, 0.0)
     near = strong & (np.abs(apart) < OUTLIER)
     apart = np.where(near, apart, 0.0)
@@ -186,11 +200,11 @@ def _step(
     residuals = (
         signal,
         reported.kept - chance,
-        reported.near_ir - now.near_ir,
+        np.where(light, reported.near_ir - now.near_ir, 0.0),
         (apart * apart - 1.0) * now.sigma_m,
     )
     weights = (
-        strong / now.variance, said / (chance * (1.0 - chance)), 1.0 / np.maximum(now.near_ir, 1.0),
+        strong * fair / now.variance, said / (chance * (1.0 - chance)), light / np.maximum(now.near_ir, 1.0),
         near / now.sigma_m**2,
     )  # fmt: skip
     # The variance of (z^2 - 1) sigma is 2 sigma^2: its information is twice the square of the slope over sigma^2.
