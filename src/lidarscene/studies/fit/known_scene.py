@@ -20,6 +20,7 @@ from ...light.echoes import Echoes, EchoTrain
 from ...maths.arrays import Lanes, Numbers, is_drjit, xp
 from ...maths.special import normal_tail
 from ...physics.constants import SPEED_OF_LIGHT_M_S
+from ...sensor.detectors import WorkingPoint
 from ...sensor.model import Sensor
 from ...sensor.photon_counting.model import Macropixel
 from .near_field import share
@@ -54,6 +55,9 @@ LEAST_CHANCE = 1e-9
 SECOND_ORDER = 1.5
 """Of the place's variance, over the photons: the peak of few photons is not linear in them. From drawn histograms of
 25 to 70 photons: 1.5 +/- 0.3."""
+
+NODES = (0.0, 1.355626, -1.355626, 2.856970, -2.856970), (8 / 15, 0.222076, 0.222076, 0.011257, 0.011257)
+"""Places and weights of Gauss and Hermite's sum over a normal distribution."""
 
 LEAST_FLOOR_M = 3e-4
 """A clock of steps of 1 mm scatters by 1 / sqrt(12) mm; the filter's own scatter is known to 1 %."""
@@ -119,7 +123,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reported:
-    """What the sensor said, (n,) each; signal and range_m are NaN where nothing was kept, near_ir where it tells nothing."""
+    """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing, the first two of what was lost."""
 
     kept: Numbers
     signal: Numbers
@@ -196,8 +200,7 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     told = signal * captured
     counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
-    assert point.echo_tail is not None
-    chance = (1.0 - scene.strangers) * point.echo_tail(level, signal) + 0.5 * scene.strangers
+    chance = (1.0 - scene.strangers) * _chance(point, level, signal, scene.texture) + 0.5 * scene.strangers
     return Expected(
         signal=told, chance=chance,
         near_ir=rate * sensor.tdc.ambient_s, level=level, fired=-point.kappa_2 / point.kappa_1 * signal,
@@ -206,6 +209,17 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
         + (point.kappa_2 / point.kappa_1 + scene.texture**2) * told * told,
         sigma_m=_sigma_m(signal, pixel, floor_m),
     )  # fmt: skip
+
+
+def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) -> Lanes:
+    """Of a return, over the surfaces' texture."""
+    assert point.echo_tail is not None
+    if texture == 0.0:
+        return point.echo_tail(level, signal)
+    total: Lanes = 0.0
+    for place, weight in zip(*NODES, strict=True):
+        total = total + weight * point.echo_tail(level, signal * math.exp(texture * place - 0.5 * texture**2))
+    return total
 
 
 def _shared(scene: Scene, range_m: Lanes, grown: Callable[[str], Lanes]) -> Lanes:

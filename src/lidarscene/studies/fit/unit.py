@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -134,15 +134,16 @@ def _why(one: Estimate | None) -> str:
     return "not recorded" if one is None else f"{one.value:.3g} +/- {one.sigma:.2g} {one.unit}".rstrip()
 
 
-def put(text: str, table: str, key: str, value: float, source: str) -> str:
-    """The text with this value in the table, and with its source."""
+def put(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
+    """The text with this value, or a list in one line, in the table, and with its source."""
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is None:
         raise InputError(f"[{table}]: must be a table of the sensor file, got none")
     end = re.compile(r"(?m)^\[").search(text, head.end())
     body = text[head.end() : end.start() if end else len(text)]
-    line = f"{key} = {value:.6g}\n"
-    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n?", lambda _: line, body, count=1)
+    shown = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
+    line = f"{key} = {shown}\n"
+    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
     body = changed if count else line + body
     return noted(
         text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source

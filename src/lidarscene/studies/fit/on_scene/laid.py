@@ -21,7 +21,7 @@ from ....scene.model import Scene as World
 from ....sensor.model import Sensor
 from ...twin.pulses import from_exit, matched
 from ...twin.reflect import dropped
-from ...twin.surfels import FILLED, GROUND, KINDS
+from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
 from ..known_scene import Reported, Scene
 from ..near_field import SPOTS, share
 from ..products import near_field_m
@@ -30,11 +30,11 @@ from ..pulses import BLOCK, HELD_OUT
 ROWS = 8
 """Rows of a patch, `BLOCK` columns wide, whose surfaces share one unknown factor of the reflectivity."""
 
-START_FLOOR_M = 5e-3
-"""Scatter of the ranges beside that of the photons, to start from: surfaces are no planes."""
-
 POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
 """Background that a count of NEAR_IR is looked up in."""
+
+SAME_M = 1e-4
+"""Two ranges that differ by less are of one surface."""
 
 SAME_LAW = 0.01
 """Most difference of the sensor's near field from the law of defocus for it to be that law."""
@@ -63,25 +63,25 @@ class Laid:
         return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
 
 
-def measured(world: World) -> World:
-    """A twin's scene without the surfaces that were made up for pulses that were lost."""
-    made_up = {KINDS[FILLED], KINDS[GROUND]}
-    return replace(world, bodies=tuple(one for one in world.bodies if one.class_name not in made_up))
+def _of_kinds(world: World, *kinds: int) -> World:
+    """A twin's scene with only these kinds of its surfaces."""
+    names = {KINDS[kind] for kind in kinds}
+    return replace(world, bodies=tuple(one for one in world.bodies if one.class_name in names))
 
 
 def laid_on(
-    world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, light_measured: bool = False
+    world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False
 ) -> Laid:
     """Lay frames on a scene, each from its pose; None: the scene's own.
 
-    light_measured  the background is taken from NEAR_IR where it is recorded, and not from the scene's light
+    twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
+          edges are not as they are in the twin. The background is taken from NEAR_IR
     Raises InputError where the sensor does not fire the recording's pulses, or nothing stands before them.
     """
-    simulator = Simulator(world, sensor)
-    spot = spot_over_field(sensor)
-    parts = []
-    for number, (sweep, pose) in enumerate(frames):
-        parts.append(_frame(simulator, sweep, pose, number=number, spot=spot, light_measured=light_measured))
+    # Of a twin: all that was measured, and what of it is smooth.
+    worlds = [_of_kinds(world, SMOOTH, ROUGH, BRIGHT), _of_kinds(world, SMOOTH)] if twin else [world]
+    simulators = [Simulator(one, sensor) for one in worlds]
+    parts = [_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
     if not sum(len(one.block) for one in parts):
         raise InputError("--scene: must have surfaces before the recorded pulses, got none")
     joined = _joined(parts)
@@ -89,10 +89,9 @@ def laid_on(
     return replace(joined, scene=replace(joined.scene, group=group))
 
 
-def _frame(
-    simulator: Simulator, sweep: Sweep, pose: Pose | None, *, number: int, spot: float | None, light_measured: bool
-) -> Laid:  # fmt: skip
-    sensor = simulator.sensor
+def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> Laid:
+    """A frame on the light of the first simulator; what another one sees otherwise tells no signal and no range."""
+    sensor = simulators[0].sensor
     numbers, _ = matched(sensor, sweep)
     rows, columns = sweep.shape
     if sweep.signal is None:
@@ -103,25 +102,31 @@ def _frame(
     column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
     row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
     block = number * (columns // BLOCK + 1) + column // BLOCK
-    traced = simulator.light() if pose is None else simulator.light(pose=pose)
-    light = _of_pulses(traced, pulse)
-    group = block * (rows // ROWS + 1) + row // ROWS
-    scene = Scene.of(light, sensor, group, spot_over_field=spot)
+    lights = [
+        _of_pulses(one.light() if pose is None else one.light(pose=pose), pulse) for one in simulators
+    ]
+    light = lights[0]
     there = np.asarray(light.found)
+    smooth = np.ones(len(pulse), bool)
+    for other in lights[1:]:
+        apart = np.asarray(other.parts[0].range_m - light.parts[0].range_m)
+        smooth &= np.asarray(other.found) & (np.abs(apart) < SAME_M)
+    group = block * (rows // ROWS + 1) + row // ROWS
+    scene = Scene.of(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][there]
-    measured_light = light_measured and near_ir is not None
-    if measured_light:
-        assert near_ir is not None
+    if len(simulators) > 1 and near_ir is not None:
         scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
     range_m = from_exit(sensor, sweep, numbers).T[chosen][there]
     kept = np.isfinite(range_m)
+    clear = kept & smooth[there]
     signal = np.asarray(sweep.signal, np.float64).T[chosen][there]
-    told = near_ir is not None and not measured_light
+    if near_ir is None or scene.light_measured:
+        near_ir = np.full(len(kept), np.nan)
     return Laid(
-        scene=replace(scene, floor_m=START_FLOOR_M),
+        scene=scene,
         reported=Reported(
-            kept=kept, signal=np.where(kept, signal, np.nan), range_m=range_m,
-            near_ir=near_ir if told else np.full(len(kept), np.nan),  # type: ignore[arg-type]
+            kept=kept, signal=np.where(clear, signal, np.nan), range_m=np.where(clear, range_m, np.nan),
+            near_ir=near_ir,
         ),
         block=block[there],
     )  # fmt: skip
