@@ -104,7 +104,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
 
 
 def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
-    """Rationale: a floor of 3 mm, where there is none, goes to zero for ever: once it stopped every step of the rest."""
+    """Rationale: a floor of 3 mm, where there is none, goes to zero for ever. Once it stopped the rest."""
     truth = drawn_unit(3)
     scene, reported = drawn_report(unit_of(truth), 3000)
     fit = fit_known(replace(scene, floor_m=3e-3), reported, reflectivity_sigma=REFLECTIVITY_SIGMA)

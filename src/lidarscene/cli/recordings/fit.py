@@ -66,7 +66,9 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
     if arguments.poses is not None:
         raise InputError("--poses: goes with --scene")
     if arguments.sensor is None:
-        raise InputError("--sensor: must name the sensor of the recording, or --scene one that has it, got neither")
+        raise InputError(
+            "--sensor: must name the sensor of the recording, or --scene one that has it, got neither"
+        )
     from ...studies.fit.study import fit_recordings
 
     text, passed = fit_recordings(

@@ -19,7 +19,9 @@ DRAWS = 400
 """Of the bootstrap: its sigma is good to 3.5 %."""
 
 DOUBT = 1.3
-"""Bootstrap over Fisher from which on they differ: that of 40 blocks scatters by 11 %, to 20 % where few of them matter."""
+"""Bootstrap over Fisher from which on they differ.
+
+That of 40 blocks scatters by 11 %, by 20 % where few of them matter."""
 
 MOST_EVALUATIONS = 50
 """Of a law, by the solver, those for its slopes included."""

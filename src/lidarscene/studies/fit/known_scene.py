@@ -74,7 +74,7 @@ class Scene:
     spot_over_field  of the laser's spot, for the law of defocus; None: the near field is the sensor's own, whatever its
                   optics, over a range that `near_field_m` stretches
     jitter_s      that a `detector.jitter_ps` of 0 stands for
-    floor_m       scatter that all ranges have, for a `scatter_floor` of 0: of the clock's steps, of what is not modelled
+    floor_m       scatter that all ranges have, for a `scatter_floor` of 0: clock's steps, what is not modelled
     texture       scatter of the surfaces' reflectivities within a group, relative
     strangers     share of the pulses that met something else than is known: it may be kept or lost
     light_measured  whether the background is that of a measurement, and does not go with the reflectivities
@@ -123,7 +123,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reported:
-    """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing, the first two of what was lost."""
+    """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing."""
 
     kept: Numbers
     signal: Numbers

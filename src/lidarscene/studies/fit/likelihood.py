@@ -27,15 +27,15 @@ LONGEST_STEP = 0.5
 """Of a logarithm."""
 
 FARTHEST = math.log(5.0)
-"""A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter that
-is that much smaller than it was stays there, as it is none."""
+"""A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter
+that is that much smaller than it was stays there, as it is none."""
 
 OUTLIER = 5.0
 """Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
 
 FARTHEST_SQUARE = 9.0
-"""Of a range's distance from the surface over its sigma, squared: what is farther counts no more, since surfaces are not
-quite where they are believed to be. That costs a clean recording 1 % of sigma."""
+"""Of a range's distance from the surface over its sigma, squared: what is farther counts no more, since surfaces are
+not quite where they are believed to be. That costs a clean recording 1 % of sigma."""
 
 _WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
 _EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
@@ -45,7 +45,7 @@ _SLOPE = 2.0 * _INSIDE / _MEAN_SQUARE
 _VARIANCE = (
     3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
 ) / _MEAN_SQUARE**2 - 1.0
-"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma, its variance.
+"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma, and variance.
 Without a limit both are 2."""
 
 HUBER = 4.0
@@ -151,7 +151,12 @@ def fit_known(
         evaluations=evaluations,
     )  # fmt: skip
     return KnownFit(
-        solved=solved, names=tuple(active), held=tuple(held), null=tuple(null), values=values, reflectivity=surfaces
+        solved=solved,
+        names=tuple(active),
+        held=tuple(held),
+        null=tuple(null),
+        values=values,
+        reflectivity=surfaces,
     )
 
 

@@ -71,22 +71,22 @@ def near_field_m(sensor: Sensor) -> float:
 def scatter_c_mm(sensor: Sensor) -> float:
     """Scatter of the range times the root of the photons, without background: of pulse, jitter and bin."""
     sigma_s = math.hypot(float(sensor.laser.pulse_fwhm_s) / SIGMAS_PER_FWHM, math.sqrt(_rest_s2(sensor)))
-    return 0.5e3 * SPEED_OF_LIGHT_M_S * sigma_s * scatter_over_sigma(_width(sensor, sigma_s))
+    return 0.5e3 * SPEED_OF_LIGHT_M_S * sigma_s * _scatter(sensor, sigma_s)
 
 
 def pulse_fwhm_s(sensor: Sensor, scatter_mm: float) -> float | None:
     """The pulse that scatters the range so, beside the sensor's jitter and bin; None if these alone scatter more."""
     wanted_s = scatter_mm / (0.5e3 * SPEED_OF_LIGHT_M_S)
-    sigma_s = wanted_s / scatter_over_sigma(matched_filter.TEMPLATE)
+    sigma_s = wanted_s / float(scatter_over_sigma(matched_filter.TEMPLATE))
     for _ in range(20):  # the bin's part of the filter's width depends on the echo's, weakly
-        sigma_s = wanted_s / scatter_over_sigma(_width(sensor, sigma_s))
+        sigma_s = wanted_s / _scatter(sensor, sigma_s)
     square = sigma_s**2 - _rest_s2(sensor)
     return SIGMAS_PER_FWHM * math.sqrt(square) if square > 0.0 else None
 
 
-def _width(sensor: Sensor, sigma_s: float) -> float:
+def _scatter(sensor: Sensor, sigma_s: float) -> float:
     assert sensor.histogram is not None
-    return float(width_of_place(sigma_s, float(sensor.histogram.bin_s)))
+    return float(scatter_over_sigma(width_of_place(sigma_s, float(sensor.histogram.bin_s))))
 
 
 def _rest_s2(sensor: Sensor) -> float:

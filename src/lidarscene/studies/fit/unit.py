@@ -143,7 +143,9 @@ def put(text: str, table: str, key: str, value: float | Sequence[float], source:
     body = text[head.end() : end.start() if end else len(text)]
     shown = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
     line = f"{key} = {shown}\n"
-    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
+    changed, count = re.subn(
+        rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1
+    )
     body = changed if count else line + body
     return noted(
         text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source

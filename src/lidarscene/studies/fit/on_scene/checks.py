@@ -40,7 +40,9 @@ class Judged:
     @property
     def signal_error(self) -> float | None:
         """Mean absolute error over the range, relative."""
-        return float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
+        return (
+            float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
+        )
 
     @property
     def kept_error(self) -> float | None:

@@ -102,9 +102,7 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
     column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
     row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
     block = number * (columns // BLOCK + 1) + column // BLOCK
-    lights = [
-        _of_pulses(one.light() if pose is None else one.light(pose=pose), pulse) for one in simulators
-    ]
+    lights = [_of_pulses(one.light() if pose is None else one.light(pose=pose), pulse) for one in simulators]
     light = lights[0]
     there = np.asarray(light.found)
     smooth = np.ones(len(pulse), bool)
@@ -136,10 +134,12 @@ def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
     """The light of these pulses, of surfaces only."""
     parts: list[SubEchoes] = []
     for one in light.parts[: light.surfaces]:
-        parts.append(replace(one, range_m=one.range_m[pulse], peak_power_w=one.peak_power_w[pulse]))
-    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), np.shape(light.found))
+        range_m, power_w = (np.asarray(values)[pulse] for values in (one.range_m, one.peak_power_w))
+        parts.append(replace(one, range_m=range_m, peak_power_w=power_w))
+    found = np.asarray(light.found)
+    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), found.shape)
     return EchoTrain(
-        parts=tuple(parts), surfaces=len(parts), found=np.asarray(light.found)[pulse],
+        parts=tuple(parts), surfaces=len(parts), found=found[pulse],
         background_power_w=background[pulse],
     )  # fmt: skip
 

@@ -38,6 +38,17 @@ ROUNDS = 2
 LEAST_TEXTURE = 0.01
 
 
+_OF_TWIN = (
+    "the scene is a twin: its light and the scale of its reflectivities are the recording's own: sun and dark counts "
+    "cannot be told, and power only with the maker's REFLECTIVITY as the scale"
+)
+_SEEN = (
+    "the twin is made of these frames: it was told their signals, so these say nothing new of power and near field; "
+    "twin --held-out columns, or --held-out K, keeps them apart"
+)
+_HELD_OUT = "the twin has not seen what is fitted here (held out)"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
     """What a fit with a scene is made of.
@@ -77,10 +88,7 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
     frames, notes = _frames(given, made)
     recording = ", ".join(one.name for one in given.recordings)
     if made is not None:
-        notes += (
-            "the scene is a twin: its light and the scale of its reflectivities are the recording's own, so sun and "
-            "dark counts cannot be told, and power only with the maker's REFLECTIVITY as the scale",
-        )
+        notes += (_OF_TWIN,)
     try:
         laid = laid_on(world, sensor, frames, twin=made is not None)
     except ValueError as error:
@@ -155,7 +163,9 @@ def _floor_m(laid: Laid) -> float:
 
 def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
     """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
-    now = expected(replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group])
+    now = expected(
+        replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group]
+    )
     bright = np.asarray(now.chance) > 0.999
     both = bright & np.isfinite(laid.reported.signal)
     if both.sum() < 100:
@@ -167,7 +177,9 @@ def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
     return texture, min(2.0 * float(np.mean(~laid.reported.kept[bright])), 0.5)
 
 
-def _frames(given: Given, made: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+def _frames(
+    given: Given, made: dict[str, object] | None
+) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
     """The frames to fit with their poses, and what is to be said of them."""
     found: list[tuple[Sweep, Pose | None]] = []
     for path in given.recordings:
@@ -187,11 +199,8 @@ def _frames(given: Given, made: dict[str, object] | None) -> tuple[list[tuple[Sw
     if made is None:
         return found, ()
     if made["held_out"] is None:
-        return found, (
-            "the twin is made of these frames: it was told the signals, so only what they do not say of power and near "
-            "field is learned; twin --held-out columns, or --held-out K, keeps them apart",
-        )
-    return found, ("the twin has not seen what is fitted here (held out)",)
+        return found, (_SEEN,)
+    return found, (_HELD_OUT,)
 
 
 def _placed(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
@@ -210,5 +219,3 @@ def _placed(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[S
             )
         placed.append((sweep, pose_at(motion, time_s)))
     return placed
-
-

@@ -23,7 +23,7 @@ STRETCHED = {
     "laser.divergence_elevation_mrad": -0.5,
 }  # fmt: skip
 """Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
-angles shrink by it; aperture times field of view stays, so the background does, and the power makes up for the aperture."""
+angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
 
 
 def written_text(
@@ -49,23 +49,36 @@ def written_text(
             factors[key] = factors.get(key, 1.0) * spot.value
             source[key] = _source("spot_over_field", spot, recording)
     tables = tomllib.loads(text)
+    values: dict[str, Any] = {}
     for key, factor in factors.items():
-        table, _, name = key.rpartition(".")
         before = _found(tables, key)
-        if before is None:
-            if key in known:
-                notes.append(f"{key} is left as it was: it is not a number of the file")
-            continue
-        several = isinstance(before, list)
-        value = [float(one) * factor for one in before] if several else float(before) * factor
-        changed = put(text, table, name, round(value) if isinstance(before, int) else value, source[key])
-        try:
-            sensor_of(changed, where)
-        except InputError as error:
-            notes.append(f"{key} is left as it was: {error}")
-        else:
-            text = changed
-    return text, tuple(notes)
+        if before is not None:
+            several = isinstance(before, list)
+            value = [float(one) * factor for one in before] if several else float(before) * factor
+            values[key] = round(value) if isinstance(before, int) else value  # type: ignore[arg-type]
+        elif key in known:
+            notes.append(f"{key} is left as it was: it is not a number of the file")
+    whole = text
+    for key, value in values.items():
+        whole = _put(whole, key, value, source[key])
+    try:
+        sensor_of(whole, where)
+    except InputError:  # one of them does not go with the others: those that do are put in
+        for key, value in values.items():
+            changed = _put(text, key, value, source[key])
+            try:
+                sensor_of(changed, where)
+            except InputError as error:
+                notes.append(f"{key} is left as it was: {error}")
+            else:
+                text = changed
+        return text, tuple(notes)
+    return whole, tuple(notes)
+
+
+def _put(text: str, key: str, value: float | list[float], source: str) -> str:
+    table, _, name = key.rpartition(".")
+    return put(text, table, name, value, source)
 
 
 def _source(key: str, one: Estimate, recording: str) -> str:
