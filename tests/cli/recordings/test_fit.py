@@ -47,7 +47,8 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
     (((given, output, report), more),) = asked
     assert given == on_scene.Given(
-        recordings=[OUSTER], scene=Path("twin/scene.toml"), sensor="os0-128", metadata=Path("u.json"), poses=Path("p.csv")
+        recordings=[OUSTER], scene=Path("twin/scene.toml"), sensor="os0-128", metadata=Path("u.json"),
+        poses=Path("p.csv"),
     )  # fmt: skip
     assert (output, report, more) == (tmp_path / "u.toml", tmp_path / "r", {"as_json": False})
 

@@ -45,7 +45,7 @@ _SLOPE = 2.0 * _INSIDE / _MEAN_SQUARE
 _VARIANCE = (
     3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
 ) / _MEAN_SQUARE**2 - 1.0
-"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma, and variance.
+"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma; variance.
 Without a limit both are 2."""
 
 HUBER = 4.0
