@@ -76,7 +76,9 @@ def test_metadata_that_leave_out_what_they_must_say(tmp_path: Path, library: Cal
     described = path / "metadata.yaml"
     text = described.read_text(encoding="utf-8")
     assert "serialization_format: cdr" in text
-    described.write_text(text.replace("serialization_format: cdr", 'serialization_format: ""'), encoding="utf-8")
+    described.write_text(
+        text.replace("serialization_format: cdr", 'serialization_format: ""'), encoding="utf-8"
+    )
     with open_recording(path) as recording:
         assert len(recording) == 2
 
