@@ -11,7 +11,7 @@ from lidarscene.physics.photon_counting import dead_time
 from lidarscene.studies.ranging import plane
 
 ALL, FIRST, LIGHT = "#ffc14d", "#5ec8f2", "#9aa4b2"
-SENSOR, RANGE_M, KLUX = "os1-128", 40.0, 60.0
+SENSOR, RANGE_M, KLUX = "os1-128", 15.0, 60.0
 CELL_HZ, BIN_NS, SHOTS = 63e6, 1.0, 1e5
 """Background of one of Table 1's cells; the figure's bins and shots."""
 
@@ -29,7 +29,7 @@ def photon_counting() -> None:
     metres = 0.5 * SPEED_OF_LIGHT_M_S * shown.time_s
     left.step(metres, shown.counts[0], where="mid", color=LIGHT, linewidth=0.8, label="drawn")
     left.plot(metres, shown.expected[0], color=ALL, linewidth=1.2, label="mean")
-    left.set(xlim=(20.0, 60.0), ylim=(0.0, None))
+    left.set(xlim=(0.0, 40.0), ylim=(0.0, None))
     left.set_xlabel("range [m]", color=INK)
     left.set_title(
         f"counts of a bin in {float(sensor.histogram.shots):.0f} shots: 10 % wall at {RANGE_M:.0f} m, {KLUX:.0f} klux",

@@ -8,6 +8,7 @@ import counting
 import effects
 import leaves
 import numpy as np
+import recorded
 import response
 import retro
 import surfaces
@@ -20,9 +21,9 @@ from lidarscene.cloud.deskew import deskewed
 from lidarscene.studies.compare import study
 from lidarscene.studies.compare.run import Bench
 
-sys.path.insert(0, str(HERE.parents[1] / "tests" / "view"))
-from chromium import Chromium, executable
-from served import served
+sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from helpers.chromium import Chromium, executable
+from helpers.served import served
 
 # The point of the car's paint that is nearest to this place in the picture.
 CLICK = """(() => {
@@ -150,6 +151,8 @@ PICTURES = {
     "intensity": retro.intensity,
     "bloom": retro.bloom,
     "surfaces": surfaces.surfaces,
+    "twin": recorded.twin,
+    "fit": recorded.fit,
     "view": view,
 }
 

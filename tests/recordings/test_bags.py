@@ -70,6 +70,19 @@ def test_packets_of_a_driver(tmp_path: Path, library: Callable[[str], Any]) -> N
             assert recording[1].kept.sum() == 75 * 24 * 16
 
 
+def test_metadata_that_leave_out_what_they_must_say(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """Rationale: recorders are about that write no serialization; the one file in the folder says it itself."""
+    path = scan_bag(tmp_path / "a", library, 2)
+    described = path / "metadata.yaml"
+    text = described.read_text(encoding="utf-8")
+    assert "serialization_format: cdr" in text
+    described.write_text(
+        text.replace("serialization_format: cdr", 'serialization_format: ""'), encoding="utf-8"
+    )
+    with open_recording(path) as recording:
+        assert len(recording) == 2
+
+
 def test_a_bag_without_a_lidar_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
     rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

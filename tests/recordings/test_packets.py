@@ -1,5 +1,6 @@
 """Packets of pcap files, and turns."""
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,18 @@ def test_a_turn_ends_where_the_recording_began() -> None:
         assert turns_of(azimuths) == [slice(0, 36), slice(36, 72), slice(72, 80)]
     assert turns_of([]) == []
     assert turns_of([100]) == [slice(0, 1)]
+
+
+def test_packets_stay_in_the_file(tmp_path: Path) -> None:
+    """Rationale: a drive is larger than memory. Of 5 MB of packets 24 bytes each are held, and what is asked for."""
+    path = pcap(tmp_path / "a.pcap", [bytes([number % 256]) * 1200 for number in range(4000)])
+    tracemalloc.start()
+    try:
+        packets = packets_of(path)
+        turn = packets.where(lambda payload: payload[0] != 7)[100:150]
+        told = turn[3].payload
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert (len(packets), len(turn), told[:1], len(told)) == (4000, 50, bytes([104]), 1200)
+    assert peak < 1e6

@@ -44,8 +44,7 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
     for name, text in DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(text, name))
     with reading(path, folder=True):
-        bag = highlevel.AnyReader([path], default_typestore=store)
-        bag.open()
+        bag = _opened(lambda file: highlevel.AnyReader([file], default_typestore=store), path)
     connections = [one for one in bag.connections if one.msgtype in (POINTS, *SCANS)]
     if not connections:
         topics = ", ".join(f"{one.topic} ({one.msgtype})" for one in bag.connections) or "none"
@@ -70,6 +69,20 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
             return _sweep(_message(bag, chosen, stamps, frame), transforms, about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=about)
+
+
+def _opened(reader: Callable[[Path], Any], path: Path) -> Any:
+    """The bag; of a folder whose metadata.yaml leaves out what it needs, as some recorders do, the file in it."""
+    bag = reader(path)
+    try:
+        bag.open()
+    except Exception:
+        inside = [one for one in path.iterdir() if one.suffix in (".db3", ".mcap")] if path.is_dir() else []
+        if len(inside) != 1:
+            raise
+        bag = reader(inside[0])
+        bag.open()
+    return bag
 
 
 def _stamps(bag: Any, connection: Any) -> list[int]:

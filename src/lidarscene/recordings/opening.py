@@ -65,7 +65,7 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
         )
     own = velodyne.is_velodyne if velodyne.is_velodyne(packets[0].payload) else hesai.is_hesai
     opened = velodyne.open_velodyne if own is velodyne.is_velodyne else hesai.open_hesai
-    return opened(path, metadata, [one for one in packets if own(one.payload)])
+    return opened(path, metadata, packets.where(own))
 
 
 def _bag(path: Path, metadata: Path | None) -> Recording:

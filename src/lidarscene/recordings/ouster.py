@@ -15,7 +15,7 @@ from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from .packets import records_of
+from .packets import mapped, records_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -78,7 +78,7 @@ def _indexable(path: Path, opened: ExitStack) -> Path:
 def _require_whole(path: Path) -> None:
     """ValueError, as InputError, for a pcap that is cut off: ouster-sdk would give what is left without a word."""
     with reading(path):
-        for _ in records_of(path):
+        for _ in records_of(mapped(path)):
             pass
 
 

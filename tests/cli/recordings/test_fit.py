@@ -36,6 +36,38 @@ def test_the_code_says_whether_the_laws_held(
     assert more == {"metadata": Path("u.json"), "as_json": True}
 
 
+def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarscene.studies.fit.on_scene import study as on_scene
+
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        on_scene, "fit_on_scene", lambda *given, **more: (asked.append((given, more)), ("", True))[1]
+    )
+    files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
+    assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
+    (((given, output, report), more),) = asked
+    assert given == on_scene.Given(
+        recordings=[OUSTER], scene=Path("twin/scene.toml"), sensor="os0-128", metadata=Path("u.json"),
+        poses=Path("p.csv"),
+    )  # fmt: skip
+    assert (output, report, more) == (tmp_path / "u.toml", tmp_path / "r", {"as_json": False})
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--poses", "p.csv", "--sensor", "os0-128"], "--poses: goes with --scene"),
+        ([], "--sensor: must name the sensor"),
+    ],
+)
+def test_what_goes_with_a_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], complaint: str
+) -> None:
+    argv = ["fit", str(OUSTER), "-o", str(tmp_path / "u.toml"), "--report", str(tmp_path / "r"), *options]
+    assert main.main(argv) == 2
+    assert complaint in capsys.readouterr().err
+
+
 def test_one_packet_tells_too_little(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any
 ) -> None:

@@ -30,8 +30,7 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     for name, values in (("signal", signal), ("near_ir", background)):
         assert abs(np.mean(values)) < 0.064, name
         assert np.std(values) == pytest.approx(1.0, abs=0.045), name
-    # The floor, of bins and clock, is 3.0 to 3.5 mm and stands for 3.0; at 8 m the law is a tenth too wide.
-    assert np.std(off) == pytest.approx(1.0, abs=0.12)
+    assert np.std(off) == pytest.approx(1.0, abs=0.045)
 
 
 def test_the_chance_is_that_of_the_stages() -> None:

@@ -14,9 +14,11 @@ from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.fit import study
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
+from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
 from lidarscene.studies.fit.pulses import pulses_of
 from lidarscene.studies.fit.study import fit_pulses, fit_recordings
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_truth(0)
 
@@ -77,6 +79,13 @@ def test_sensor_file_and_page_have_what_was_found(
     assert scatter_c_mm(sensor) == pytest.approx(found["scatter_c"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_floor == pytest.approx(found["threshold_floor"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_slope == pytest.approx(found["threshold_slope"]["value"], rel=1e-4)
+    # The published sensor has two lenses; the written one must have the near field that was fitted.
+    range_m = np.geomspace(1.0, 60.0, 9)
+    light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), range_m)
+    photons = np.ravel(np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w)))
+    spot = found["spot_over_field"]["value"]
+    law = found["white_m2"]["value"] * share(range_m / found["near_field_m"]["value"], spot)
+    np.testing.assert_allclose(1e3 * photons * range_m**2, law, rtol=0.01)
     for key in ("laser.peak_power_w", "optics.aperture_radius_mm", "histogram.threshold_floor"):
         source = sensor.sources[key]
         assert source.startswith("fitted: ")

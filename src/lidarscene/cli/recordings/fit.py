@@ -6,12 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ...errors import InputError
 from ..terminal import Answer
 
 FIT_HELP = """\
 examples:
   lidarscene fit os1.pcap --sensor os1-128 -o my-os1.toml --report out/fit
   lidarscene fit a.osf b.osf --sensor os2-128 --metadata unit.json -o my-os2.toml --report out/fit --json
+  lidarscene twin os1.pcap --held-out columns -o out/twin
+  lidarscene fit os1.pcap --scene out/twin/scene.toml -o my-os1.toml --report out/fit
 """
 
 
@@ -26,8 +29,15 @@ def add_fit(commands: Any) -> None:
     )  # fmt: skip
     add = command.add_argument
     add("recordings", metavar="REC", nargs="+", type=Path, help="recordings of one unit in one mode")
-    add("--sensor", metavar="NAME", required=True,
-        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell")  # fmt: skip
+    add("--sensor", metavar="NAME",
+        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell "
+        "(default: with --scene, the scene's)")  # fmt: skip
+    add("--scene", metavar="SCENE.toml", type=Path,
+        help="twin of the recording, or the scene that it was recorded in: then signals, ranges and losses are fitted "
+        "pulse by pulse")  # fmt: skip
+    add("--poses", metavar="F", type=Path,
+        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: as the twin knows, "
+        "else the scene's sensor)")  # fmt: skip
     add("--metadata", metavar="F", type=Path,
         help="what the maker says of the unit (default: the json beside the recording)")  # fmt: skip
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
@@ -44,6 +54,21 @@ def add_fit(commands: Any) -> None:
 
 def fit_text(arguments: argparse.Namespace) -> Answer:
     """Run `fit`; returns what is printed and the code."""
+    if arguments.scene is not None:
+        from ...studies.fit.on_scene.study import Given, fit_on_scene
+
+        given = Given(
+            recordings=arguments.recordings, scene=arguments.scene, sensor=arguments.sensor,
+            metadata=arguments.metadata, poses=arguments.poses,
+        )  # fmt: skip
+        text, passed = fit_on_scene(given, arguments.output, arguments.report, as_json=arguments.json)
+        return Answer(text, 0 if passed else 1)
+    if arguments.poses is not None:
+        raise InputError("--poses: goes with --scene")
+    if arguments.sensor is None:
+        raise InputError(
+            "--sensor: must name the sensor of the recording, or --scene one that has it, got neither"
+        )
     from ...studies.fit.study import fit_recordings
 
     text, passed = fit_recordings(

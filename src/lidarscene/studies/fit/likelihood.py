@@ -8,6 +8,7 @@ parameters, the one that is best known from elsewhere, stays at the value that i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,10 +26,32 @@ BLOCKS = 40
 LONGEST_STEP = 0.5
 """Of a logarithm."""
 
+FARTHEST = math.log(5.0)
+"""A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter
+that is that much smaller than it was stays there, as it is none."""
+
 OUTLIER = 5.0
 """Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
 
-DONE = 1e-3
+FARTHEST_SQUARE = 9.0
+"""Of a range's distance from the surface over its sigma, squared: what is farther counts no more, since surfaces are
+not quite where they are believed to be. That costs a clean recording 1 % of sigma."""
+
+_WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
+_EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
+_INSIDE = _WITHIN - _EDGE
+_MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
+_SLOPE = 2.0 * _INSIDE / _MEAN_SQUARE
+_VARIANCE = (
+    3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
+) / _MEAN_SQUARE**2 - 1.0
+"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma; variance.
+Without a limit both are 2."""
+
+HUBER = 4.0
+"""Sigmas from which on a signal counts less: an edge, a surface that is not as it is believed to be."""
+
+DONE = 1e-2
 """A step of so many sigmas is the last."""
 
 
@@ -40,6 +63,7 @@ class KnownFit:
     names        of the parameters that were found
     held         those that stay as they were
     null         a line for each direction that cannot be told
+    values       of all of them, at the end
     reflectivity (groups,) logarithms over those traced with
     """
 
@@ -47,6 +71,7 @@ class KnownFit:
     names: tuple[str, ...]
     held: tuple[str, ...]
     null: tuple[str, ...]
+    values: Mapping[str, float]
     reflectivity: Numbers
 
     @property
@@ -71,38 +96,31 @@ class _Step:
 
 
 def fit_known(
-    scene: Scene, reported: Reported, names: Sequence[str] = PARAMETERS, *, reflectivity_sigma: float = np.inf
-) -> KnownFit:
+    scene: Scene, reported: Reported, names: Sequence[str] = PARAMETERS, *, reflectivity_sigma: float = np.inf,
+    start: KnownFit | None = None,
+) -> KnownFit:  # fmt: skip
     """Find the parameters of these names.
 
     reflectivity_sigma  how well the logarithms of the reflectivities are known beforehand; inf: not at all
+    start               what was found before, with another texture; None: the scene's sensor
     """
     weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
     active, values = list(names), dict.fromkeys(names, 0.0)
-    surfaces = np.zeros(int(scene.group.max()) + 1)
+    surfaces = np.zeros(int(scene.group.max()) + 1) if start is None else start.reflectivity
+    if start is not None:
+        values |= start.values
     strong = _strong(scene, reported, values, surfaces)
     step, evaluations = _step(scene, reported, values, surfaces, strong, weight), 1
     held: list[str] = []
     null: list[str] = []
-    while True:
-        rows = [list(names).index(name) for name in active]
-        matrix = step.matrix[np.ix_(rows, rows)]
-        eigenvalues, vectors = np.linalg.eigh(matrix)
-        lost = eigenvalues < UNKNOWN**-2
-        if not lost.any():
-            break
-        # The same space by directions that have one parameter each for their own, the last ones first.
-        directions, pivots = reduced(vectors[:, lost].T[:, ::-1])
-        directions, own = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
-        null += [_told(active, direction, pivot) for direction, pivot in zip(directions, own, strict=False)]
-        held += [active[pivot] for pivot in own]
-        active = [name for name in active if name not in held]
+    active, held, null = _told_apart(step, names, active, held, null)
     while evaluations < MOST_EVALUATIONS - 1:
         rows = [list(names).index(name) for name in active]
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
         size = float(np.sqrt(move @ matrix @ move))
-        move = move * min(1.0, LONGEST_STEP / max(float(np.abs(move).max()), 1e-12))
+        # Each for itself: one that runs off must not hold up the others.
+        move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
         whole = np.zeros(len(names))
         whole[rows] = move
         surfaces = surfaces + np.clip(
@@ -110,12 +128,21 @@ def fit_known(
         )
         for name, one in zip(active, move, strict=True):
             values[name] += float(one)
+        gone = [name for name in active if abs(values[name]) > FARTHEST]
+        null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in gone]
+        values |= {name: 0.0 for name in gone if name != "scatter_floor"}
+        held += gone
+        active = [name for name in active if name not in gone]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
             strong = _strong(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong, weight)
         evaluations += 1
         if size < DONE and evaluations > 7:
-            break
+            left, held, null = _told_apart(step, names, active, held, null)
+            if left == active:
+                break
+            values |= {name: 0.0 for name in active if name not in left}
+            active = left
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
     scores = np.column_stack([np.bincount(block, step.each[:, row]) for row in rows])
@@ -124,8 +151,31 @@ def fit_known(
         evaluations=evaluations,
     )  # fmt: skip
     return KnownFit(
-        solved=solved, names=tuple(active), held=tuple(held), null=tuple(null), reflectivity=surfaces
+        solved=solved,
+        names=tuple(active),
+        held=tuple(held),
+        null=tuple(null),
+        values=values,
+        reflectivity=surfaces,
     )
+
+
+def _told_apart(
+    step: _Step, names: Sequence[str], active: list[str], held: list[str], null: list[str]
+) -> tuple[list[str], list[str], list[str]]:
+    """Those that can be told apart at this step, those that stay, and what is said of them."""
+    while True:
+        rows = [list(names).index(name) for name in active]
+        eigenvalues, vectors = np.linalg.eigh(step.matrix[np.ix_(rows, rows)])
+        lost = eigenvalues < UNKNOWN**-2
+        if not lost.any():
+            return active, held, null
+        # The same space by directions that have one parameter each for their own, the last ones first.
+        directions, pivots = reduced(vectors[:, lost].T[:, ::-1])
+        directions, own = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
+        null = null + [_told(active, one, pivot) for one, pivot in zip(directions, own, strict=False)]
+        held = held + [active[pivot] for pivot in own]
+        active = [name for name in active if name not in held]
 
 
 def _told(active: Sequence[str], direction: Numbers, last: int) -> str:
@@ -168,7 +218,8 @@ def slopes_of(
 
 def _strong(scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
     now = expected(scene, values, surfaces[scene.group])
-    return np.asarray((now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & reported.kept)
+    told = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
+    return np.asarray((now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & told)
 
 
 def _step(
@@ -178,23 +229,24 @@ def _step(
     now, slopes = slopes_of(scene, values, surfaces)
     said = 1.0 - strong
     chance = np.clip(now.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
-    signal = np.where(strong, reported.signal - now.signal, 0.0)
-    apart = np.where(strong, (reported.range_m - scene.range_m) / now.sigma_m, 0.0)
+    signal = np.where(strong, np.nan_to_num(reported.signal) - now.signal, 0.0)
+    fair = np.minimum(1.0, HUBER * np.sqrt(now.variance) / np.maximum(np.abs(signal), 1e-12))
+    light = np.isfinite(reported.near_ir)
+    apart = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / now.sigma_m, 0.0)
     near = strong & (np.abs(apart) < OUTLIER)
-    apart = np.where(near, apart, 0.0)
+    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / _MEAN_SQUARE - 1.0, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,
         reported.kept - chance,
-        reported.near_ir - now.near_ir,
-        (apart * apart - 1.0) * now.sigma_m,
+        np.where(light, reported.near_ir - now.near_ir, 0.0),
+        squares * (_SLOPE / _VARIANCE) * now.sigma_m,
     )
     weights = (
-        strong / now.variance, said / (chance * (1.0 - chance)), 1.0 / np.maximum(now.near_ir, 1.0),
+        strong * fair / now.variance, said / (chance * (1.0 - chance)), light / np.maximum(now.near_ir, 1.0),
         near / now.sigma_m**2,
     )  # fmt: skip
-    # The variance of (z^2 - 1) sigma is 2 sigma^2: its information is twice the square of the slope over sigma^2.
-    information = (1.0, 1.0, 1.0, 2.0)
+    information = (1.0, 1.0, 1.0, _SLOPE**2 / _VARIANCE)
     n, groups = len(scene.range_m), len(surfaces)
     each, each_surface = np.zeros((n, len(values))), np.zeros(n)
     matrix, cross, own = np.zeros((len(values),) * 2), np.zeros((len(values), groups)), np.zeros(groups)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers, xp
 from ...physics.constants import SPEED_OF_LIGHT_M_S
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.photon_counting import matched_filter
@@ -30,13 +30,27 @@ EXACT = 0.02
 """A smaller exponent is none."""
 
 
-def scatter_over_sigma(width: float = matched_filter.TEMPLATE) -> float:
+def width_of_place(sigma_s: Lanes, bin_s: Lanes) -> Lanes:
+    """Width, in sigmas of the echo, of the filter by which the peak's place scatters.
+
+    The place comes from three values of the filter, a bin apart. Their difference is a slope over two bins, as if the
+    template were as much wider: w^2 + (2 bin)^2 / 12.
+    """
+    ratio = bin_s / sigma_s
+    square = matched_filter.TEMPLATE**2 + ratio * ratio / 3.0
+    return xp(square).sqrt(square)
+
+
+def scatter_over_sigma(width: Lanes) -> Lanes:
     """Scatter of the peak behind a Gaussian filter so many times as wide as the echo, over sigma / sqrt(S).
 
     The variance is int h'^2 s / (int h' s')^2, of filter h and echo s, which is (1 + 1/w^2)^3 (1 + 2/w^2)^(-3/2).
     """
-    inverse = 1.0 / width**2
-    return math.sqrt((1.0 + inverse) ** 3 * (1.0 + 2.0 * inverse) ** -1.5)
+    inverse = 1.0 / (width * width)
+    own, other = 1.0 + inverse, 1.0 + 2.0 * inverse
+    square = own * own * own / other
+    ops = xp(square)
+    return ops.sqrt(square / ops.sqrt(other))
 
 
 def white_m2(sensor: Sensor) -> float:
@@ -56,14 +70,23 @@ def near_field_m(sensor: Sensor) -> float:
 
 def scatter_c_mm(sensor: Sensor) -> float:
     """Scatter of the range times the root of the photons, without background: of pulse, jitter and bin."""
-    sigma_s = float(sensor.laser.pulse_fwhm_s) / SIGMAS_PER_FWHM
-    return 0.5e3 * SPEED_OF_LIGHT_M_S * math.sqrt(sigma_s**2 + _rest_s2(sensor)) * scatter_over_sigma()
+    sigma_s = math.hypot(float(sensor.laser.pulse_fwhm_s) / SIGMAS_PER_FWHM, math.sqrt(_rest_s2(sensor)))
+    return 0.5e3 * SPEED_OF_LIGHT_M_S * sigma_s * _scatter(sensor, sigma_s)
 
 
 def pulse_fwhm_s(sensor: Sensor, scatter_mm: float) -> float | None:
     """The pulse that scatters the range so, beside the sensor's jitter and bin; None if these alone scatter more."""
-    square = (scatter_mm / (0.5e3 * SPEED_OF_LIGHT_M_S * scatter_over_sigma())) ** 2 - _rest_s2(sensor)
+    wanted_s = scatter_mm / (0.5e3 * SPEED_OF_LIGHT_M_S)
+    sigma_s = wanted_s / float(scatter_over_sigma(matched_filter.TEMPLATE))
+    for _ in range(20):  # the bin's part of the filter's width depends on the echo's, weakly
+        sigma_s = wanted_s / _scatter(sensor, sigma_s)
+    square = sigma_s**2 - _rest_s2(sensor)
     return SIGMAS_PER_FWHM * math.sqrt(square) if square > 0.0 else None
+
+
+def _scatter(sensor: Sensor, sigma_s: float) -> float:
+    assert sensor.histogram is not None
+    return float(scatter_over_sigma(width_of_place(sigma_s, float(sensor.histogram.bin_s))))
 
 
 def _rest_s2(sensor: Sensor) -> float:

@@ -45,7 +45,7 @@ def fit_recordings(
     fit = fit_pulses(pulses, recording=", ".join(one.name for one in recordings), sensor=sensor)
     if before.histogram is not None:
         known = [one.key for one in fit.estimates if one.known and one.key in QUANTITIES]
-        fit = replace(fit, products=products_of(before, known))
+        fit = replace(fit, products=products_of(before, known) if known else None)
     text, notes = fitted_text(base, {one.key: one for one in fit.estimates}, fit.recording, where)
     fit = replace(fit, notes=notes)
     sensor_of(text, str(output))

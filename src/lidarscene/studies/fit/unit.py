@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -81,7 +81,7 @@ def fitted_text(
     )
 
     def told(key: str, also: str = "") -> str:
-        one = known[key]
+        one = estimates[key]
         return f"fitted: {one.value:.4g} +/- {one.sigma:.2g} {one.unit}, {recording}{also}".replace(" ,", ",")
 
     if "near_field_m" in known:
@@ -92,11 +92,16 @@ def fitted_text(
             ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
         ):
             text = put(text, "optics", key, moved * value, source)
+        # The law is that of one lens, focused at infinity, on the laser's axis.
+        text = without(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+        if re.search(r"(?m)^exit_diameter_mm", text):
+            notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
+        text = without(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
         if "[optics.overlap]" not in text:
             text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
         text = noted(text, "optics.overlap", source)
-        spot = known.get("spot_over_field")
-        if spot is not None:
+        spot = estimates.get("spot_over_field")
+        if spot is not None and ("spot_over_field" in known or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
             source = told(
@@ -134,19 +139,36 @@ def _why(one: Estimate | None) -> str:
     return "not recorded" if one is None else f"{one.value:.3g} +/- {one.sigma:.2g} {one.unit}".rstrip()
 
 
-def put(text: str, table: str, key: str, value: float, source: str) -> str:
-    """The text with this value in the table, and with its source."""
+def put(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
+    """The text with this value, or a list in one line, in the table, and with its source."""
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is None:
         raise InputError(f"[{table}]: must be a table of the sensor file, got none")
     end = re.compile(r"(?m)^\[").search(text, head.end())
     body = text[head.end() : end.start() if end else len(text)]
-    line = f"{key} = {value:.6g}\n"
-    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n?", lambda _: line, body, count=1)
+    shown = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
+    line = f"{key} = {shown}\n"
+    changed, count = re.subn(
+        rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1
+    )
     body = changed if count else line + body
     return noted(
         text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source
     )
+
+
+def without(text: str, table: str, keys: Sequence[str]) -> str:
+    """The text without these keys of a table, and without their sources."""
+    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
+    if head is not None:
+        end = re.compile(r"(?m)^\[").search(text, head.end())
+        body = text[head.end() : end.start() if end else len(text)]
+        for key in keys:
+            body = re.sub(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n", "", body)
+        text = text[: head.end()] + body + (text[end.start() :] if end else "")
+    for key in keys:
+        text = re.sub(rf'(?m)^"{re.escape(table)}\.{re.escape(key)}"\s*=[^\n]*\n', "", text)
+    return text
 
 
 def noted(text: str, key: str, source: str) -> str:

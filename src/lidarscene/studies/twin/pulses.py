@@ -108,7 +108,7 @@ def pulses_of(
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
             kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NOTHING)
-    recorded_m = _from_exit(sensor, sweep, numbers)
+    recorded_m = from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
     smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
     step = max(
@@ -129,7 +129,7 @@ def pulses_of(
     return laid.at(sweep.recorded), cloud
 
 
-def _from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
+def from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     """Recorded ranges, counted from where the simulated beam starts."""
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     if start is None and sweep.origin_m is None:

@@ -1,0 +1,109 @@
+"""What was found with a scene, held to columns that were not fitted: signal, kept or lost, scatter of the range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....maths.arrays import Numbers
+from ..known_scene import MOST_FIRED, STRONG, Expected, expected
+from .laid import Laid
+
+RANGES, CHANCES = 8, 10
+"""Bins of the range, with as many pulses each, and of the chance to be kept."""
+
+LEAST = 50
+"""Fewer pulses in a bin are not told."""
+
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+NEAR_M = 0.3
+"""A recorded return farther from the scene's surface is of another one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judged:
+    """By bins of the pulses that were not fitted; the first column of each is what they are sorted by.
+
+    signal   (k, 3) range [m], mean of the recorded signal, of the expected one
+    kept     (k, 3) chance that is expected, share that was kept, number of pulses
+    scatter  (k, 3) signal, scatter of the recorded range [m], the expected one
+    """
+
+    signal: Numbers
+    kept: Numbers
+    scatter: Numbers
+
+    @property
+    def signal_error(self) -> float | None:
+        """Mean absolute error over the range, relative."""
+        return (
+            float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
+        )
+
+    @property
+    def kept_error(self) -> float | None:
+        """Mean absolute difference of the shares, each bin by its pulses."""
+        if not len(self.kept):
+            return None
+        return float(np.average(np.abs(self.kept[:, 0] - self.kept[:, 1]), weights=self.kept[:, 2]))
+
+    @property
+    def ratios(self) -> Numbers:
+        """Recorded over expected scatter, by octave of the signal."""
+        return np.asarray(self.scatter[:, 1] / self.scatter[:, 2])
+
+
+def judged(laid: Laid, values: Mapping[str, float]) -> Judged:
+    """Hold the sensor with these numbers to these pulses; their surfaces are as bright as they are believed to be."""
+    now = expected(laid.scene, values)
+    strong = _strong(laid, now)
+    rows = []
+    if strong.sum() >= LEAST * RANGES:
+        range_m = laid.scene.range_m[strong]
+        edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
+        place = np.searchsorted(edges, range_m)
+        columns = range_m, laid.reported.signal[strong], np.asarray(now.signal)[strong]
+        rows = [[float(np.mean(one[place == k])) for one in columns] for k in range(RANGES)]
+    return Judged(
+        signal=np.array(rows).reshape(-1, 3), kept=_kept(laid, now), scatter=_scatter(laid, now, strong)
+    )
+
+
+def _strong(laid: Laid, now: Expected) -> Numbers:
+    """Mask of the pulses that are all kept, and of which the signal and the range are told."""
+    told = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
+    mask = (now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & told
+    return np.asarray(mask & (np.abs(np.nan_to_num(laid.reported.range_m) - laid.scene.range_m) < NEAR_M))
+
+
+def _kept(laid: Laid, now: Expected) -> Numbers:
+    """Of the pulses whose signal is not far above the threshold."""
+    weak = np.asarray(now.signal <= STRONG * now.level)
+    chance, kept = np.asarray(now.chance)[weak], laid.reported.kept[weak]
+    place = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
+    rows = [
+        [float(chance[place == k].mean()), float(kept[place == k].mean()), int((place == k).sum())]
+        for k in range(CHANCES)
+        if (place == k).sum() >= LEAST
+    ]
+    return np.array(rows).reshape(-1, 3)
+
+
+def _scatter(laid: Laid, now: Expected, strong: Numbers) -> Numbers:
+    signal = np.asarray(now.signal)[strong]
+    relative = (laid.reported.range_m - laid.scene.range_m)[strong] / np.asarray(now.sigma_m)[strong]
+    octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
+    rows = []
+    for one in np.unique(octave):
+        there = octave == one
+        if there.sum() >= LEAST:
+            law = float(np.median(np.asarray(now.sigma_m)[strong][there]))
+            apart = relative[there]
+            rows.append(
+                [2.0 ** (one + 0.5), law * NORMAL * float(np.median(np.abs(apart - np.median(apart)))), law]
+            )
+    return np.array(rows).reshape(-1, 3)

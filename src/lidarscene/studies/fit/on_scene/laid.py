@@ -1,0 +1,190 @@
+"""A recording laid on a scene: of each recorded pulse what it reported, and the light that the scene sends back.
+
+The light is traced once for each frame. Pulses that meet nothing there tell nothing, and are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ....errors import InputError
+from ....light.echoes import EchoTrain, SubEchoes
+from ....maths.arrays import Numbers
+from ....maths.pose import Pose
+from ....recordings.sweep import Sweep
+from ....rendering.simulator import Simulator
+from ....scene.model import Scene as World
+from ....sensor.model import Sensor
+from ...twin.pulses import from_exit, matched
+from ...twin.reflect import dropped
+from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
+from ..known_scene import Reported, Scene
+from ..near_field import SPOTS, share
+from ..products import near_field_m
+from ..pulses import BLOCK, HELD_OUT
+
+ROWS = 8
+"""Rows of a patch, `BLOCK` columns wide, whose surfaces share one unknown factor of the reflectivity."""
+
+POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
+"""Background that a count of NEAR_IR is looked up in."""
+
+SAME_M = 1e-4
+"""Two ranges that differ by less are of one surface."""
+
+SAME_LAW = 0.01
+"""Most difference of the sensor's near field from the law of defocus for it to be that law."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Laid:
+    """Pulses of all frames, by frame and column; those of a patch have one ``scene.group``.
+
+    block  (n,) number of the block of columns
+    """
+
+    scene: Scene
+    reported: Reported
+    block: Numbers
+
+    def at(self, mask: Numbers) -> Laid:
+        """Only these pulses."""
+        return replace(
+            self, scene=_some(self.scene, mask), reported=_some(self.reported, mask), block=self.block[mask]
+        )
+
+    @property
+    def fitted(self) -> Numbers:
+        """(n,) mask of those that are fitted; the others judge the fit."""
+        return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
+
+
+def _of_kinds(world: World, *kinds: int) -> World:
+    """A twin's scene with only these kinds of its surfaces."""
+    names = {KINDS[kind] for kind in kinds}
+    return replace(world, bodies=tuple(one for one in world.bodies if one.class_name in names))
+
+
+def laid_on(
+    world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False
+) -> Laid:
+    """Lay frames on a scene, each from its pose; None: the scene's own.
+
+    twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
+          edges are not as they are in the twin. The background is taken from NEAR_IR
+    Raises InputError where the sensor does not fire the recording's pulses, or nothing stands before them.
+    """
+    # Of a twin: all that was measured, and what of it is smooth.
+    worlds = [_of_kinds(world, SMOOTH, ROUGH, BRIGHT), _of_kinds(world, SMOOTH)] if twin else [world]
+    simulators = [Simulator(one, sensor) for one in worlds]
+    parts = [_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
+    if not sum(len(one.block) for one in parts):
+        raise InputError("--scene: must have surfaces before the recorded pulses, got none")
+    joined = _joined(parts)
+    group = np.unique(joined.scene.group, return_inverse=True)[1]
+    return replace(joined, scene=replace(joined.scene, group=group))
+
+
+def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> Laid:
+    """A frame on the light of the first simulator; what another one sees otherwise tells no signal and no range."""
+    sensor = simulators[0].sensor
+    numbers, _ = matched(sensor, sweep)
+    rows, columns = sweep.shape
+    if sweep.signal is None:
+        raise InputError("must have SIGNAL, as Ousters record, got none")
+    # Column by column, so that blocks of pulses in order are sectors.
+    chosen = (sweep.recorded & ~dropped(sweep)).T
+    pulse = numbers.T[chosen]
+    column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
+    row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
+    block = number * (columns // BLOCK + 1) + column // BLOCK
+    lights = [_of_pulses(one.light() if pose is None else one.light(pose=pose), pulse) for one in simulators]
+    light = lights[0]
+    there = np.asarray(light.found)
+    smooth = np.ones(len(pulse), bool)
+    for other in lights[1:]:
+        apart = np.asarray(other.parts[0].range_m - light.parts[0].range_m)
+        smooth &= np.asarray(other.found) & (np.abs(apart) < SAME_M)
+    group = block * (rows // ROWS + 1) + row // ROWS
+    scene = Scene.of(light, sensor, group, spot_over_field=spot_over_field(sensor))
+    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][there]
+    if len(simulators) > 1 and near_ir is not None:
+        scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
+    range_m = from_exit(sensor, sweep, numbers).T[chosen][there]
+    kept = np.isfinite(range_m)
+    clear = kept & smooth[there]
+    signal = np.asarray(sweep.signal, np.float64).T[chosen][there]
+    if near_ir is None or scene.light_measured:
+        near_ir = np.full(len(kept), np.nan)
+    return Laid(
+        scene=scene,
+        reported=Reported(
+            kept=kept, signal=np.where(clear, signal, np.nan), range_m=np.where(clear, range_m, np.nan),
+            near_ir=near_ir,
+        ),
+        block=block[there],
+    )  # fmt: skip
+
+
+def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
+    """The light of these pulses, of surfaces only."""
+    parts: list[SubEchoes] = []
+    for one in light.parts[: light.surfaces]:
+        range_m, power_w = (np.asarray(values)[pulse] for values in (one.range_m, one.peak_power_w))
+        parts.append(replace(one, range_m=range_m, peak_power_w=power_w))
+    found = np.asarray(light.found)
+    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), found.shape)
+    return EchoTrain(
+        parts=tuple(parts), surfaces=len(parts), found=found[pulse],
+        background_power_w=background[pulse],
+    )  # fmt: skip
+
+
+def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
+    """Background that is expected to count so much; none below the dark counts."""
+    counts = np.asarray(sensor.background_counts(POWERS_W)[0]) * float(sensor.tdc.ambient_s)
+    return np.interp(near_ir, counts, POWERS_W, left=0.0)
+
+
+def spot_over_field(sensor: Sensor) -> float | None:
+    """Radius of the spot over that of the field of view, if the sensor's near field is plain defocus."""
+    overlap = sensor.optics.overlap
+    ratio = 0.5 * sensor.laser.mean_divergence_rad
+    ratio *= float(sensor.optics.focal_length_m / sensor.detector.radius_m)
+    if overlap is None or not SPOTS[0] < ratio < SPOTS[1]:
+        return None
+    far = np.geomspace(0.1, 10.0, 40)
+    own = np.asarray(overlap.share(far * near_field_m(sensor)))
+    law = np.asarray(share(far, ratio))
+    return ratio if np.abs(own / own[-1] * law[-1] - law).max() < SAME_LAW else None
+
+
+def _some(values: Any, mask: Numbers) -> Any:
+    taken = {
+        one.name: value[mask]
+        for one in fields(values)
+        if isinstance(value := getattr(values, one.name), np.ndarray)
+    }
+    return replace(values, **taken)
+
+
+def _joined(parts: Iterable[Laid]) -> Laid:
+    every = list(parts)
+
+    def together(values: Sequence[Any]) -> Any:
+        first = values[0]
+        taken = {
+            one.name: np.concatenate([getattr(value, one.name) for value in values])
+            for one in fields(first)
+            if isinstance(getattr(first, one.name), np.ndarray)
+        }
+        return replace(first, **taken)
+
+    return Laid(
+        scene=together([one.scene for one in every]), reported=together([one.reported for one in every]),
+        block=np.concatenate([one.block for one in every]),
+    )  # fmt: skip

@@ -1,0 +1,202 @@
+"""The page of a fit with a scene, and the same as JSON and text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....figures import lines
+from ....figures.lines import Chart, Line
+from ....figures.page import Page, csv_text, put_text
+from ....maths.arrays import Numbers
+from ..estimates import Estimate
+from ..likelihood import KnownFit
+from ..report import KEPT_ERROR, MARKDOWN, PAGE, SCATTER_RATIO, SIGNAL_ERROR, Check
+from .checks import Judged
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SceneFit:
+    """All that was found.
+
+    pulses       that were fitted and that judge
+    evaluations  of the likelihood, over all rounds
+    texture, strangers  as in `known_scene.Scene`, found along with the numbers
+    notes        what the reader must know: what the scene was made of, what is left as it was
+    """
+
+    recording: str
+    scene: str
+    sensor: str
+    frames: int
+    pulses: tuple[int, int]
+    known: KnownFit
+    judged: Judged
+    evaluations: int
+    texture: float
+    strangers: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Of the numbers, as factors of what the file had."""
+        return self.known.estimates
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """On columns that were not fitted."""
+        judged = self.judged
+        signal, kept, ratios = judged.signal_error, judged.kept_error, judged.ratios
+        return (
+            Check(
+                name="signal over the range", wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
+                found="too few" if signal is None else f"{signal:.1%}",
+                held=None if signal is None else signal <= SIGNAL_ERROR,
+            ),
+            Check(
+                name="kept and lost", wanted=f"mean difference <= {KEPT_ERROR:g}",
+                found="too few" if kept is None else f"{kept:.3f}",
+                held=None if kept is None else kept <= KEPT_ERROR,
+            ),
+            Check(
+                name="scatter by octave of the signal", wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law",
+                found="too few" if not len(ratios) else f"{ratios.min():.2f} to {ratios.max():.2f}",
+                held=None if not len(ratios)
+                else bool(ratios.max() <= SCATTER_RATIO and ratios.min() >= 1.0 / SCATTER_RATIO),
+            ),
+        )  # fmt: skip
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(one.held is not False for one in self.checks)
+
+
+def as_dict(fit: SceneFit) -> dict[str, Any]:
+    """For JSON."""
+    return {
+        "recording": fit.recording, "scene": fit.scene, "sensor": fit.sensor, "frames": fit.frames,
+        "pulses": {"fitted": fit.pulses[0], "not fitted": fit.pulses[1]}, "passed": fit.passed,
+        "estimates": {
+            one.key: {
+                "times": one.value, "sigma": one.sigma, "fisher": one.fisher, "bootstrap": one.bootstrap,
+                "known": one.known,
+            }
+            for one in fit.estimates
+        },
+        "checks": [
+            {"name": one.name, "found": one.found, "wanted": one.wanted, "held": one.held} for one in fit.checks
+        ],
+        "correlations": {"names": list(fit.known.names), "matrix": fit.known.solved.correlation.tolist()},
+        "not_identified": list(fit.known.null), "held": list(fit.known.held), "evaluations": fit.evaluations,
+        "texture": fit.texture, "strangers": fit.strangers, "notes": list(fit.notes),
+    }  # fmt: skip
+
+
+def as_text(fit: SceneFit) -> str:
+    """For people."""
+    told = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
+    told += [f"  {one.key:<28} {_number(one)}" for one in fit.estimates]
+    told += [
+        f"  {one.name}: {one.found} ({one.wanted}){'  FAILED' if one.held is False else ''}"
+        for one in fit.checks
+    ]
+    told += ["  cannot be told, held at the values of the file:", *(f"    {one}" for one in fit.known.null)]
+    return "\n".join([*told, *(f"  {one}" for one in fit.notes)])
+
+
+def write_report(fit: SceneFit, folder: Path) -> None:
+    """Page, Markdown, figures and their data. Raises OutputError."""
+    page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
+    page.paragraph(
+        f"{fit.pulses[0]:,} pulses of {fit.frames} frame(s) were fitted; {fit.pulses[1]:,} of every fourth block of "
+        f"columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, of signals "
+        f"and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within 10 % of the "
+        "scene's."
+    )
+    for note in fit.notes:
+        page.paragraph(note[:1].upper() + note[1:] + ".")
+    page.heading("Pass or fail")
+    verdict = {None: "-", True: "pass", False: "FAIL"}
+    page.table(
+        ("law", "found", "wanted", ""),
+        [(one.name, one.found, one.wanted, verdict[one.held]) for one in fit.checks],
+    )
+    page.heading("Estimates")
+    page.table(
+        ("number of the file", "times what it was", "sigma, Fisher", "sigma, bootstrap", ""),
+        [
+            (one.key, f"{one.value:.4g}", f"{one.fisher:.2g}", f"{one.bootstrap:.2g}", "" if one.known else "not known")
+            for one in fit.estimates
+        ],
+    )  # fmt: skip
+    page.paragraph(
+        f"Signals scatter by {fit.texture:.0%} more than photons do: texture of the surfaces, and what the scene has "
+        f"wrong. {fit.strangers:.1%} of the pulses met something that is not in the scene."
+    )
+    for number, (name, caption, chart, table) in enumerate(_figures(fit.judged), start=1):
+        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
+        put_text(folder / f"{name}.csv", csv_text(*table))
+        page.figure(name=name, number=str(number), caption=caption)
+    page.heading("Correlations")
+    page.table(
+        ("", *fit.known.names),
+        [
+            (name, *(f"{value:.2f}" for value in row))
+            for name, row in zip(fit.known.names, fit.known.solved.correlation, strict=True)
+        ],
+    )
+    page.heading("What cannot be told")
+    page.paragraph("Along each line nothing changes that was recorded; its first number stays as it was.")
+    page.table(("not known",), [(one,) for one in fit.known.null])
+    put_text(folder / PAGE, page.as_html())
+    put_text(folder / MARKDOWN, page.as_markdown())
+
+
+Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
+
+
+def _figures(judged: Judged) -> list[tuple[str, str, Chart, Table]]:
+    made: list[tuple[str, str, Chart, Table]] = []
+    if len(judged.signal):
+        made.append((
+            "signal", "Mean signal by range, of columns that were not fitted.",
+            _chart(judged.signal, "range [m]", "SIGNAL [photons]", log=True),
+            (("range_m", "recorded", "expected"), judged.signal.tolist()),
+        ))  # fmt: skip
+    if len(judged.kept):
+        expected = np.column_stack([judged.kept[:, 0], judged.kept[:, 1], judged.kept[:, 0]])
+        made.append((
+            "kept", "Share that was kept, by the chance that the sensor gives it.",
+            _chart(expected, "chance of a return, expected", "share with a return", log=False),
+            (("chance", "kept", "pulses"), judged.kept.tolist()),
+        ))  # fmt: skip
+    if len(judged.scatter):
+        scaled = judged.scatter * np.array([1.0, 1e3, 1e3])
+        made.append((
+            "scatter", "Scatter of the range about the scene's surface, by signal.",
+            _chart(scaled, "SIGNAL [photons]", "scatter of the range [mm]", log=True),
+            (("signal", "recorded_mm", "expected_mm"), scaled.tolist()),
+        ))  # fmt: skip
+    return made
+
+
+def _chart(columns: Numbers, x_label: str, y_label: str, *, log: bool) -> Chart:
+    x, recorded, expected = columns.T
+    limits = None if log else (0.0, 1.0)
+    return Chart(
+        lines=(
+            Line(label="recorded", x=x, y=recorded),
+            Line(label="expected", x=x, y=expected, colour=1, style="dashed"),
+        ),
+        x_label=x_label, y_label=y_label, x_log=log, y_log=log, x_limits=limits, y_limits=limits,
+    )  # fmt: skip
+
+
+def _number(one: Estimate) -> str:
+    told = f"{one.value:.4g} +/- {one.sigma:.2g} times"
+    return told if one.known else f"{told} (not known)"

@@ -1,0 +1,221 @@
+"""Fit a recording on a scene: the twin of a recording, or any scene that the sensor is known to have stood in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import InputError
+from ....files.atomic import atomic_output, require_writable
+from ....maths.pose import Pose
+from ....maths.trajectory import pose_at
+from ....recordings.opening import open_recording
+from ....recordings.sweep import Sweep
+from ....scene.file import load_scene
+from ....scene.poses import read_poses
+from ....sensor.model import Sensor
+from ...twin.build import ABOUT, COLUMNS, about, place_of
+from ...twin.planes import of_columns
+from ..known_scene import LEAST_FLOOR_M, PARAMETERS, expected
+from ..likelihood import KnownFit, fit_known
+from ..report import NUMBERS, PAGE
+from ..unit import base_text, sensor_of
+from .checks import NORMAL, judged
+from .laid import Laid, laid_on
+from .report import SceneFit, as_dict, as_text, write_report
+from .written import written_text
+
+REFLECTIVITY_SIGMA = 0.1
+"""How well the factor of a patch is known beforehand: the maker's reflectivity of a twin is good to some 10 %."""
+
+ROUNDS = 2
+"""Of the fit, with texture and strangers found from the one before."""
+
+LEAST_TEXTURE = 0.01
+
+
+_OF_TWIN = (
+    "the scene is a twin: its light and the scale of its reflectivities are the recording's own: sun and dark counts "
+    "cannot be told, and power only with the maker's REFLECTIVITY as the scale"
+)
+_SEEN = (
+    "the twin is made of these frames: it was told their signals, so these say nothing new of power and near field; "
+    "twin --held-out columns, or --held-out K, keeps them apart"
+)
+_HELD_OUT = "the twin has not seen what is fitted here (held out)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """What a fit with a scene is made of.
+
+    sensor    catalogue name or sensor file; None: the scene's own
+    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
+    poses     where the sensor stood, as scenes have it; None: as the twin knows, else where the scene's sensor stands
+    """
+
+    recordings: Sequence[Path]
+    scene: Path
+    sensor: str | None = None
+    metadata: Path | None = None
+    poses: Path | None = None
+
+
+def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
+    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+
+    Raises InputError and OutputError.
+    """
+    if output.suffix.lower() != ".toml":
+        raise InputError(f"--output {output}: the name must end in .toml")
+    require_writable(output)
+    for name in (PAGE, NUMBERS):
+        require_writable(report / name)
+    world = load_scene(given.scene)
+    named = world.sensor_name if given.sensor is None else given.sensor
+    where = f"--sensor {named}"
+    beside = given.recordings[0].with_suffix(".json")
+    unit = given.metadata if given.metadata is not None else beside if beside.is_file() else None
+    text = base_text(named, unit)
+    sensor = sensor_of(text, where)
+    if sensor.histogram is None:
+        raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
+    made = about(given.scene) if (given.scene.parent / ABOUT).is_file() else None
+    frames, notes = _frames(given, made)
+    recording = ", ".join(one.name for one in given.recordings)
+    if made is not None:
+        notes += (_OF_TWIN,)
+    try:
+        laid = laid_on(world, sensor, frames, twin=made is not None)
+    except ValueError as error:
+        raise InputError(f"{recording}: {error}") from None
+    fit = fit_laid(laid, sensor, twin=made is not None)
+    fit = replace(
+        fit, recording=recording, scene=given.scene.parent.name if made is not None else given.scene.stem,
+        sensor=named if given.sensor is not None else sensor.name, frames=len(frames), notes=notes,
+    )  # fmt: skip
+    written, left = written_text(
+        text, {one.key: one for one in fit.estimates}, f"{recording} on {fit.scene}", where
+    )
+    fit = replace(fit, notes=(*fit.notes, *left))
+    with atomic_output(output) as temporary:
+        temporary.write_text(written, encoding="utf-8", newline="\n")
+    write_report(fit, report)
+    numbers = json.dumps(as_dict(fit), indent=1)
+    with atomic_output(report / NUMBERS) as temporary:
+        temporary.write_text(numbers + "\n", encoding="utf-8", newline="\n")
+    printed = json.dumps(as_dict(fit)) if as_json else f"{as_text(fit)}\nwrote {output} and {report / PAGE}"
+    return printed, fit.passed
+
+
+def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
+    """The numbers of the sensor that make three of four blocks of columns likeliest, held to the fourth."""
+    fitted = laid.at(laid.fitted)
+    group = np.unique(fitted.scene.group, return_inverse=True)[1]
+    fitted = replace(fitted, scene=replace(fitted.scene, group=group))
+    names = [name for name in PARAMETERS if name not in _untold(laid, sensor, twin=twin)]
+    evaluations = 0
+    if twin:
+        fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
+    texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
+    known: KnownFit | None = None
+    for _ in range(ROUNDS if twin else 1):
+        scene = replace(fitted.scene, texture=texture, strangers=strangers)
+        known = fit_known(scene, fitted.reported, names, reflectivity_sigma=REFLECTIVITY_SIGMA, start=known)
+        evaluations += known.solved.evaluations
+        if twin:
+            texture, strangers = _unexplained(replace(fitted, scene=scene), known)
+    assert known is not None
+    others = laid.at(~laid.fitted)
+    scene = replace(others.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
+    others = replace(others, scene=scene)
+    return SceneFit(
+        recording="", scene="", sensor=sensor.name, frames=1, pulses=(len(fitted.block), len(others.block)),
+        known=known, judged=judged(others, known.values), evaluations=evaluations, texture=texture, strangers=strangers,
+    )  # fmt: skip
+
+
+def _untold(laid: Laid, sensor: Sensor, *, twin: bool) -> set[str]:
+    """Numbers that the sensor does not have, or that the scene was made of."""
+    left = set()
+    if laid.scene.spot_over_field is None:
+        left.add("spot_over_field")
+    if sensor.optics.overlap is None:
+        left.add("near_field_m")
+    if not np.isfinite(laid.reported.near_ir).any():
+        # The background is that of NEAR_IR, whatever the sun and the PDE.
+        left |= {"optics.sun_irradiance_w_m2", "detector.dark_count_rate_hz", "detector.pde"}
+    return left
+
+
+def _floor_m(laid: Laid) -> float:
+    """Scatter of the ranges of the strongest quarter of the signals: of the twin's surfaces, for a start."""
+    signal = laid.reported.signal
+    with np.errstate(invalid="ignore"):
+        strong = signal > np.nanquantile(signal, 0.75)
+    off_m = (laid.reported.range_m - laid.scene.range_m)[strong]
+    return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong.any() else LEAST_FLOOR_M
+
+
+def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
+    """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
+    now = expected(
+        replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group]
+    )
+    bright = np.asarray(now.chance) > 0.999
+    both = bright & np.isfinite(laid.reported.signal)
+    if both.sum() < 100:
+        return laid.scene.texture, laid.scene.strangers
+    relative = (laid.reported.signal / np.asarray(now.signal))[both] - 1.0
+    spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
+    photons = float(np.median(np.asarray(now.variance)[both] / np.asarray(now.signal)[both] ** 2))
+    texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
+    return texture, min(2.0 * float(np.mean(~laid.reported.kept[bright])), 0.5)
+
+
+def _frames(
+    given: Given, made: dict[str, object] | None
+) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+    """The frames to fit with their poses, and what is to be said of them."""
+    found: list[tuple[Sweep, Pose | None]] = []
+    for path in given.recordings:
+        with open_recording(path, given.metadata) as recording:
+            if made is None:
+                found += [(sweep, None) for sweep in recording]
+                continue
+            held_out, known = made["held_out"], sorted(int(one) for one in made["places"])  # type: ignore[attr-defined]
+            chosen = [held_out] if isinstance(held_out, int) else known
+            for number in chosen:
+                sweep = recording[int(number)]
+                if held_out == COLUMNS:
+                    sweep = of_columns(sweep, slice(1, None, 2))
+                found.append((sweep, place_of(made, int(number), given.scene)))
+    if given.poses is not None:
+        found = _placed(found, given.poses)
+    if made is None:
+        return found, ()
+    if made["held_out"] is None:
+        return found, (_SEEN,)
+    return found, (_HELD_OUT,)
+
+
+def _placed(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
+    """The frames at the poses of a file, whose times are the recording's, or count from its first frame."""
+    motion = read_poses(path)
+    first, last = motion.span_s
+    start_s = frames[0][0].start_s
+    offset_s = 0.0 if first <= start_s <= last else start_s
+    placed: list[tuple[Sweep, Pose | None]] = []
+    for number, (sweep, _) in enumerate(frames):
+        time_s = sweep.start_s - offset_s
+        if not first - 1e-3 <= time_s <= last + 1e-3:
+            raise InputError(
+                f"--poses {path}: must reach from the first to the last frame, got {first:g} to {last:g} s and frame "
+                f"{number} at {time_s:g} s"
+            )
+        placed.append((sweep, pose_at(motion, time_s)))
+    return placed

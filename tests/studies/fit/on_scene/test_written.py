@@ -1,0 +1,54 @@
+"""The sensor file of factors."""
+
+import numpy as np
+import pytest
+
+from lidarscene import catalog
+from lidarscene.studies.fit.estimates import Estimate
+from lidarscene.studies.fit.on_scene.written import written_text
+from lidarscene.studies.fit.unit import sensor_of
+
+TEXT = catalog.path_of("sensors", "os0-128").read_text(encoding="utf-8")
+
+
+def written(**factors: float) -> tuple[str, tuple[str, ...]]:
+    given = {
+        key.replace("__", "."): Estimate(
+            key=key.replace("__", "."), value=value, unit="times", fisher=0.01, bootstrap=0.01
+        )
+        for key, value in factors.items()
+    }
+    return written_text(TEXT, given, "drawn", "os0.toml")
+
+
+def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
+    """Two lenses that meet and are in focus at 6.25 m: at 1.3 times the range all is as it was, and so is the sun."""
+    text, notes = written(near_field_m=1.3)
+    assert not notes
+    before, after = sensor_of(TEXT, "a"), sensor_of(text, "b")
+    assert before.optics.overlap is not None
+    assert after.optics.overlap is not None
+    range_m = np.geomspace(1.0, 50.0, 15)
+    # The table is linear between 1025 places; the file has six digits.
+    np.testing.assert_allclose(
+        after.optics.overlap.share(1.3 * range_m), before.optics.overlap.share(range_m), atol=1e-4
+    )
+    # Of power, aperture squared: K. Of aperture times field: the background.
+    for of in (
+        lambda one: one.laser.peak_power_w * one.optics.aperture_radius_m**2,
+        lambda one: one.optics.aperture_radius_m / one.optics.focal_length_m,
+    ):
+        assert of(after) == pytest.approx(of(before), rel=1e-5)
+
+
+def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:
+    """Rationale: a pulse of 40 ns has no place in bins of 0.7 ns; the power is changed all the same."""
+    text, notes = written(laser__pulse_fwhm_ns=20.0, laser__peak_power_w=2.0)
+    assert len(notes) == 1
+    assert notes[0].startswith("laser.pulse_fwhm_ns is left as it was: ")
+    before, after = sensor_of(TEXT, "a"), sensor_of(text, "b")
+    assert after.laser.pulse_fwhm_s == before.laser.pulse_fwhm_s
+    assert after.laser.peak_power_w == pytest.approx(2.0 * before.laser.peak_power_w, rel=1e-5)
+    assert after.sources["laser.peak_power_w"].startswith(
+        "fitted with a scene: laser.peak_power_w 2 +/- 0.01 times"
+    )
