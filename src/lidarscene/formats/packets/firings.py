@@ -5,6 +5,7 @@ A cloud has the pulses that came back. Its times and channels say which they are
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,9 +64,11 @@ class Gathering:
             np.zeros((*shape, RETURNS), np.float32) for _ in range(3)
         )
         self._ambient = np.zeros(shape, np.float32)
+        self._start_s = 0.0
 
     def add(self, cloud: Cloud) -> None:
         """Add the points of a cloud of this frame; of a pulse's more than two returns the strongest stay."""
+        self._start_s = cloud.frame_start_s
         laser = cloud.column("channel").astype(np.int64)
         cycle_s = self._scanner.cycle_s
         firing = np.rint((cloud.column("time") - self._firing_s[laser]) / cycle_s).astype(np.int64)
@@ -77,11 +80,11 @@ class Gathering:
             self._put(number == one, firing, laser, strength, values)
 
     def _put(
-        self, rows: Numbers, firing: Numbers, laser: Numbers, strength: Numbers, values: tuple[Numbers, ...]
+        self, rows: Numbers, firing: Numbers, laser: Numbers, strength: Numbers, values: Sequence[Numbers]
     ) -> None:
         """One return of each of these pulses, before the kept one that is weaker."""
         f, a = firing[rows], laser[rows]
-        arrays = (self._strength, self._range_m, self._intensity, self._signal)
+        arrays: list[Numbers] = [self._strength, self._range_m, self._intensity, self._signal]
         new = [one[rows] for one in (strength, *values)]
         first = (self._range_m[f, a, 0] == 0.0) | (new[0] > self._strength[f, a, 0])
         second = ~first & ((self._range_m[f, a, 1] == 0.0) | (new[0] > self._strength[f, a, 1]))
@@ -95,10 +98,10 @@ class Gathering:
         within = pulse.astype(np.int64) - self._number * self._scanner.pulses
         self._ambient[within // self._scanner.lasers, self._lasers[within % self._scanner.lasers]] = counts
 
-    def firings(self, start_s: float) -> Firings:
-        """The frame, which began at this time by the scene's clock."""
+    def firings(self) -> Firings:
+        """The frame, once all of its clouds are there."""
         cycles = self._scanner.cycles
         return Firings(
             range_m=self._range_m, intensity=self._intensity, signal=self._signal, ambient=self._ambient,
-            number=self._number * cycles, time_s=start_s + self._scanner.cycle_s * np.arange(cycles),
+            number=self._number * cycles, time_s=self._start_s + self._scanner.cycle_s * np.arange(cycles),
         )  # fmt: skip

@@ -20,21 +20,19 @@ class Packet(NamedTuple):
 
 
 class Maker(Protocol):
-    """Packets of one sensor, frame after frame.
-
-    port           that they are sent to
-    needs_ambient  whether they have the background of every pulse
-    description    what the maker's readers need beside the packets, and how the name of its file ends; None: nothing
-    """
+    """Packets of one sensor, frame after frame."""
 
     @property
-    def port(self) -> int: ...
+    def port(self) -> int:
+        """That they are sent to."""
 
     @property
-    def needs_ambient(self) -> bool: ...
+    def needs_ambient(self) -> bool:
+        """Whether they have the background of every pulse."""
 
     @property
-    def description(self) -> tuple[str, str] | None: ...
+    def description(self) -> tuple[str, str] | None:
+        """What the maker's readers need beside the packets, and how the name of its file ends; None: nothing."""
 
     def packets(self, frame: Firings) -> list[Packet]:
         """In order of time; what does not fill a packet waits for the next frame."""
@@ -44,7 +42,7 @@ class Maker(Protocol):
 
 
 def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
-    """(n,) degrees, float64: the head's azimuth, counter-clockwise from x, as read when firings of these numbers begin."""
+    """(n,) azimuths of the head as read when these firings begin, degrees counter-clockwise from x, float64."""
     angle = np.asarray(scanner.head.angle_rad(number.astype(np.uint32)), np.float64)
     step = scanner.encoder_rad
     return np.degrees(angle if step is None else np.rint(angle / float(step)) * float(step))
@@ -52,4 +50,9 @@ def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
 
 def turns_clockwise(scanner: Spinning) -> bool:
     """Whether the azimuths of firings fall, as makers count them."""
-    return math.sin(math.radians(float(head_deg(scanner, np.array([1]))[0] - head_deg(scanner, np.array([0]))[0]))) < 0
+    return (
+        math.sin(
+            math.radians(float(head_deg(scanner, np.array([1]))[0] - head_deg(scanner, np.array([0]))[0]))
+        )
+        < 0
+    )

@@ -18,18 +18,19 @@ def maker_of(sensor: Sensor, profile: str = "default") -> Maker:
     profile  of an Ouster, `ouster.PROFILES`
     Raises InputError for a sensor that has none, in one line.
     """
-    found = velodyne_of(sensor) or ouster_of(sensor, profile)
+    ouster = ouster_of(sensor, profile)
+    found = ouster or velodyne_of(sensor)
     if found is None:
         raise InputError(
             f"sensor '{sensor.name}': has no format of packets; lasers and firing times must be those of one of "
             f"{', '.join(KNOWN)}"
         )
-    if profile != "default" and ouster_of(sensor, profile) is None:
+    if profile != "default" and ouster is None:
         raise InputError(f"sensor '{sensor.name}': must be an Ouster for packets of the profile '{profile}'")
     assert isinstance(sensor.scanner, Spinning)
     if not turns_clockwise(sensor.scanner):
         raise InputError(
-            f"sensor '{sensor.name}': scanner.rotation_hz: must be negative for packets, clockwise as their makers count"
+            f"sensor '{sensor.name}': scanner.rotation_hz: must be negative for packets, as their makers turn"
         )
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         raise InputError(

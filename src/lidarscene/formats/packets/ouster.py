@@ -53,7 +53,10 @@ class Ouster:
         self._dual = sensor.tdc.stops > 1 and profile != "legacy"
         self._profile = PROFILES[profile][self._dual]
         self._text = json.dumps(_metadata(sensor, self._scanner, self._profile), indent=1)
-        self._core: Any = None
+        self._core: Any = optional("ouster.sdk.core", extra="ouster")
+        self._core.init_logger("critical")  # what it warns of is no line of ours
+        self._info = self._core.SensorInfo(self._text)
+        self._format = self._core.PacketFormat.from_info(self._info)
 
     @property
     def description(self) -> tuple[str, str]:
@@ -62,11 +65,6 @@ class Ouster:
 
     def packets(self, frame: Firings) -> list[Packet]:
         """Of the whole frame."""
-        if self._core is None:
-            self._core = optional("ouster.sdk.core", extra="ouster")
-            self._core.init_logger("critical")
-            self._info = self._core.SensorInfo(self._text)
-            self._format = self._core.PacketFormat.from_info(self._info)
         made = self._core.LidarFrame(self._info)
         made.frame_id = frame.number // len(frame) % (self._format.max_frame_id + 1)
         made.timestamp[:] = np.rint(1e9 * frame.time_s).astype(np.int64).clip(0)

@@ -16,10 +16,8 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files.atomic import atomic_output
-from ...sensor.model import Sensor
 from .firings import Firings
-from .maker import Packet
-from .makers import maker_of
+from .maker import Maker, Packet
 
 HEADER = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 262_144, 1)
 """Microseconds, version 2.4, packets of up to 256 KiB, Ethernet."""
@@ -41,14 +39,11 @@ def record_of(packet: Packet, port: int) -> bytes:
 
 
 @contextmanager
-def capture(
-    path: str | os.PathLike[str], sensor: Sensor, *, profile: str = "default"
-) -> Iterator[Callable[[Firings], None]]:
+def capture(path: str | os.PathLike[str], maker: Maker) -> Iterator[Callable[[Firings], None]]:
     """Write the frames that are appended in the block, and what the maker's readers need beside them.
 
-    Raises InputError for a sensor whose maker has no packets, OutputError.
+    maker  of `makers.maker_of`, for this file alone
     """
-    maker = maker_of(sensor, profile)
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(HEADER)
 

@@ -179,9 +179,7 @@ def velodyne_of(sensor: Sensor) -> Velodyne | None:
         return None
     firing_us = 1e6 * (scanner.firing_s - scanner.firing_s[0])[np.argsort(scanner.lasers_by_place.values)]
     for model in MODELS:
-        if scanner.lasers == model.lasers and math.isclose(
-            1e6 * scanner.cycle_s, model.cycle_us, rel_tol=2e-3
-        ):
-            if np.abs(firing_us - model.firing_us).max() < 0.1:
-                return Velodyne(sensor, model)
+        same_cycle = math.isclose(1e6 * scanner.cycle_s, model.cycle_us, rel_tol=2e-3)
+        if scanner.lasers == model.lasers and same_cycle:
+            return Velodyne(sensor, model) if np.abs(firing_us - model.firing_us).max() < 0.1 else None
     return None
