@@ -22,6 +22,7 @@ from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
+from .stream import add_stream
 from .terminal import Answer, complain, end_cleanly, ended_by, notes, say, told
 from .view import add_view
 from .words import with_joined_pose
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (
         add_render,
+        add_stream,
         add_batch,
         add_commands,
         add_fov,

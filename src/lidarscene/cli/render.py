@@ -80,7 +80,8 @@ def add_render(commands: Any) -> None:
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
     add("--frames", metavar="N", type=whole(FRAMES),
-        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or a .pcap")  # fmt: skip
+        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one "
+        ".pcap of all of them")  # fmt: skip
     add("--begin", metavar="S", type=seconds, default=FRAME.begin_s,
         help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add(
