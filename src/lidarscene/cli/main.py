@@ -17,12 +17,12 @@ from .batch import add_batch
 from .catalogue import add_catalogue
 from .compare import add_compare
 from .field_of_view import add_fov
+from .live.stream import add_stream
 from .ranging import add_commands
 from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
-from .stream import add_stream
 from .terminal import Answer, complain, end_cleanly, ended_by, notes, say, told
 from .view import add_view
 from .words import with_joined_pose

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from ..formats.registry import PACKETS
-from ..outputs.options import FRAMES
-from ..rendering.options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
-from .words import number as seconds
-from .words import pose, whole
+from ...errors import InputError
+from ...formats.registry import PACKETS
+from ...outputs.options import FRAMES
+from ...rendering.options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ..words import number as seconds
+from ..words import pose, whole
 
 STREAM_HELP = """\
 examples:
@@ -71,12 +72,12 @@ def add_stream(commands: Any) -> None:
 
 def stream_text(arguments: argparse.Namespace) -> str:
     """Run `stream`; returns what is printed in the end."""
-    from ..files.atomic import atomic_output, require_writable
-    from ..formats.packets.makers import maker_of
-    from ..outputs.live.sending import frames_of, send_frames, udp
-    from ..rendering.simulator import Simulator
-    from ..scene.file import load_scene
-    from ..sensor.catalogue import load_sensor
+    from ...files.atomic import atomic_output
+    from ...formats.packets.makers import maker_of
+    from ...outputs.live.sending import frames_of, send_frames, udp
+    from ...rendering.simulator import Simulator
+    from ...scene.file import load_scene
+    from ...sensor.catalogue import load_sensor
 
     host, port = arguments.udp
     frame = FrameOptions(seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose)
@@ -88,9 +89,10 @@ def stream_text(arguments: argparse.Namespace) -> str:
         if arguments.metadata is not None:
             if maker.description is None:
                 raise InputError(f"--metadata: sensor '{sensor.name}' has none; an Ouster has")
-            require_writable(arguments.metadata)
+            ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
             with atomic_output(arguments.metadata) as temporary:
-                temporary.write_text(maker.description[0], encoding="utf-8", newline="\n")
+                text = json.dumps(json.loads(maker.description[0]) | ports, indent=1)
+                temporary.write_text(text, encoding="utf-8", newline="\n")
         simulator = Simulator(scene, sensor, trace, pose=arguments.pose)
         if arguments.frames is not None:
             simulator.check_frames(range(arguments.frames), begin_s=arguments.begin)
