@@ -12,7 +12,10 @@ from lidarscene.sensor.catalogue import load_sensor
 
 @pytest.mark.parametrize(
     ("name", "port"),
-    [("vlp-16", 2368), ("hdl-32e", 2368), ("vls-128", 2368), ("os0-128", 7502), ("os1-128", 7502), ("os2-128", 7502)],
+    [
+        ("vlp-16", 2368), ("hdl-32e", 2368), ("vls-128", 2368), ("os0-128", 7502), ("os1-128", 7502),
+        ("os2-128", 7502), ("pandar64", 2368),
+    ],
 )  # fmt: skip
 def test_sensors_of_the_catalogue_have_their_packets(
     library: Callable[[str], Any], name: str, port: int

@@ -48,6 +48,26 @@ def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
     return np.degrees(angle if step is None else np.rint(angle / float(step)) * float(step))
 
 
+def last_and_other(frame: Firings, *, step_m: float, both: bool) -> dict[str, Numbers]:
+    """(firings, 2, lasers) distances in steps, uint16, and reflectivities, uint8, of two returns of each pulse.
+
+    First the last one, then the strongest, or the second strongest if the strongest is the last. A lone return is both;
+    so is the strongest unless ``both`` are asked for. 0 where nothing came back, and beyond what a distance can say.
+    """
+    distance = np.rint(frame.range_m / step_m)
+    distance = np.where(distance <= np.iinfo(np.uint16).max, distance, 0.0).astype(np.uint16)
+    reflectivity = np.rint(frame.intensity).clip(0, 255).astype(np.uint8)
+    first, second = distance[..., 0], distance[..., 1]
+    farther = (second > first) & both
+    alone = (second == 0) | (not both)
+    made = {}
+    for name, values in (("distance", distance), ("reflectivity", reflectivity)):
+        last = np.where(farther, values[..., 1], values[..., 0])
+        other = np.where(alone | farther, values[..., 0], values[..., 1])
+        made[name] = np.stack([last, other], axis=1)
+    return made
+
+
 def turns_clockwise(scanner: Spinning) -> bool:
     """Whether the azimuths of firings fall, as makers count them."""
     return (

@@ -5,11 +5,12 @@ from __future__ import annotations
 from ...errors import InputError
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
+from .hesai import pandar64_of
 from .maker import Maker, turns_clockwise
 from .ouster import ouster_of
 from .velodyne import MODELS, velodyne_of
 
-KNOWN = (*(model.name for model in MODELS), "os0-128, os1-128, os2-128")
+KNOWN = (*(model.name for model in MODELS), "os0-128", "os1-128", "os2-128", "pandar64")
 
 
 def maker_of(sensor: Sensor, profile: str = "default") -> Maker:
@@ -19,7 +20,7 @@ def maker_of(sensor: Sensor, profile: str = "default") -> Maker:
     Raises InputError for a sensor that has none, in one line.
     """
     ouster = ouster_of(sensor, profile)
-    found = ouster or velodyne_of(sensor)
+    found = ouster or velodyne_of(sensor) or pandar64_of(sensor)
     if found is None:
         raise InputError(
             f"sensor '{sensor.name}': has no format of packets; lasers and firing times must be those of one of "

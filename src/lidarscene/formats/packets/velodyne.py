@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .maker import Packet, head_deg
+from .maker import Packet, head_deg, last_and_other
 
 PORT = 2368
 BLOCKS, POINTS = 12, 32
@@ -124,19 +124,8 @@ class Velodyne:
         rows["number"] = frame.number + np.arange(len(frame))
         rows["time_s"] = frame.time_s
         rows["azimuth"] = self._azimuth(rows["number"])
-        distance = np.rint(frame.range_m / self._model.step_m)
-        distance = np.where(distance <= np.iinfo(np.uint16).max, distance, 0.0).astype(np.uint16)
-        reflectivity = np.rint(frame.intensity).clip(0, 255).astype(np.uint8)
-        first, second = (distance[..., 0], reflectivity[..., 0]), (distance[..., 1], reflectivity[..., 1])
-        # The strongest is the last, too, unless the other came back from farther.
-        alone = second[0] == 0
-        farther = second[0] > first[0]
-        for place, name in enumerate(("distance", "reflectivity")):
-            last = np.where(farther, second[place], first[place])
-            other = np.where(alone | farther, first[place], second[place])
-            rows["points"][name][:, 0], rows["points"][name][:, 1] = last, other
-        if not self._dual:
-            rows["points"][:, 0] = rows["points"][:, 1] = _points(*first)
+        for name, values in last_and_other(frame, step_m=self._model.step_m, both=self._dual).items():
+            rows["points"][name] = values
         return rows
 
     def _azimuth(self, number: Numbers) -> Numbers:
@@ -164,12 +153,6 @@ class Velodyne:
         made["mode"], made["model"] = self._mode, model.code
         sent_s = rows["time_s"][:, -1] + 1e-6 * model.firing_us[-1]
         return [Packet(time, one.tobytes()) for time, one in zip(sent_s.tolist(), made, strict=True)]
-
-
-def _points(distance: Numbers, reflectivity: Numbers) -> Numbers:
-    points = np.zeros(distance.shape, [("distance", "<u2"), ("reflectivity", "u1")])
-    points["distance"], points["reflectivity"] = distance, reflectivity
-    return points
 
 
 def velodyne_of(sensor: Sensor) -> Velodyne | None:
