@@ -166,7 +166,8 @@ def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHisto
     """The summary of all frames together."""
     from ..outputs import report
 
-    shown = [f"{len(done.clouds)} clouds in {arguments.output}"]
+    one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
+    shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
     if len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
     profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)
