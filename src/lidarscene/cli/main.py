@@ -17,6 +17,7 @@ from .batch import add_batch
 from .catalogue import add_catalogue
 from .compare import add_compare
 from .field_of_view import add_fov
+from .live.stream import add_stream
 from .ranging import add_commands
 from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (
         add_render,
+        add_stream,
         add_batch,
         add_commands,
         add_fov,

@@ -9,15 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..formats.registry import DATASETS, FORMATS, LABELS
+from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS
 from ..outputs.options import FEW_PULSES
 from .words import pulses
 
 
 def add_output_options(add: Callable[..., Any]) -> None:
     """Add the options that choose formats."""
-    add("--format", choices=FORMATS, metavar="NAME",
-        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}")  # fmt: skip
+    add("--format", choices=FORMATS | PACKETS, metavar="NAME",
+        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
+        f"{', '.join(PACKETS)}")  # fmt: skip
     add("--labels", choices=LABELS, metavar="NAME",
         help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them")  # fmt: skip
     add("--dataset", choices=DATASETS, metavar="NAME",

@@ -80,7 +80,8 @@ def add_render(commands: Any) -> None:
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
     add("--frames", metavar="N", type=whole(FRAMES),
-        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on")  # fmt: skip
+        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one "
+        ".pcap of all of them")  # fmt: skip
     add("--begin", metavar="S", type=seconds, default=FRAME.begin_s,
         help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add(
@@ -165,7 +166,8 @@ def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHisto
     """The summary of all frames together."""
     from ..outputs import report
 
-    shown = [f"{len(done.clouds)} clouds in {arguments.output}"]
+    one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
+    shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
     if len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
     profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)

@@ -34,6 +34,7 @@ class Format:
     read    read the fields of a cloud from a path; None if such a file does not hold all of a cloud
     stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
+    profile of packets (`packets.makers.maker_of`): a run's frames are in one file. None: a file is a cloud
     extra   group of optional packages that the format needs (`files.optional`)
     text    whether ``write`` and ``stream`` take ``ascii``
     """
@@ -42,6 +43,7 @@ class Format:
     write: Write
     read: Read | None = None
     stream: Stream | None = None
+    profile: str | None = None
     extra: str = ""
     text: bool = False
 
@@ -115,7 +117,20 @@ FORMATS = {
 }  # fmt: skip
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
-SUFFIXES = tuple(dict.fromkeys(one.suffix for one in FORMATS.values()))
+
+def _packets(profile: str) -> Format:
+    write = _late("lidarscene.formats.packets.pcap", "refuse")
+    return Format(suffix=".pcap", write=write, profile=profile)
+
+
+PACKETS = {
+    "pcap": _packets("default"),
+    "pcap-low-rate": _packets("low-rate"),
+    "pcap-legacy": _packets("legacy"),
+}
+"""What the sensor itself sends, by name: packets have lost pulses too, so that they are no format of clouds."""
+
+SUFFIXES = tuple(dict.fromkeys(one.suffix for one in (FORMATS | PACKETS).values()))
 
 LABELS = {
     "kitti": (".txt", ".calib.txt"),
@@ -134,11 +149,12 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"path: must be the name of a file, got {type(path).__name__}")
     if name is not None:
-        if name not in FORMATS:
-            raise InputError(f"format '{name}': there is none; the choices are {', '.join(FORMATS)}")
-        return FORMATS[name]
+        if name not in FORMATS | PACKETS:
+            choices = ", ".join(FORMATS | PACKETS)
+            raise InputError(f"format '{name}': there is none; the choices are {choices}")
+        return (FORMATS | PACKETS)[name]
     file = os.path.basename(os.fspath(path)).lower()
-    fitting = [one for one in FORMATS.values() if file.endswith(one.suffix)]
+    fitting = [one for one in (FORMATS | PACKETS).values() if file.endswith(one.suffix)]
     if not fitting:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         raise InputError(

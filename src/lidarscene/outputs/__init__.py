@@ -11,5 +11,7 @@ frame_files  all files of one frame
 missed       pulses without a point, and why
 light        ambient counts and waveforms
 range_image  pictures of ring by azimuth
+captures     packets of all frames in one file
+live/        packets over UDP in real time
 report       the summary as text and JSON
 """

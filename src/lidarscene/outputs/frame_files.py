@@ -19,13 +19,16 @@ from ..cloud.merging import Merging
 from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..files.atomic import named
+from ..formats.packets.firings import Gathering
 from ..labels.files import labels_stream
+from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
 from ..rendering.frame import check_frame
 from ..rendering.options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
 from ..rendering.summary import Summary
 from ..scene.model import Scene, View
+from .captures import Capture
 from .light import AmbientImage, write_waveforms
 from .missed import missed_stream
 from .plan import Plan
@@ -43,6 +46,7 @@ class FrameFiles:
     simulators  by label
     files       what is to be written, by what it is (`Plan.files`)
     placed      whether the sensor stands elsewhere than the scene says
+    capture     of the sensor's packets, if they are written in place of a cloud
     """
 
     plan: Plan
@@ -52,17 +56,24 @@ class FrameFiles:
     files: Mapping[str, Path]
     placed: bool
     summary: Summary
+    capture: Capture | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace it into its files; ``progress`` is told (done, pulses) of each sensor."""
         picture = Thinned() if "picture" in self.files else None
         ambient = AmbientImage() if "ambient" in self.files else None
-        with self._takers(picture) as takers:
+        packets = self._packets()
+        with self._takers(picture, packets) as takers:
             for simulator, take in zip(self._simulators, takers, strict=True):
                 with self._missed(simulator) as missed:
-                    told = Observers(progress=progress, missed=missed, ambient=ambient, summary=self.summary)
+                    told = Observers(
+                        progress=progress, missed=missed, ambient=self._ambient(ambient, packets),
+                        summary=self.summary,
+                    )  # fmt: skip
                     simulator.stream(take, self.frame, told)
             since = time.perf_counter()
+        if self.capture is not None and packets is not None:
+            self.capture.take(packets.firings())
         if ambient is not None:
             ambient.save(self.files["ambient"], simulator.sensor)
         if "waveforms" in self.files:
@@ -72,6 +83,24 @@ class FrameFiles:
         if picture is not None:
             self._draw(picture)
             self.summary.spent("picture", since)
+
+    def _packets(self) -> Gathering | None:
+        """What takes the frame pulse by pulse."""
+        return None if self.capture is None else Gathering(self._simulators[0].sensor, self.frame.number)
+
+    def _ambient(
+        self, image: AmbientImage | None, packets: Gathering | None
+    ) -> Callable[[Numbers, Numbers], None] | None:
+        """Who is told of the background, all in one."""
+        told: list[Callable[[Numbers, Numbers], None]] = [] if image is None else [image]
+        if packets is not None and self.capture is not None and self.capture.needs_ambient:
+            told.append(packets.ambient)
+
+        def tell(pulse: Numbers, counts: Numbers) -> None:
+            for one in told:
+                one(pulse, counts)
+
+        return tell if told else None
 
     @property
     def _simulators(self) -> Sequence[Simulator]:
@@ -83,7 +112,7 @@ class FrameFiles:
         return _named(self.files["missed"], missed_stream(self.files["missed"], simulator.sensor))
 
     @contextmanager
-    def _takers(self, picture: Thinned | None) -> Iterator[Sequence[Append]]:
+    def _takers(self, picture: Thinned | None, packets: Gathering | None) -> Iterator[Sequence[Append]]:
         """What takes the points of each simulator; their files are there when the block ends."""
         with ExitStack() as opened:
             # Points take two routes: as they were seen, and without the sensor's motion. One without files is dropped.
@@ -93,6 +122,8 @@ class FrameFiles:
             )
             if picture is not None:
                 raw.append(picture.append)
+            if packets is not None:
+                raw.append(packets.add)
             routes = [route for route in ((self._as_seen(), raw), (self._deskewed(), still)) if route[1]]
             if self.plan.outputs.merge:
                 routes = [(self._merged(change), appended) for change, appended in routes]
@@ -115,7 +146,7 @@ class FrameFiles:
             if key == ("deskewed" if outputs.deskew else "output"):
                 label = next(iter(self.simulators))
                 yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
-        elif key in self.files:
+        elif key in self.files and self.capture is None:
             points = sum(one.sensor.scanner.pulses * one.sensor.tdc.stops for one in self._simulators)
             yield self.files[key], cloud_stream(self.plan, self.files[key], points)
             if outputs.labels is not None:

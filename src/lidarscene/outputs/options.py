@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..errors import InputError, OptionError
-from ..formats.registry import DATASETS, FORMATS, LABELS, SUFFIXES, Format, format_of
+from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
 from ..rendering.options import Whole
 
 File = str | os.PathLike[str]
@@ -38,8 +38,9 @@ FEW_PULSES = 9
 class Outputs:
     """Every file that a frame becomes.
 
-    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set
-    format       of the cloud, a key of `formats.registry.FORMATS`; None: what the name says, PLY in a folder
+    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. Packets of
+                 several frames are one file
+    format       of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: what the name says, PLY in a folder
     ascii        whether it is text instead of binary
     truth        whether it has the columns of ground truth
     labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
@@ -75,7 +76,7 @@ class Outputs:
     pulses: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
-        for option, known in (("format", FORMATS), ("labels", LABELS), ("dataset", DATASETS)):
+        for option, known in (("format", FORMATS | PACKETS), ("labels", LABELS), ("dataset", DATASETS)):
             name = getattr(self, option)
             if name is not None and name not in known:
                 raise OptionError(f"{{{option}}}: must be one of {{0}}, got {{1!r}}", ", ".join(known), name)
@@ -101,8 +102,18 @@ class Outputs:
             for option in ("merge", "ascii"):
                 if getattr(self, option):
                     raise OptionError(f"{{dataset}}: goes without {{{option}}}")
+        if self.packets:
+            for option in ("labels", "deskew", "merge", "ascii"):
+                if getattr(self, option):
+                    raise OptionError(f"{{{option}}}: goes with clouds, not with packets")
         if self.pulses is not None and self.waveforms is None:
             raise OptionError("{pulses} goes with {waveforms}")
+
+    @property
+    def packets(self) -> bool:
+        """Whether the sensor's own packets are written, and no cloud."""
+        named = self.format is None and self.place.name.lower().endswith(PACKETS["pcap"].suffix)
+        return self.dataset is None and (named or self.format in PACKETS)
 
     @property
     def place(self) -> Path:
@@ -119,7 +130,7 @@ class Outputs:
         if self.dataset is not None:
             return FORMATS["kitti"]
         if self.format is not None or folder:
-            return FORMATS[self.format or "ply"]
+            return (FORMATS | PACKETS)[self.format or "ply"]
         # The registry's message speaks of a path; here the user can name the format instead.
         try:
             return format_of(self.place)

@@ -19,6 +19,9 @@ from ..labels.kitti_dataset import cloud_path
 from .options import ENDINGS, Outputs
 from .range_image import all_range_image_paths
 
+ONE_FILE = ("output", "metadata")
+"""Files of packets, of all frames together."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -36,7 +39,7 @@ class Plan:
     def is_folder(self) -> bool:
         """Whether the path is a folder for the clouds."""
         return (
-            self.frames is not None
+            (self.frames is not None and not self.outputs.packets)
             or self.outputs.dataset is not None
             or (self.rig and not self.outputs.merge)
         )
@@ -65,6 +68,8 @@ class Plan:
             many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {many}", place)
         chosen = self.format
+        if outputs.packets and not self.is_folder and not place.name.lower().endswith(chosen.suffix):
+            raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
             raise OptionError("{ascii}: {0} can be text", able)
@@ -86,12 +91,23 @@ class Plan:
                 )
         return files
 
+    def distinct(self, wanted: Sequence[Mapping[str, Path]]) -> Sequence[Mapping[str, Path]]:
+        """Each file once: packets of all frames are in one."""
+        if not self.outputs.packets:
+            return wanted
+        seen: set[Path] = set()
+        once = []
+        for files in wanted:
+            once.append({key: path for key, path in files.items() if key not in ONE_FILE or path not in seen})
+            seen |= {files[key] for key in ONE_FILE if key in files}
+        return once
+
     def _clouds(self, label: str, number: int) -> dict[str, Path]:
         """The cloud, its twin without motion, and the labels of both."""
         outputs, path, suffix = self.outputs, self.outputs.place, self.format.suffix
         if outputs.dataset is not None:
             return {"output": cloud_path(outputs.dataset, path / label, number)}
-        if self.frames is not None:
+        if self.frames is not None and not outputs.packets:
             path = path / label / f"frame_{number:04d}{suffix}"
         elif label:
             path = path / f"{label}{suffix}"

@@ -24,6 +24,7 @@ from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig
+from .captures import captured_files, captures, makers
 from .frame_files import FrameFiles
 from .options import FRAMES, File, Outputs
 from .plan import Plan, check_writable, keep_inputs
@@ -124,12 +125,21 @@ def record(
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
     wanted = [plan.files(label, number) for label, _, number in clouds]
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
-    check_writable(wanted)
+    check_writable(plan.distinct(wanted))
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(one.sensor for one in sensors)
     warn_of_size(plan, sensors, trace, frame.chunk)
+    packets = (
+        makers({one.label: one.sensor for one in sensors}, plan.format.profile or "")
+        if outputs.packets
+        else {}
+    )
+    for (label, _, _), files in zip(clouds, wanted, strict=True):
+        if label in packets:
+            files |= captured_files(files["output"], packets[label])
+    check_writable(plan.distinct(wanted))
     keep_inputs(wanted, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers are told now, not after an hour of tracing.
     if outputs.waveforms is not None:
@@ -146,16 +156,19 @@ def record(
     pulses = len(numbers) * sum(one.sensor.scanner.pulses for one in sensors)
     progress = None if told is None else _Progress(told, pulses)
     written: list[RecordedCloud] = []
-    for (label, group, number), files in zip(clouds, wanted, strict=True):
-        one = FrameFiles(
-            plan=plan, scene=described, simulators={name: made[name] for name in group},
-            frame=replace(frame, number=number, pose=None), files=files,
-            placed=rig is not None or frame.pose is not None,
-            # Loading and building happened once; the first frame is charged for it.
-            summary=Summary(seconds={} if written else before.seconds),
-        )  # fmt: skip
-        one.write(progress)
-        written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
+    paths = {label: files["output"] for (label, _, _), files in zip(clouds, wanted, strict=True)}
+    with captures(paths if packets else {}, packets) as opened:
+        for (label, group, number), files in zip(clouds, wanted, strict=True):
+            one = FrameFiles(
+                plan=plan, scene=described, simulators={name: made[name] for name in group},
+                frame=replace(frame, number=number, pose=None), files=files,
+                placed=rig is not None or frame.pose is not None,
+                # Loading and building happened once; the first frame is charged for it.
+                summary=Summary(seconds={} if written else before.seconds),
+                capture=opened.get(label),
+            )  # fmt: skip
+            one.write(progress)
+            written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
     return Recorded(tuple(written))
 
 

@@ -6,6 +6,7 @@ opening    `open_recording`: the reader by the file's name
 ouster     pcap with json, and OSF
 velodyne   packets
 hesai      packets
+pandar64   packets of that one
 packets    of a pcap file, and turns among them
 bags       ROS 2 bags
 clouds     KITTI, nuScenes, PCD, PLY, LAS

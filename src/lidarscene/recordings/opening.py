@@ -50,7 +50,7 @@ def _ouster(path: Path, metadata: Path | None) -> Recording:
 
 def _packets(path: Path, metadata: Path | None) -> Recording:
     """Of the maker whose packets are there; json, given or beside it, means Ouster."""
-    from . import hesai, velodyne
+    from . import hesai, pandar64, velodyne
     from .packets import packets_of
 
     described = metadata or path.with_suffix(".json")
@@ -62,6 +62,10 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
         raise InputError(
             f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
             f"(or with --metadata)"
+        )
+    if pandar64.is_pandar64(packets[0].payload):
+        return pandar64.open_pandar64(
+            path, metadata, [one for one in packets if pandar64.is_pandar64(one.payload)]
         )
     own = velodyne.is_velodyne if velodyne.is_velodyne(packets[0].payload) else hesai.is_hesai
     opened = velodyne.open_velodyne if own is velodyne.is_velodyne else hesai.open_hesai

@@ -1,0 +1,4 @@
+"""A sensor that sends while the scene moves.
+
+stream  packets over UDP
+"""

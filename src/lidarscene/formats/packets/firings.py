@@ -1,0 +1,107 @@
+"""A frame of a spinning sensor pulse by pulse: clouds, piece by piece, in; arrays of firings by lasers out.
+
+A cloud has the pulses that came back. Its times and channels say which they are, so that the lost ones can be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ...scan.spinning import Spinning
+from ...sensor.model import Sensor
+from ..columns import Cloud
+
+RETURNS = 2
+"""Of a pulse, that packets have room for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Firings:
+    """One frame: a row for each firing of the bank, in order of time, a column for each laser, as the sensor file lists
+    them. The first three have one number for each return, the strongest first; 0 where nothing came back.
+
+    range_m    (firings, lasers, 2) float64, from the beam's exit
+    intensity  (firings, lasers, 2) float32, as the sensor reports it
+    signal     (firings, lasers, 2) float32, photons
+    ambient    (firings, lasers) float32, background counts, of lost pulses too if the sensor's maker sends them
+    number     of the first firing, counted from the first frame's
+    time_s     (firings,) float64, when the first laser of each fires, by the clock of the scene
+    """
+
+    range_m: Numbers
+    intensity: Numbers
+    signal: Numbers
+    ambient: Numbers
+    number: int
+    time_s: Numbers
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+class Gathering:
+    """`Firings` of a frame, from its clouds as they come.
+
+    scanner  spinning, as `makers.maker_of` has found
+    number   of the frame
+    """
+
+    def __init__(self, sensor: Sensor, number: int) -> None:
+        assert isinstance(sensor.scanner, Spinning)
+        self._scanner = scanner = sensor.scanner
+        self._number = number
+        lasers = np.asarray(scanner.lasers_by_place.values, np.int64)
+        self._lasers = lasers
+        self._firing_s = np.zeros(scanner.lasers)
+        self._firing_s[lasers] = scanner.firing_s - scanner.firing_s[0]  # a frame begins with its first pulse
+        shape = scanner.cycles, scanner.lasers
+        self._range_m = np.zeros((*shape, RETURNS))
+        self._strength, self._intensity, self._signal = (
+            np.zeros((*shape, RETURNS), np.float32) for _ in range(3)
+        )
+        self._ambient = np.zeros(shape, np.float32)
+        self._start_s = 0.0
+
+    def add(self, cloud: Cloud) -> None:
+        """Add the points of a cloud of this frame; of a pulse's more than two returns the strongest stay."""
+        self._start_s = cloud.frame_start_s
+        laser = cloud.column("channel").astype(np.int64)
+        cycle_s = self._scanner.cycle_s
+        firing = np.rint((cloud.column("time") - self._firing_s[laser]) / cycle_s).astype(np.int64)
+        signal, snr = cloud.column("signal"), cloud.column("snr")
+        strength = np.where(signal > 0.0, signal, snr)
+        values = (cloud.column("range"), cloud.column("intensity"), signal)
+        number = cloud.column("return_number")
+        for one in np.unique(number):
+            self._put(number == one, firing, laser, strength, values)
+
+    def _put(
+        self, rows: Numbers, firing: Numbers, laser: Numbers, strength: Numbers, values: Sequence[Numbers]
+    ) -> None:
+        """One return of each of these pulses, before the kept one that is weaker."""
+        f, a = firing[rows], laser[rows]
+        arrays: list[Numbers] = [self._strength, self._range_m, self._intensity, self._signal]
+        new = [one[rows] for one in (strength, *values)]
+        first = (self._range_m[f, a, 0] == 0.0) | (new[0] > self._strength[f, a, 0])
+        second = ~first & ((self._range_m[f, a, 1] == 0.0) | (new[0] > self._strength[f, a, 1]))
+        for array, one in zip(arrays, new, strict=True):
+            array[f[first], a[first], 1] = array[f[first], a[first], 0]
+            array[f[first], a[first], 0] = one[first]
+            array[f[second], a[second], 1] = one[second]
+
+    def ambient(self, pulse: Numbers, counts: Numbers) -> None:
+        """Add the background of every pulse: an observer of `rendering.options.Observers`."""
+        within = pulse.astype(np.int64) - self._number * self._scanner.pulses
+        self._ambient[within // self._scanner.lasers, self._lasers[within % self._scanner.lasers]] = counts
+
+    def firings(self) -> Firings:
+        """The frame, once all of its clouds are there."""
+        cycles = self._scanner.cycles
+        return Firings(
+            range_m=self._range_m, intensity=self._intensity, signal=self._signal, ambient=self._ambient,
+            number=self._number * cycles, time_s=self._start_s + self._scanner.cycle_s * np.arange(cycles),
+        )  # fmt: skip

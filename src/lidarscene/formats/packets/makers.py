@@ -1,0 +1,40 @@
+"""Which packets a sensor's maker sends: found by how the sensor is built, its lasers and when they fire."""
+
+from __future__ import annotations
+
+from ...errors import InputError
+from ...scan.spinning import Spinning
+from ...sensor.model import Sensor
+from .hesai import pandar64_of
+from .maker import Maker, turns_clockwise
+from .ouster import ouster_of
+from .velodyne import MODELS, velodyne_of
+
+KNOWN = (*(model.name for model in MODELS), "os0-128", "os1-128", "os2-128", "pandar64")
+
+
+def maker_of(sensor: Sensor, profile: str = "default") -> Maker:
+    """Packets of this sensor.
+
+    profile  of an Ouster, `ouster.PROFILES`
+    Raises InputError for a sensor that has none, in one line.
+    """
+    ouster = ouster_of(sensor, profile)
+    found = ouster or velodyne_of(sensor) or pandar64_of(sensor)
+    if found is None:
+        raise InputError(
+            f"sensor '{sensor.name}': has no format of packets; lasers and firing times must be those of one of "
+            f"{', '.join(KNOWN)}"
+        )
+    if profile != "default" and ouster is None:
+        raise InputError(f"sensor '{sensor.name}': must be an Ouster for packets of the profile '{profile}'")
+    assert isinstance(sensor.scanner, Spinning)
+    if not turns_clockwise(sensor.scanner):
+        raise InputError(
+            f"sensor '{sensor.name}': scanner.rotation_hz: must be negative for packets, as their makers turn"
+        )
+    if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
+        raise InputError(
+            f"sensor '{sensor.name}': intensity.kind: must be 'reflectivity' for packets, whose points have 0 to 255"
+        )
+    return found

@@ -1,0 +1,159 @@
+"""Packets of Ouster's OS0, OS1 and OS2, encoded by the maker's ouster-sdk, and the metadata that go with them.
+
+A packet has 16 columns; a pixel has range, reflectivity, signal and near infrared, as the profile has them. The range
+counts from as far behind the axis as the beam leaves before it (`recordings.units.ouster` has the equation).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.optional import optional
+from ...maths.arrays import Numbers
+from ...scan.spinning import Spinning
+from ...sensor.model import Sensor
+from .firings import Firings
+from .maker import Packet, head_deg
+
+PORT = 7502
+COLUMNS_PER_PACKET = 16
+MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
+FIRMWARE = "v3.1.0"
+"""That the metadata name: a release that has all of these profiles."""
+
+PROFILES = {
+    "default": ("RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"),
+    "low-rate": ("RNG15_RFL8_NIR8", "RNG15_RFL8_NIR8_DUAL"),
+    "legacy": ("LEGACY", "LEGACY"),
+}
+"""The maker's names, with one return and with two."""
+
+LARGEST = {"RANGE": 2**19 - 1, "REFLECTIVITY": 255, "SIGNAL": 65535, "NEAR_IR": 65535}
+LARGEST_OF = {
+    "RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255},
+    "LEGACY": {"RANGE": 2**20 - 1},
+}
+"""Of a profile's fields, by how its name begins."""
+
+
+class Ouster:
+    """Packets of frame after frame; every frame is a whole number of packets."""
+
+    port = PORT
+    needs_ambient = True
+
+    def __init__(self, sensor: Sensor, profile: str) -> None:
+        assert isinstance(sensor.scanner, Spinning)
+        self._scanner: Spinning = sensor.scanner
+        self._dual = sensor.tdc.stops > 1 and profile != "legacy"
+        self._profile = PROFILES[profile][self._dual]
+        self._text = json.dumps(_metadata(sensor, self._scanner, self._profile), indent=1)
+        self._core: Any = optional("ouster.sdk.core", extra="ouster")
+        self._core.init_logger("critical")  # what it warns of is no line of ours
+        self._info = self._core.SensorInfo(self._text)
+        self._format = self._core.PacketFormat.from_info(self._info)
+
+    @property
+    def description(self) -> tuple[str, str]:
+        """The sensor's metadata."""
+        return self._text, ".json"
+
+    def packets(self, frame: Firings) -> list[Packet]:
+        """Of the whole frame."""
+        made = self._core.LidarFrame(self._info)
+        made.frame_id = frame.number // len(frame) % (self._format.max_frame_id + 1)
+        made.timestamp[:] = np.rint(1e9 * frame.time_s).astype(np.int64).clip(0)
+        made.measurement_id[:] = np.arange(len(frame))
+        made.status[:] = 1
+        for name, values in self._fields(frame).items():
+            if name in made.fields:
+                made.field(name)[:] = values.T
+        packets = self._core.frame_to_packets(made, self._format, self._info.init_id, self._info.sn)
+        last = np.arange(1, len(packets) + 1) * COLUMNS_PER_PACKET - 1
+        return [
+            Packet(float(time), bytes(one.buf)) for time, one in zip(frame.time_s[last], packets, strict=True)
+        ]
+
+    def rest(self) -> list[Packet]:
+        """None."""
+        return []
+
+    def _fields(self, frame: Firings) -> dict[str, Numbers]:
+        """(columns, rows) each, as the maker names them."""
+        largest = LARGEST | next(
+            (more for start, more in LARGEST_OF.items() if self._profile.startswith(start)), {}
+        )
+        behind_m = 1e-3 * _beam_origin_mm(self._scanner)
+
+        def whole(values: Numbers, name: str) -> Numbers:
+            return np.rint(values).clip(0, largest[name])
+
+        fields = {"NEAR_IR": whole(frame.ambient, "NEAR_IR")}
+        for place, end in enumerate(("", "2")):
+            range_m = frame.range_m[..., place]
+            millimetres = np.rint(1e3 * (range_m + behind_m))
+            fields[f"RANGE{end}"] = np.where(
+                (range_m > 0.0) & (millimetres <= largest["RANGE"]), millimetres, 0.0
+            )
+            fields[f"REFLECTIVITY{end}"] = whole(frame.intensity[..., place], "REFLECTIVITY")
+            fields[f"SIGNAL{end}"] = whole(frame.signal[..., place], "SIGNAL")
+        return fields
+
+
+def ouster_of(sensor: Sensor, profile: str) -> Ouster | None:
+    """The packets of a sensor that is built as an Ouster is; None for another."""
+    scanner = sensor.scanner
+    if not isinstance(scanner, Spinning) or np.ptp(scanner.firing_s) > 0.0 or sensor.histogram is None:
+        return None
+    return Ouster(sensor, profile)
+
+
+def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]:
+    """As the sensor itself would tell it."""
+    mode = f"{scanner.cycles}x{round(1.0 / scanner.frame_s)}"
+    if mode not in MODES:
+        raise InputError(
+            f"sensor '{sensor.name}': an Ouster's packets must have columns and turns of {', '.join(MODES)}, got {mode}"
+        )
+    rows = scanner.lasers
+    start_rad = np.radians(head_deg(scanner, np.array([0]))[0])
+    cos, sin = round(float(np.cos(start_rad)), 9), round(float(np.sin(start_rad)), 9)
+    start = (np.zeros(rows),) * 3 if scanner.start_m is None else [one.values for one in scanner.start_m]
+    forward, left, up = (1e3 * np.asarray(one) for one in start)
+    if np.ptp(forward) > 1e-6 or np.ptp(up) > 1e-6 or np.abs(left).max() > 1e-6:
+        raise InputError(
+            f"sensor '{sensor.name}': an Ouster's beams must leave from one height and one place before the axis"
+        )
+    origin_mm = _beam_origin_mm(scanner)
+    number = re.search(r"os-?([012])", sensor.name, re.IGNORECASE)
+    family = f"OS-{number[1]}" if number else "OS-1"
+    return {
+        "prod_line": f"{family}-{rows}", "prod_sn": "1", "prod_pn": "", "status": "RUNNING",
+        "image_rev": f"ousteros-image-prod-bootes-{FIRMWARE}", "build_rev": FIRMWARE, "build_date": "",
+        "initialization_id": 1, "udp_port_lidar": PORT, "udp_port_imu": PORT + 1, "lidar_mode": mode,
+        "json_calibration_version": 4, "hostname": "", "client_version": "lidarscene",
+        "beam_altitude_angles": np.degrees(scanner.elevation_rad.values).tolist(),
+        "beam_azimuth_angles": (-np.degrees(scanner.azimuth_rad.values)).tolist(),
+        "lidar_origin_to_beam_origin_mm": origin_mm,
+        "beam_to_lidar_transform": [1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+        "lidar_to_sensor_transform": [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, float(up[0]), 0, 0, 0, 1],
+        "imu_to_sensor_transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+        "data_format": {
+            "columns_per_frame": scanner.cycles, "columns_per_packet": COLUMNS_PER_PACKET,
+            "column_window": [0, scanner.cycles - 1], "pixels_per_column": rows,
+            # Where pixels of one direction stand in a picture: as many columns on as the laser looks back.
+            "pixel_shift_by_row": np.rint(
+                -scanner.azimuth_rad.values / (2.0 * np.pi) * scanner.cycles
+            ).astype(int).tolist(),
+            "udp_profile_imu": "LEGACY", "udp_profile_lidar": profile,
+        },
+    }  # fmt: skip
+
+
+def _beam_origin_mm(scanner: Spinning) -> float:
+    return 0.0 if scanner.start_m is None else float(1e3 * scanner.start_m[0].values[0])

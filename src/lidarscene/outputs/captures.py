@@ -1,0 +1,49 @@
+"""Captures: the frames of a run, pulse by pulse, into one file of packets for each sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..files.atomic import named
+from ..formats.packets.firings import Firings
+from ..formats.packets.maker import Maker
+from ..formats.packets.makers import maker_of
+from ..formats.packets.pcap import beside, capture
+from ..sensor.model import Sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """One sensor's file, while it is open.
+
+    take           appends a frame
+    needs_ambient  whether it has the background of every pulse
+    """
+
+    take: Callable[[Firings], None]
+    needs_ambient: bool
+
+
+def makers(sensors: Mapping[str, Sensor], profile: str) -> dict[str, Maker]:
+    """By label. Raises InputError for a sensor without a format of packets."""
+    return {label: maker_of(sensor, profile) for label, sensor in sensors.items()}
+
+
+def captured_files(path: Path, maker: Maker) -> dict[str, Path]:
+    """What is written beside the packets, by what it is."""
+    return {} if maker.description is None else {"metadata": beside(path, maker.description[1])}
+
+
+@contextmanager
+def captures(paths: Mapping[str, Path], makers: Mapping[str, Maker]) -> Iterator[Mapping[str, Capture]]:
+    """Open a file for each label; they are there when the block ends."""
+    with ExitStack() as opened:
+        yield {
+            label: Capture(
+                named(path, opened.enter_context(capture(path, makers[label]))), makers[label].needs_ambient
+            )
+            for label, path in paths.items()
+        }

@@ -1,0 +1,114 @@
+"""Recordings of Hesai's Pandar64: packets as its maker's HesaiLidar_General_SDK at d7f39ee reads them.
+
+No decoder of them is among the packages of Python. Angles and firing times are those of the catalogue's sensor, which
+are nominal; a unit's own are in the CSV that Hesai gives with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..formats.described import reading
+from ..formats.packets.hesai import AZIMUTH_US, BLOCKS, CYCLE_S, DUAL, LASERS, PACKET, STAMP_US
+from ..maths.arrays import Numbers
+from ..maths.pose import direction_from_angles
+from ..scan.spinning import Spinning
+from ..sensor.catalogue import load_sensor
+from .packets import Packet, turns_of
+from .recording import Recording
+from .sweep import Second, Sweep
+from .units.hesai import read_hesai
+
+NAME = "pandar64"
+
+
+def is_pandar64(payload: bytes) -> bool:
+    """Whether a payload is a packet of measurements, with its sequence number behind it or without."""
+    return payload[:4] == bytes([0xEE, 0xFF, LASERS, BLOCKS]) and len(payload) >= PACKET.itemsize
+
+
+def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
+    """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
+    with reading(path):
+        rows = np.frombuffer(b"".join(one.payload[: PACKET.itemsize] for one in packets), PACKET)
+    stamps_s = np.array([one.stamp_s for one in packets])
+    turns = turns_of(rows["blocks"]["azimuth"][:, 0])
+    angles = _angles(metadata)
+    about = {
+        "format": "hesai pcap",
+        "sensor": "Pandar64",
+        "mode": "dual" if rows["mode"][0] == DUAL else "single",
+    }
+
+    def read(frame: int) -> Sweep:
+        turn = turns[frame]
+        with reading(path):
+            return _sweep(rows[turn], stamps_s[turn], angles, about | {"frame": str(frame)})
+
+    return Recording(path=path, count=len(turns), read=read, metadata=about)
+
+
+def _angles(metadata: Path | None) -> tuple[Numbers, Numbers, Numbers]:
+    """(64,) elevation [rad], azimuth from the head's, counter-clockwise [rad], and time after a block's first [s]."""
+    scanner = load_sensor(NAME).scanner
+    assert isinstance(scanner, Spinning)
+    number = scanner.lasers_by_place.values.astype(np.int64)
+    elevation, azimuth, firing_s = (np.zeros(LASERS) for _ in range(3))
+    elevation[number], azimuth[number] = scanner.elevation_rad.values, scanner.azimuth_rad.values
+    firing_s[number] = scanner.firing_s - scanner.firing_s[0]
+    if metadata is not None:
+        unit = read_hesai(metadata).lists
+        if len(unit["elevation_deg"]) != LASERS:
+            raise InputError(
+                f"{metadata}: must have {LASERS} channels of a Pandar64, got {len(unit['elevation_deg'])}"
+            )
+        elevation, azimuth = np.radians(unit["elevation_deg"]), np.radians(unit["azimuth_offset_deg"])
+    return elevation, azimuth, firing_s
+
+
+def _sweep(
+    rows: Numbers, stamps_s: Numbers, angles: tuple[Numbers, Numbers, Numbers], metadata: dict[str, str]
+) -> Sweep:
+    elevation, azimuth, firing_s = angles
+    step = 2 if rows["mode"][0] == DUAL else 1
+    blocks = rows["blocks"]
+    per_second_deg = 6.0 * rows["turns_per_minute"][:, None, None].astype(np.float64)
+    head_deg = 0.01 * blocks["azimuth"][:, ::step, None] - per_second_deg * (1e-6 * AZIMUTH_US - firing_s)
+    last_block = np.arange(BLOCKS // step)[::-1]
+    # The sensor's clock says when within a second; which one it was, the recorder's.
+    part_s = 1e-6 * rows["stamp"]
+    second = np.rint(stamps_s - part_s)
+    begun_s = (second + part_s - 1e-6 * STAMP_US)[:, None] - CYCLE_S * last_block
+    time_s = begun_s[..., None] + firing_s
+    turned = azimuth - np.radians(head_deg)
+    up = np.broadcast_to(elevation, turned.shape)
+    direction = np.stack(direction_from_angles(azimuth_rad=turned, elevation_rad=up), axis=-1)
+    points = blocks["points"]
+    metres = 1e-3 * rows["step_mm"][:, None, None] * points["distance"].astype(np.float64)
+    metres[metres == 0.0] = np.nan
+    strength = points["reflectivity"]
+
+    def laid(values: Numbers) -> Numbers:
+        """(packets, blocks, lasers, ...) as (lasers, firings, ...)."""
+        return np.moveaxis(values.reshape(-1, *values.shape[2:]), 0, 1)
+
+    first, other = laid(metres[:, step - 1 :: step]), None
+    if step == 2:
+        behind = laid(metres[:, ::step])
+        different = behind != first
+        other = Second(
+            range_m=np.where(different, behind, np.nan),
+            intensity=laid(strength[:, ::step]).astype(np.float32),
+        )
+    start_s = float(time_s.min())
+    shape = first.shape
+    return Sweep(
+        range_m=first, recorded=np.ones(shape, bool), direction=laid(direction), time_s=laid(time_s) - start_s,
+        intensity=laid(strength[:, step - 1 :: step]), second=other,
+        ring=np.broadcast_to(np.arange(LASERS)[:, None], shape),
+        column=np.broadcast_to(np.arange(shape[1]), shape), start_s=start_s, knows_lost=True, metadata=metadata,
+    )  # fmt: skip

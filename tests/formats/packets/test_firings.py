@@ -1,0 +1,62 @@
+"""Frames pulse by pulse: each return at its firing and laser, the strongest first, whatever the pieces."""
+
+import numpy as np
+import pytest
+from helpers.packets import points, random_frame
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.packets.firings import Gathering
+from lidarscene.sensor.catalogue import load_sensor
+
+
+@pytest.mark.parametrize("name", ["vlp-16", "pandar64"])
+def test_pieces_make_the_frame(name: str) -> None:
+    """A later frame, of lasers that fire in the order of their numbers and of others."""
+    sensor = load_sensor(name)
+    cloud = random_frame(sensor, number=2, second=True)
+    gathering = Gathering(sensor, 2)
+    for part in np.array_split(np.random.default_rng(0).permutation(len(cloud)), 3):
+        gathering.add(cloud.select(part))
+    frame = gathering.firings()
+    scanner = sensor.scanner
+    assert frame.number == 2 * scanner.cycles
+    assert np.count_nonzero(frame.range_m) == len(cloud)
+    cycle = ((cloud.time_s + 1e-9) // scanner.cycle_s).astype(int)
+    both = cloud.return_number == 2
+    for rows, number in ((~both, 1), (both, 2)):
+        stored = frame.range_m[cycle[rows], cloud.channel[rows]]
+        assert (stored == cloud.range_m[rows, None]).any(axis=1).all(), number
+    signal = frame.signal
+    assert (signal[..., 0] >= signal[..., 1]).all()
+    np.testing.assert_allclose(
+        frame.time_s, 2 * scanner.frame_s + scanner.cycle_s * np.arange(scanner.cycles), atol=1e-9
+    )
+
+
+def test_of_three_returns_the_two_strongest_stay() -> None:
+    sensor = load_sensor("vlp-16")
+    columns = [
+        points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number)
+        for number in (1, 2, 3)
+    ]
+    for one, signal in zip(columns, (20.0, 5.0, 30.0), strict=True):
+        one["signal"] = np.array([signal], np.float32)
+    gathering = Gathering(sensor, 0)
+    gathering.add(
+        PointCloud(
+            **{name: np.concatenate([one[name] for one in columns]) for name in columns[0]},
+            metadata={"frame": "sensor"},
+        )
+    )
+    frame = gathering.firings()
+    assert frame.signal[0, 5].tolist() == [30.0, 20.0]
+    assert frame.range_m[0, 5].tolist() == [13.0, 11.0]
+
+
+def test_background_is_of_lost_pulses_too() -> None:
+    """By laser, though pulses come in the order of firing."""
+    sensor = load_sensor("pandar64")
+    gathering = Gathering(sensor, 1)
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + sensor.scanner.pulses
+    gathering.ambient(pulse, sensor.scanner.channel(pulse).astype(np.uint64))
+    assert (gathering.firings().ambient == np.arange(64)).all()

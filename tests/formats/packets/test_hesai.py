@@ -1,0 +1,79 @@
+"""Packets of Pandar64: by the arithmetic of the maker's driver every point is where and when it was."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.packets import packets_of, random_frame
+from helpers.pandar64 import points_of
+
+from lidarscene.formats.packets.hesai import PACKET
+from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.pcap import HEADER, record_of
+from lidarscene.recordings.opening import open_recording
+from lidarscene.sensor.catalogue import load_sensor
+
+DUAL = ('tdc.keep="strongest_and_last"',)
+
+
+def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
+    """Rationale: 2 mm is half a step of the range, 0.01 degrees a step of the azimuth, and 1 us one of the stamp."""
+    sensor = load_sensor("pandar64")
+    cloud = random_frame(sensor, number=3)
+    found = np.array(
+        [point for one in packets_of(maker_of(sensor), sensor, [cloud]) for point in points_of(one.payload)]
+    )
+    assert len(found) == len(cloud)
+    laser, turned_deg, time_s, range_m, reflectivity = found.T
+    # A frame is a turn: `packets_of` numbers this one 0, which changes no azimuth.
+    now_s = cloud.time_s + cloud.frame_start_s
+    ours, theirs = np.lexsort((now_s, cloud.channel)), np.lexsort((time_s, laser))
+    assert (cloud.channel[ours] == laser[theirs]).all()
+    assert np.abs(now_s[ours] - time_s[theirs]).max() < 1.1e-6
+    assert np.abs(cloud.range_m[ours] - range_m[theirs]).max() < 0.0021
+    assert (cloud.intensity[ours] == reflectivity[theirs]).all()
+    own_deg = np.zeros(64)
+    own_deg[sensor.scanner.lasers_by_place.values.astype(int)] = np.degrees(sensor.scanner.azimuth_rad.values)
+    head_deg = -np.degrees(cloud.azimuth_rad) + own_deg[cloud.channel]
+    apart = (head_deg[ours] - turned_deg[theirs] + 180.0) % 360.0 - 180.0
+    assert np.abs(apart).max() < 0.01
+
+
+@pytest.mark.parametrize("sets", [(), DUAL], ids=["single", "dual"])
+def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) -> None:
+    sensor = load_sensor("pandar64", overrides=sets)
+    cloud = random_frame(sensor, second=bool(sets))
+    made = packets_of(maker_of(sensor), sensor, [cloud])
+    assert len(made) == (600 if sets else 300)
+    path = tmp_path / "a.pcap"
+    path.write_bytes(HEADER + b"".join(record_of(one, 2368) for one in made))
+    with open_recording(path) as recording:
+        assert (len(recording), recording.metadata["sensor"]) == (1, "Pandar64")
+        sweep = recording[0]
+    assert sweep.shape == (64, 1800)
+    seconds = 0 if sweep.second is None else np.isfinite(sweep.second.range_m).sum()
+    assert sweep.kept.sum() + seconds == len(cloud)
+    column = ((cloud.time_s + 1e-9) // sensor.scanner.cycle_s).astype(int)
+    place = cloud.channel, column
+    apart_m = np.abs(sweep.range_m[place] - cloud.range_m)
+    second_m = np.full(len(cloud), np.inf) if sweep.second is None else sweep.second.range_m[place]
+    apart_m = np.fmin(apart_m, np.abs(second_m - cloud.range_m))
+    assert apart_m.max() < 0.0021
+    xyz_m = sweep.direction[place] * cloud.range_m[:, None]
+    across_m = np.linalg.norm(xyz_m - cloud.xyz_m, axis=1)
+    assert (across_m < 1e-4 + np.radians(0.006) * cloud.range_m).all()  # half a step, and single precision
+    assert np.abs(sweep.time_s[place] + sweep.start_s - cloud.time_s).max() < 1e-6
+
+
+def test_the_stamp_goes_on_from_second_to_second() -> None:
+    """30 packets of 333 us lie before second 1 and 270 behind it; the date is that of 1970."""
+    sensor = load_sensor("pandar64")
+    cloud = random_frame(sensor)
+    cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "0.99"})
+    made = packets_of(maker_of(sensor), sensor, [cloud])
+    packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
+    whole_s = packets["utc"][:, 5] + 1e-6 * packets["stamp"]
+    np.testing.assert_allclose(np.diff(whole_s), 6 * 0.1 / 1800, atol=1.1e-6)
+    assert (packets["utc"][:, :5] == [70, 1, 1, 0, 0]).all()
+    assert (packets["utc"][:, 5] == 0).sum() == 29

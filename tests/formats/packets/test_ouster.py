@@ -1,0 +1,117 @@
+"""Packets of Ouster: the maker's own library gives back what was put in, pixel by pixel."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.packets import random_frame
+
+from lidarscene.errors import InputError
+from lidarscene.formats.packets.firings import Gathering
+from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.ouster import PROFILES
+from lidarscene.formats.packets.pcap import beside, capture
+from lidarscene.recordings.opening import open_recording
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+
+NARROW = ("scanner.columns_per_turn=512",)
+
+
+def written(path: Path, sensor: Sensor, profile: str = "default", **options: Any) -> tuple[Any, Any]:
+    """A frame in a pcap: its cloud, and the background of every pulse by column and row."""
+    cloud = random_frame(sensor, **options)
+    rng = np.random.default_rng(5)
+    ambient = rng.integers(0, 4000, sensor.scanner.pulses).astype(np.uint64)
+    with capture(path, maker_of(sensor, profile)) as take:
+        gathering = Gathering(sensor, 0)
+        gathering.add(cloud)
+        gathering.ambient(np.arange(len(ambient), dtype=np.uint32), ambient)
+        take(gathering.firings())
+    return cloud, ambient.reshape(-1, sensor.scanner.lasers)
+
+
+def read(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
+    """The frame and its metadata, as ouster-sdk has them."""
+    sdk = library("ouster.sdk")
+    with open_recording(path):  # whether ours takes it, too
+        pass
+    source = sdk.open_source(str(path), meta=[str(beside(path, ".json"))], collate=False, sensor_idx=0)
+    frames = [one[0] for one in source]
+    assert len(frames) == 1
+    return frames[0], source.sensor_info[0]
+
+
+@pytest.mark.parametrize("name", ["os0-128", "os1-128", "os2-128"])
+def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, name: str) -> None:
+    """Rationale: the acceptance: range to 1 mm, counts equal, and points within 2 mm."""
+    sensor = load_sensor(name, overrides=NARROW)
+    cloud, ambient = written(tmp_path / "a.pcap", sensor)
+    frame, info = read(library, tmp_path / "a.pcap")
+    column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
+    place = cloud.channel, column
+    kept = np.zeros((128, 512), bool)
+    kept[place] = True
+    assert ((frame.field("RANGE") > 0) == kept).all()
+    from_mm = 1e3 * float(sensor.scanner.start_m[0].values[0])
+    assert np.abs(frame.field("RANGE")[place] - from_mm - 1e3 * cloud.range_m).max() < 1.0
+    assert (frame.field("SIGNAL")[place] == cloud.signal).all()
+    assert (frame.field("REFLECTIVITY")[place] == cloud.intensity).all()
+    assert (frame.field("NEAR_IR") == ambient.T).all()
+    core = library("ouster.sdk.core")
+    xyz_m = np.asarray(core.XYZLut(info, use_extrinsics=False)(frame))
+    assert np.abs(xyz_m[place] - cloud.xyz_m).max() < 0.002
+    np.testing.assert_allclose(
+        np.asarray(frame.timestamp, float), 1e9 * sensor.scanner.cycle_s * np.arange(512), atol=1.0
+    )
+    assert (info.prod_line, str(info.config.lidar_mode)) == (f"OS-{name[2]}-128", "512x10")
+
+
+@pytest.mark.parametrize(
+    ("profile", "called"), [(name, both[1]) for name, both in PROFILES.items()], ids=list(PROFILES)
+)
+def test_profiles_have_what_they_name(
+    library: Callable[[str], Any], tmp_path: Path, profile: str, called: str
+) -> None:
+    """Two returns, the strongest first; the low rate has steps of 8 mm and 16 counts, the old one a single return."""
+    sensor = load_sensor("os1-128", overrides=(*NARROW, "histogram.stops=2"))
+    assert sensor.tdc.stops == 2
+    cloud, ambient = written(tmp_path / "a.pcap", sensor, profile, second=True)
+    frame, info = read(library, tmp_path / "a.pcap")
+    assert str(info.format.udp_profile_lidar).endswith(called)
+    step_mm, step_counts = (8, 16) if profile == "low-rate" else (1, 1)
+    assert np.abs(frame.field("NEAR_IR").astype(float) - ambient.T).max() < step_counts
+    column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
+    strength, range_m = np.zeros((2, 128, 512)), np.zeros((2, 128, 512))
+    for number in (1, 2):
+        rows = cloud.return_number == number
+        place = number - 1, cloud.channel[rows], column[rows]
+        strength[place], range_m[place] = cloud.signal[rows], cloud.range_m[rows]
+    order = np.argsort(-strength, axis=0, kind="stable")
+    sorted_m = np.take_along_axis(range_m, order, axis=0)
+    from_mm = 1e3 * float(sensor.scanner.start_m[0].values[0])
+    for field, expected_m in zip(("RANGE", "RANGE2"), sorted_m, strict=True):
+        if field not in frame.fields:
+            assert profile == "legacy"
+            continue
+        found = frame.field(field).astype(float)
+        assert ((found > 0) == (expected_m > 0)).all()
+        apart = np.abs(found - from_mm - 1e3 * expected_m)[expected_m > 0]
+        assert apart.max() < step_mm
+    assert (expected_m > 0).sum() > 10_000
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("scanner.columns_per_turn=1000", "columns and turns of 512x10, .*, got 1000x10"),
+        ("scanner.rotation_hz=-15", "got 2048x15"),
+        ("scanner.rotation_hz=10", "scanner.rotation_hz: must be negative"),
+    ],
+)
+def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str, told: str) -> None:
+    library("ouster.sdk.core")
+    with pytest.raises(InputError, match=f"sensor 'os1-128': .*{told}"):
+        maker_of(load_sensor("os1-128", overrides=[change]))

@@ -1,0 +1,66 @@
+"""Captures: other readers of pcap find the packets, their times and ports; a file is there whole or not at all."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.packets import packets_of, random_frame
+
+from lidarscene.errors import InputError
+from lidarscene.formats.packets.firings import Gathering
+from lidarscene.formats.packets.maker import Packet
+from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.pcap import HEADER, capture, record_of
+from lidarscene.sensor.catalogue import load_sensor
+
+
+def test_another_reader_finds_payloads_times_and_ports(library: Callable[[str], Any], tmp_path: Path) -> None:
+    """dpkt comes with velodyne-decoder."""
+    dpkt = library("dpkt")
+    packets = [Packet(0.0, b"first"), Packet(1234.567891, bytes(33_024)), Packet(1e9 + 0.5, b"")]
+    path = tmp_path / "a.pcap"
+    path.write_bytes(HEADER + b"".join(record_of(one, 2368) for one in packets))
+    with open(path, "rb") as file:
+        found = [(stamp, dpkt.ethernet.Ethernet(frame)) for stamp, frame in dpkt.pcap.Reader(file)]
+    assert [float(stamp) for stamp, _ in found] == pytest.approx([one.time_s for one in packets], abs=1e-6)
+    for (_, frame), packet in zip(found, packets, strict=True):
+        assert (frame.ip.udp.data, frame.ip.udp.dport) == (packet.payload, 2368)
+        right, frame.ip.sum = frame.ip.sum, 0
+        assert dpkt.ip.IP(bytes(frame.ip)).sum == right
+
+
+def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], tmp_path: Path) -> None:
+    library("velodyne_decoder")
+    from lidarscene.recordings.opening import open_recording
+
+    sensor = load_sensor("vlp-16")
+    clouds = [random_frame(sensor, number=number) for number in range(3)]
+    with capture(tmp_path / "a.pcap", maker_of(sensor)) as take:
+        for number, cloud in enumerate(clouds):
+            gathering = Gathering(sensor, number)
+            gathering.add(cloud)
+            take(gathering.firings())
+    expected = b"".join(record_of(one, 2368) for one in packets_of(maker_of(sensor), sensor, clouds))
+    assert (tmp_path / "a.pcap").read_bytes() == HEADER + expected
+    with open_recording(tmp_path / "a.pcap") as recording:
+        assert len(recording) == 3
+        assert sum(one.kept.sum() for one in recording) == sum(map(len, clouds))
+        assert recording.metadata["sensor"] == "VLP16"
+
+
+def test_a_frame_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    def fail() -> None:
+        with capture(tmp_path / "a.pcap", maker_of(load_sensor("vlp-16"))):
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_cloud_alone_is_refused(tmp_path: Path) -> None:
+    cloud = random_frame(load_sensor("vlp-16"))
+    with pytest.raises(InputError, match=r"a\.pcap: packets have the lost pulses too"):
+        cloud.save(tmp_path / "a.pcap")

@@ -1,0 +1,158 @@
+"""Packets of Velodyne: an independent decoder gives back every point, its laser and its time."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.packets import packets_of, random_frame
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.velodyne import MODELS, PACKET
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+
+NAMES = [model.name for model in MODELS]
+DUAL = ('tdc.keep="strongest_and_last"',)
+X, Y, INTENSITY, TIME, RING = 0, 1, 3, 4, 6
+"""Columns of the decoder's points."""
+
+LATER_S = 8e-6 / 3.0
+"""velodyne-decoder, after VeloView, has the second half of a VLS-128's lasers a group later than its manual."""
+
+
+def decoded(library: Callable[[str], Any], packets: list[Any]) -> Any:
+    """(n, 8) points, their times on the sensor's clock."""
+    velodyne = library("velodyne_decoder")
+    decoder = velodyne.ScanDecoder(velodyne.Config(min_range=0.0, max_range=400.0))
+    read = [velodyne.VelodynePacket(one.time_s, one.payload) for one in packets]
+    # It learns how fast a VLS-128 turns and fires from the packet before.
+    decoder.decode(read[:2])
+    stamp, points = decoder.decode(read)
+    points = np.asarray(points, np.float64)
+    points[:, TIME] += stamp.device
+    return points
+
+
+def ring_of(sensor: Sensor, cloud: PointCloud) -> Any:
+    """From the lowest laser up."""
+    scanner = sensor.scanner
+    elevation = np.zeros(scanner.lasers)
+    elevation[scanner.lasers_by_place.values.astype(int)] = scanner.elevation_rad.values
+    return np.argsort(np.argsort(elevation))[cloud.channel]
+
+
+def in_order(ring: Any, time_s: Any, range_m: Any) -> Any:
+    """By laser, firing and range; two firings of a laser are 40 us apart."""
+    return np.lexsort((range_m, np.rint(time_s / 20e-6), ring))
+
+
+def without_its_delay(points: Any, late: Any) -> Any:
+    """The decoder's points as the manual's table has them."""
+    back_rad = np.where(late, 2.0 * np.pi * 10.0 * LATER_S, 0.0)  # it turns clockwise
+    x, y = points[:, X], points[:, Y]
+    changed = points.copy()
+    changed[:, X] = x * np.cos(back_rad) - y * np.sin(back_rad)
+    changed[:, Y] = y * np.cos(back_rad) + x * np.sin(back_rad)
+    changed[:, TIME] -= np.where(late, LATER_S, 0.0)
+    return changed
+
+
+@pytest.mark.parametrize("sets", [(), DUAL], ids=["single", "dual"])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: tuple[str, ...]) -> None:
+    """Rationale: 3 mm, 0.01 degrees and 1 us are the acceptance: distances have steps of 2 and 4 mm, azimuths of 0.01
+    degrees, stamps of 1 us. A VLS-128's packet with two returns is one firing, and the decoder takes how fast the head
+    turns from the rounded azimuths of two: 0.01 degrees more.
+    """
+    sensor = load_sensor(name, overrides=sets)
+    clouds = [
+        random_frame(sensor, number=number, second=bool(sets))
+        for number in range(1 if name == "vls-128" else 2)
+    ]
+    points = decoded(library, packets_of(maker_of(sensor), sensor, clouds))
+    ring, time_s, xyz_m, range_m, intensity, channel = together(sensor, clouds)
+    expected = in_order(ring, time_s, range_m)
+    late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
+    found = in_order(points[:, RING], points[:, TIME] - LATER_S * late, np.linalg.norm(points[:, :3], axis=1))
+    assert len(found) == len(expected)
+    points = without_its_delay(points[found], late[found])
+    assert (points[:, RING] == ring[expected]).all()
+    assert np.abs(points[:, TIME] - time_s[expected]).max() < 1e-6
+    assert (points[:, INTENSITY] == intensity[expected]).all()
+    apart_m = np.linalg.norm(points[:, :3] - xyz_m[expected], axis=1)
+    across = np.radians(0.02 if name == "vls-128" and sets else 0.01)
+    assert (apart_m < 0.003 + across * range_m[expected]).all()
+
+
+def together(sensor: Sensor, clouds: list[PointCloud]) -> list[Any]:
+    """Ring, time by the scene's clock, place, range, intensity and channel of all points."""
+    of_each = [
+        (
+            ring_of(sensor, one),
+            one.time_s + one.frame_start_s,
+            one.xyz_m,
+            one.range_m,
+            one.intensity,
+            one.channel,
+        )
+        for one in clouds
+    ]
+    return [np.concatenate(values) for values in zip(*of_each, strict=True)]
+
+
+def test_two_returns_are_the_last_and_the_strongest(library: Callable[[str], Any]) -> None:
+    """Or the second strongest, if the strongest is the last; both blocks have a lone return."""
+    sensor = load_sensor("hdl-32e", overrides=DUAL)
+    cloud = random_frame(sensor, second=True)
+    made = packets_of(maker_of(sensor), sensor, [cloud])
+    blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
+    last, other = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
+    assert ((last == 0) == (other == 0)).all()
+    assert (last >= other).all()
+    twice = np.unique(np.stack([cloud.time_s, cloud.channel]), axis=1, return_counts=True)[1] == 2
+    assert (last > other).sum() == twice.sum() > 1000
+
+
+def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
+    """A firing of VLP-16 is 55.296 us, a packet 24 of them; its azimuths are those of each second one."""
+    sensor = load_sensor("vlp-16")
+    cloud = random_frame(sensor)
+    made = packets_of(maker_of(sensor), sensor, [cloud])
+    packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
+    assert len(packets) == -(-sensor.scanner.cycles // 24)
+    distance = packets["blocks"]["points"]["distance"]
+    assert (distance > 0).sum() == len(cloud)
+    left = sensor.scanner.cycles % 24
+    assert (distance[-1].reshape(24, 16)[left:] == 0).all()
+    # 10 turns a second are 0.3981 degrees in two firings, to 0.01 degrees at both ends.
+    steps = np.diff(packets["blocks"]["azimuth"].astype(int).ravel()) % 36_000
+    assert set(steps) <= {39, 40, 41}
+    assert steps.mean() == pytest.approx(36_000 * 10 * 2 * 55.296e-6, abs=1e-3)
+    assert set(packets["mode"]) == {0x37}
+    assert set(np.diff(packets["stamp"].astype(int))) <= {1327, 1328}
+
+
+def test_what_is_farther_than_a_distance_can_say_is_lost() -> None:
+    sensor = load_sensor("vlp-16")
+    cloud = random_frame(sensor, farthest_m=200.0)
+    made = packets_of(maker_of(sensor), sensor, [cloud])
+    distance = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]["points"]["distance"]
+    assert (distance > 0).sum() == (np.rint(cloud.range_m.astype(float) / 0.002) < 65_536).sum() < len(cloud)
+
+
+def test_the_last_return_alone_is_told_by_the_mode() -> None:
+    sensor = load_sensor("vlp-16", overrides=['tdc.keep="last"'])
+    made = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])
+    assert made[0].payload[-2:] == bytes([0x38, 0x22])
+
+
+def test_packets_run_on_from_frame_to_frame() -> None:
+    """Rationale: 1808 firings are not whole packets of 24; the one in between has firings of both frames."""
+    sensor = load_sensor("vlp-16")
+    clouds = [random_frame(sensor, number=number) for number in range(3)]
+    made = packets_of(maker_of(sensor), sensor, clouds)
+    assert len(made) == 3 * sensor.scanner.cycles // 24
+    times_s = np.diff([one.time_s for one in made])
+    np.testing.assert_allclose(times_s, 24 * 55.296e-6, atol=1e-9)

@@ -1,0 +1,71 @@
+"""Frames of a spinning sensor in a world of random ranges, without tracing: what packets must give back."""
+
+from typing import Any
+
+import numpy as np
+
+from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.columns import COLUMNS, MEASURED
+from lidarscene.formats.packets.firings import Gathering
+from lidarscene.formats.packets.maker import Maker, Packet
+from lidarscene.maths.pose import direction_from_angles
+from lidarscene.sensor.model import Sensor
+
+KINDS = {column.attribute: column.dtype for column in COLUMNS}
+
+
+def random_frame(
+    sensor: Sensor, *, number: int = 0, farthest_m: float = 120.0, second: bool = False
+) -> PointCloud:
+    """A cloud in the sensor's frame; of three pulses in ten nothing came back, of a half of the others two returns."""
+    rng = np.random.default_rng(20 + number)
+    scanner = sensor.scanner
+    pulse = np.arange(scanner.pulses) + number * scanner.pulses
+    found = pulse[rng.random(len(pulse)) < 0.7]
+    parts = [points(sensor, found, rng.uniform(1.0, farthest_m, len(found)), number)]
+    if second:
+        there = rng.random(len(found)) < 0.5
+        behind_m = parts[0]["range_m"][there] + rng.uniform(1.0, 8.0, there.sum())
+        parts.append(points(sensor, found[there], behind_m, number, return_number=2))
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    start_s = float(scanner.time_s(pulse[:1])[0])
+    return PointCloud(**columns, metadata={"frame": "sensor", "frame_start_s": repr(start_s)})
+
+
+def points(
+    sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_number: int = 1
+) -> dict[str, Any]:
+    """Columns of points of these pulses of a frame."""
+    scanner, rng = sensor.scanner, np.random.default_rng(return_number)
+    azimuth, elevation = scanner.angles(pulse)
+    range_m = ranges_m.astype(np.float32)
+    direction = np.stack(direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), axis=-1)
+    offset = scanner.offset_m(pulse)
+    start = np.zeros((len(pulse), 3)) if offset is None else np.stack(offset, axis=-1)
+    first_s = scanner.time_s(np.array([number * scanner.pulses]))[0]
+    known = {
+        "xyz_m": start + range_m[:, None] * direction, "range_m": range_m,
+        "intensity": rng.integers(0, 256, len(pulse)), "signal": rng.integers(1, 60_000, len(pulse)),
+        "snr": rng.uniform(5.0, 90.0, len(pulse)), "time_s": scanner.time_s(pulse) - first_s,
+        "channel": scanner.channel(pulse), "azimuth_rad": azimuth, "elevation_rad": elevation,
+        "return_number": np.full(len(pulse), return_number),
+    }  # fmt: skip
+    return {
+        name: known[name].astype(KINDS.get(name, "float64") if name != "xyz_m" else "float64")
+        if name in known
+        else np.zeros(len(pulse), KINDS[name])
+        for name in MEASURED
+    }
+
+
+def packets_of(maker: Maker, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
+    """Of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
+    made = []
+    for number, cloud in enumerate(clouds):
+        gathering = Gathering(sensor, number)
+        gathering.add(cloud)
+        if ambient is not None:
+            pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
+            gathering.ambient(pulse, ambient)
+        made += maker.packets(gathering.firings())
+    return made + maker.rest()

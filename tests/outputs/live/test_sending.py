@@ -1,0 +1,136 @@
+"""Sending: every packet of every frame, in order and with the time at which it leaves; ends in each way it can."""
+
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.packets import random_frame
+
+from lidarscene.errors import InputError, OutputError
+from lidarscene.formats.packets.firings import Firings, Gathering
+from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.velodyne import PACKET
+from lidarscene.outputs.live.sending import MotionEnded, Sent, send_frames, udp
+from lidarscene.sensor.catalogue import load_sensor
+
+SENSOR = load_sensor("vlp-16")
+
+
+class Clock:
+    """Goes on by waiting alone, in the thread that sends."""
+
+    def __init__(self) -> None:
+        self.at_s, self.stopped = 0.0, False
+
+    def now_s(self) -> float:
+        return self.at_s
+
+    def epoch_s(self) -> float:
+        return 3600.0 * 1000 + self.at_s
+
+    def wait(self, seconds: float) -> None:
+        self.at_s += seconds
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+def firings(frames: int) -> Iterator[Firings]:
+    for number in range(frames):
+        gathering = Gathering(SENSOR, number)
+        gathering.add(random_frame(SENSOR, number=number))
+        yield gathering.firings()
+
+
+def sent_of(frames: Iterator[Firings], send: Callable[[bytes], Any], **options: Any) -> Sent:
+    clock = options.pop("clock", None) or Clock()
+    return send_frames(frames, maker_of(SENSOR), send, frame_s=SENSOR.scanner.frame_s, clock=clock, **options)
+
+
+def test_every_packet_is_sent_in_order_with_the_time_it_leaves() -> None:
+    payloads: list[bytes] = []
+    clock, told = Clock(), list[str]()
+    done = sent_of(firings(4), payloads.append, clock=clock, told=told.append)
+    packets = np.frombuffer(b"".join(payloads), PACKET)
+    assert done.packets == len(packets) == -(-4 * SENSOR.scanner.cycles // 24)
+    assert (len(done.late_s), max(done.late_s), done.ended, told) == (4, pytest.approx(0.0), "", [])
+    # Two frames ahead of the first packet there is time for the next ones to be computed.
+    begin_us = 1e6 * 2 * SENSOR.scanner.frame_s
+    np.testing.assert_allclose(packets["stamp"], begin_us + 1327.104 * np.arange(len(packets)), atol=0.51)
+    assert 1e6 * clock.at_s == pytest.approx(begin_us + 1327.104 * len(packets), abs=60.0)
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 40.0])
+def test_the_rate_changes_the_pace_and_not_the_stamps(rate_hz: float) -> None:
+    payloads: list[bytes] = []
+    clock = Clock()
+    sent_of(firings(2), payloads.append, clock=clock, rate_hz=rate_hz)
+    stamps = np.frombuffer(b"".join(payloads), PACKET)["stamp"].astype(float)
+    np.testing.assert_allclose(np.diff(stamps), 1327.104, atol=1.0)
+    assert clock.at_s == pytest.approx(4.0 / rate_hz, abs=0.002)
+
+
+def test_frames_that_come_too_late_are_told_with_counts() -> None:
+    """Sending takes longer than there is: a frame of 75 packets, 5 ms each, in 0.1 s."""
+    clock, told = Clock(), list[str]()
+
+    def send(_: bytes) -> None:
+        clock.at_s += 0.005
+
+    done = sent_of(firings(12), send, clock=clock, told=told.append)
+    assert done.packets == -(-12 * SENSOR.scanner.cycles // 24)
+    assert all(late > 0.01 for late in done.late_s)
+    assert told[0] == f"{done.late_s[0]:.3g} s behind after 1 frames, of which 1 ended late"
+    # 4.5 s of sending, and a line a second.
+    assert 3 <= len(told) <= 6
+    assert "12 by more than 10 ms" in done.as_text()
+
+
+def test_the_end_of_a_motion_ends_it_with_a_word() -> None:
+    def frames() -> Iterator[Firings]:
+        yield from firings(2)
+        raise MotionEnded("motion of body 'car': must have poses for the frame")
+
+    done = sent_of(frames(), lambda _: None)
+    assert len(done.late_s) == 2
+    assert done.packets == -(-2 * SENSOR.scanner.cycles // 24)
+    assert done.as_text().splitlines()[1].startswith("motion of body 'car'")
+
+
+def test_ctrl_c_ends_it_without_an_error() -> None:
+    def frames() -> Iterator[Firings]:
+        yield from firings(2)
+        raise KeyboardInterrupt
+
+    assert sent_of(frames(), lambda _: None).ended == ""
+
+
+def test_errors_of_either_thread_are_raised() -> None:
+    def frames() -> Iterator[Firings]:
+        yield from firings(1)
+        raise InputError("wrong")
+
+    with pytest.raises(InputError, match="wrong"):
+        sent_of(frames(), lambda _: None)
+
+    def send(_: bytes) -> None:
+        raise OutputError("unreachable")
+
+    with pytest.raises(OutputError, match="unreachable"):
+        sent_of(firings(9), send)
+
+
+def test_udp_sends_and_tells_what_it_cannot() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(30.0)
+        port = receiver.getsockname()[1]
+        with udp("127.0.0.1", port) as send:
+            send(b"one")
+            assert receiver.recv(100) == b"one"
+            with pytest.raises(OutputError, match=f"--udp 127.0.0.1:{port}: cannot be sent: "):
+                send(bytes(70_000))
+    with pytest.raises(InputError, match="no such host"), udp("no host", 1):
+        pass

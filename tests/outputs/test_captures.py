@@ -1,0 +1,121 @@
+"""Captures: what `render` writes as packets is the cloud it would have written, read by the makers' libraries."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.command_line import Run
+
+from lidarscene import PointCloud
+from lidarscene.recordings.opening import open_recording
+
+RIG = """
+[[sensors]]
+label = "left"
+sensor = "vlp-16"
+position_m = [0, 1, 1.8]
+
+[[sensors]]
+label = "right"
+sensor = "hdl-32e"
+position_m = [0, -1, 1.8]
+"""
+OUSTER = ("--sensor", "os1-128", "--set=scanner.columns_per_turn=512")
+
+
+def test_a_capture_has_the_points_of_the_clouds(
+    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
+) -> None:
+    """Three frames in one file; velodyne-decoder puts them where the clouds have them."""
+    library("velodyne_decoder")
+    arguments = ("render", wall, "--sensor", "vlp-16", "--coordinates", "sensor", "--frames", "3")
+    assert run(*arguments, "-o", "clouds", "--format", "npz").code == 0
+    ran = run(*arguments, "-o", "out/a.pcap")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.endswith("wrote         3 frames in out/a.pcap\n")
+    assert os.listdir("out") == ["a.pcap"]
+    clouds = [PointCloud.load(f"clouds/frame_{number:04d}.npz") for number in range(3)]
+    with open_recording("out/a.pcap") as recording:
+        sweeps = list(recording)
+    found = np.concatenate([one.xyz_m[one.kept] for one in sweeps])
+    time_s = np.concatenate([one.time_s[one.kept] + one.start_s for one in sweeps])
+    ring = np.concatenate([one.ring[one.kept] for one in sweeps])
+    elevation = np.concatenate([one.elevation_rad for one in clouds])
+    expected_s = np.concatenate([one.time_s + one.frame_start_s for one in clouds])
+    theirs, ours = np.lexsort((ring, time_s.round(6))), np.lexsort((elevation, expected_s.round(6)))
+    expected = np.concatenate([one.xyz_m for one in clouds])[ours]
+    assert len(found) == len(expected) > 1000
+    apart_m = np.linalg.norm(found[theirs] - expected, axis=1)
+    assert (apart_m < 0.003 + np.radians(0.01) * np.linalg.norm(expected, axis=1)).all()
+
+
+def test_ousters_metadata_and_background_are_there(
+    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
+) -> None:
+    """Near infrared is the background of every pulse, as `--ambient` has it."""
+    library("ouster.sdk")
+    ran = run("render", wall, *OUSTER, "-o", "a.pcap", "--ambient", "a.npz", "--keep-missed", "m.npz")
+    assert (ran.code, ran.err) == (0, "")
+    assert sorted(os.listdir()) == ["a.json", "a.npz", "a.pcap", "m.npz", "wall.toml"]
+    assert "a.json" in ran.out.splitlines()[-1]
+    with open_recording("a.pcap") as recording:
+        sweep = recording[0]
+    with np.load("a.npz") as ambient, np.load("m.npz") as missed:
+        counts = ambient["counts"].reshape(512, 128).T
+        lost = len(missed["pulse"])
+    assert (sweep.near_ir == counts).all()
+    assert sweep.lost.sum() <= lost < 512 * 128  # false alarms are points, and of missed pulses
+
+
+def test_a_rig_has_a_capture_for_each_sensor(
+    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
+) -> None:
+    library("velodyne_decoder")
+    Path("rig.toml").write_text(RIG)
+    ran = run("render", wall, "--rig", "rig.toml", "-o", "out", "--format", "pcap", "--frames", "2")
+    assert (ran.code, ran.err) == (0, "")
+    assert sorted(os.listdir("out")) == ["left.pcap", "right.pcap"]
+    for name, model in (("left", "VLP16"), ("right", "HDL32E")):
+        with open_recording(f"out/{name}.pcap") as recording:
+            assert (recording.metadata["sensor"], len(recording)) == (model, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--sensor", "table1-apd", "-o", "a.pcap"), "sensor 'table1-apd': has no format of packets; "),
+        (("--sensor", "vlp-16", "-o", "a", "--format", "pcap"), "--output a: the name must end in .pcap"),
+        (("--sensor", "vlp-16", "-o", "a.ply", "--format", "pcap"), "--output a.ply: the name must end in .pcap"),
+        (("--sensor", "vlp-16", "-o", "a.pcap", "--deskew"), "--deskew: goes with clouds, not with packets"),
+        (("--sensor", "vlp-16", "-o", "a.pcap", "--labels", "kitti"), "--labels: goes with clouds"),
+        (("--sensor", "vlp-16", "-o", "a.pcap", "--ascii"), "--ascii: goes with clouds"),
+        (("--sensor", "vlp-16", "-o", "a.pcap", "--format", "pcap-legacy"), "must be an Ouster for packets"),
+        (("--sensor", "vlp-16", "-o", "a.pcap", "--dataset", "kitti"), "--output a.pcap: must be a folder with"),
+        ((*OUSTER, "-o", "taken.pcap"), "taken.json: cannot be written: must be the name of a file, got a folder"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_before_anything_is_traced(
+    run: Run, wall: str, library: Callable[[str], Any], arguments: tuple[str, ...], told: str
+) -> None:
+    library("ouster.sdk")
+    Path("taken.json").mkdir()
+    ran = run("render", wall, *arguments)
+    assert (ran.code, ran.out) == (2, "")
+    assert told in ran.err
+    assert ran.err.count("\n") == 1
+    assert sorted(os.listdir()) == ["taken.json", "wall.toml"]
+
+
+def test_a_scene_is_not_written_over_by_metadata(run: Run, wall: str, library: Callable[[str], Any]) -> None:
+    """Rationale: the name of the metadata is not typed by anyone."""
+    library("ouster.sdk")
+    os.rename("wall.toml", "wall.json")
+    os.symlink("wall.json", "wall.toml")
+    before = Path("wall.json").read_text()
+    ran = run("render", wall, *OUSTER, "-o", "wall.pcap")
+    assert ran.code == 2
+    assert "wall.json: must be another name, got an input of this run" in ran.err
+    assert Path("wall.json").read_text() == before
