@@ -169,7 +169,7 @@ def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHisto
     if len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
     profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)
-    return report.as_text(done.summary, shown) + profile
+    return report.as_text(done.summary, shown, done.surroundings[0]) + profile
 
 
 def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | None) -> str:
@@ -177,7 +177,7 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
     from ..outputs import report
 
     names = [{KEYS.get(key, key): str(path) for key, path in one.files.items()} for one in done.clouds]
-    told = report.as_dict(done.summary)
+    told = report.as_dict(done.summary) | {"scene": done.surroundings[0].as_dict()}
     if history is not None:
         told["profile"] = report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.

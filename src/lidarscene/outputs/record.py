@@ -19,6 +19,7 @@ from ..files.toml import Overrides, assignments
 from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig import require_common_frames, simulators
 from ..rendering.summary import Summary
+from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
 from ..scene.file import files_of_scene, load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
@@ -60,9 +61,13 @@ class RecordedCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """What `record` wrote, cloud by cloud."""
+    """What `record` wrote, cloud by cloud.
+
+    surroundings  how each sensor stands in the scene as the first frame begins
+    """
 
     clouds: tuple[RecordedCloud, ...]
+    surroundings: tuple[Surroundings, ...]
 
     @property
     def summary(self) -> Summary:
@@ -142,6 +147,8 @@ def record(
     made = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
     for simulator in made.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
+    surroundings = tuple(surroundings_of(one, begin_s=frame.begin_s) for one in made.values())
+    warn_of_surroundings(surroundings)
     before.spent("build", since)
     pulses = len(numbers) * sum(one.sensor.scanner.pulses for one in sensors)
     progress = None if told is None else _Progress(told, pulses)
@@ -156,7 +163,7 @@ def record(
         )  # fmt: skip
         one.write(progress)
         written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
-    return Recorded(tuple(written))
+    return Recorded(tuple(written), surroundings)
 
 
 def _sensors(

@@ -96,7 +96,7 @@ class Simulator:
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else placed(pose)
-        self._clearance = Clearance.of(scene)
+        self.clearance = Clearance.of(scene)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,
@@ -391,7 +391,7 @@ class Simulator:
 
     def _check_clearance(self, place: Pose, start_s: float) -> None:
         """Raises InputError for a sensor on or in a surface."""
-        self._clearance.check(
+        self.clearance.check(
             place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
         )
 
