@@ -141,8 +141,8 @@ def test_text_says_what_json_says(run: Run, wall: str, mi: ModuleType) -> None:
     assert numbers[f"of which {told['false_alarms']:,} false alarms"] == f"{told['points']:,}"
     for reason, count in told["missed"].items():
         assert numbers[reason.replace("_", " ")] == f"{count:,}"
-    assert all(stage in lines[7] for stage in told["seconds"])
-    assert lines[9].split() == ["wrote", "o.ply"]
+    assert all(stage in lines[8] for stage in told["seconds"])
+    assert lines[10].split() == ["wrote", "o.ply"]
 
 
 def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: ModuleType) -> None:

@@ -35,6 +35,8 @@ class Format:
     stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
     extra   group of optional packages that the format needs (`files.optional`)
+    frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
+            holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
     """
 
@@ -42,6 +44,7 @@ class Format:
     write: Write
     read: Read | None = None
     stream: Stream | None = None
+    frames: Stream | None = None
     extra: str = ""
     text: bool = False
 
@@ -61,8 +64,11 @@ def _late(module: str, name: str, **options: object) -> Callable[..., Any]:
 
 
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
-    write = _late("lidarscene.formats.ros", "write_ros", storage=storage, layout=layout)
-    return Format(suffix=suffix, write=write, extra="ros")
+    module, options = "lidarscene.formats.ros", {"storage": storage, "layout": layout}
+    return Format(
+        suffix=suffix, extra="ros",
+        write=_late(module, "write_ros", **options), frames=_late(module, "ros_frames", **options),
+    )  # fmt: skip
 
 
 def _las(suffix: str, *, compressed: bool) -> Format:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,7 @@ class FrameFiles:
     simulators  by label
     files       what is to be written, by what it is (`Plan.files`)
     placed      whether the sensor stands elsewhere than the scene says
+    bags        what takes the clouds of files that hold several frames
     """
 
     plan: Plan
@@ -52,6 +53,7 @@ class FrameFiles:
     files: Mapping[str, Path]
     placed: bool
     summary: Summary
+    bags: Mapping[Path, Append] = field(default_factory=dict)
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace it into its files; ``progress`` is told (done, pulses) of each sensor."""
@@ -117,7 +119,8 @@ class FrameFiles:
                 yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
         elif key in self.files:
             points = sum(one.sensor.scanner.pulses * one.sensor.tdc.stops for one in self._simulators)
-            yield self.files[key], cloud_stream(self.plan, self.files[key], points)
+            path = self.files[key]
+            yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None:
                 path = self.files[f"{key}_labels"]
                 yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)

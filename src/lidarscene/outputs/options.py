@@ -38,7 +38,8 @@ FEW_PULSES = 9
 class Outputs:
     """Every file that a frame becomes.
 
-    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set
+    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set; a single bag
+                 of ROS 2, such as drive.mcap, may hold several frames too
     format       of the cloud, a key of `formats.registry.FORMATS`; None: what the name says, PLY in a folder
     ascii        whether it is text instead of binary
     truth        whether it has the columns of ground truth

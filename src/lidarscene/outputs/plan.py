@@ -36,10 +36,19 @@ class Plan:
     def is_folder(self) -> bool:
         """Whether the path is a folder for the clouds."""
         return (
-            self.frames is not None
+            (self.frames is not None and not self.is_bag)
             or self.outputs.dataset is not None
             or (self.rig and not self.outputs.merge)
         )
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether all frames go into one file: its name ends as that of a format that can hold them."""
+        outputs = self.outputs
+        if self.frames is None or outputs.dataset is not None or (self.rig and not outputs.merge):
+            return False
+        bags = [one for name, one in FORMATS.items() if one.frames and outputs.format in (None, name)]
+        return outputs.place.name.lower().endswith(tuple(one.suffix for one in bags))
 
     @property
     def format(self) -> Format:
@@ -64,6 +73,8 @@ class Plan:
             }
             many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {many}", place)
+        if self.is_bag and outputs.labels is not None:
+            raise OptionError("{labels}: goes with a folder of clouds, not with one file of several frames")
         chosen = self.format
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
@@ -91,7 +102,7 @@ class Plan:
         outputs, path, suffix = self.outputs, self.outputs.place, self.format.suffix
         if outputs.dataset is not None:
             return {"output": cloud_path(outputs.dataset, path / label, number)}
-        if self.frames is not None:
+        if self.frames is not None and not self.is_bag:
             path = path / label / f"frame_{number:04d}{suffix}"
         elif label:
             path = path / f"{label}{suffix}"
@@ -108,14 +119,25 @@ class Plan:
         return files
 
 
-def check_writable(wanted: Sequence[Mapping[str, Path]]) -> None:
+CLOUDS = ("output", "deskewed")
+"""Keys of the files of points."""
+
+
+def check_writable(wanted: Sequence[Mapping[str, Path]], *, bag: bool = False) -> None:
     """Refuse what could not be written, before any work goes into it. Raises OutputError.
+
+    bag  whether all frames share the files of their points
 
     Two files of one name too: the second would be written over the first. Raises InputError.
     """
     taken: set[str] = set()
+    shared: set[Path] = set()
     for files in wanted:
         for key, path in files.items():
+            if path in shared:
+                continue
+            if bag and key in CLOUDS:
+                shared.add(path)
             require_writable(path)
             # By the file that a name leads to; a range image has others beside it.
             for file in all_range_image_paths(path) if key == "range_image" else (path,):

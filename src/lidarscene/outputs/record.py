@@ -10,11 +10,13 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
+from ..files.atomic import named
 from ..files.toml import Overrides, assignments
 from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig import require_common_frames, simulators
@@ -27,9 +29,9 @@ from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig
 from .frame_files import FrameFiles
 from .options import FRAMES, File, Outputs
-from .plan import Plan, check_writable, keep_inputs
+from .plan import CLOUDS, Plan, check_writable, keep_inputs
 from .size import warn_of_size
-from .streams import pulses_of_waveforms
+from .streams import Append, pulses_of_waveforms
 
 Told = Callable[[int, int], object]
 Named = str | os.PathLike[str]
@@ -76,8 +78,8 @@ class Recorded:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Of all frames."""
-        return tuple(path for one in self.clouds for path in one.files.values())
+        """Of all frames, each once."""
+        return tuple(dict.fromkeys(path for one in self.clouds for path in one.files.values()))
 
 
 def record(
@@ -129,7 +131,7 @@ def record(
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
     wanted = [plan.files(label, number) for label, _, number in clouds]
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
-    check_writable(wanted)
+    check_writable(wanted, bag=plan.is_bag)
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
@@ -153,17 +155,27 @@ def record(
     pulses = len(numbers) * sum(one.sensor.scanner.pulses for one in sensors)
     progress = None if told is None else _Progress(told, pulses)
     written: list[RecordedCloud] = []
-    for (label, group, number), files in zip(clouds, wanted, strict=True):
-        one = FrameFiles(
-            plan=plan, scene=described, simulators={name: made[name] for name in group},
-            frame=replace(frame, number=number, pose=None), files=files,
-            placed=rig is not None or frame.pose is not None,
-            # Loading and building happened once; the first frame is charged for it.
-            summary=Summary(seconds={} if written else before.seconds),
-        )  # fmt: skip
-        one.write(progress)
-        written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
+    with ExitStack() as opened:
+        bags = _bags(plan, wanted, opened)
+        for (label, group, number), files in zip(clouds, wanted, strict=True):
+            one = FrameFiles(
+                plan=plan, scene=described, simulators={name: made[name] for name in group},
+                frame=replace(frame, number=number, pose=None), files=files,
+                placed=rig is not None or frame.pose is not None,
+                # Loading and building happened once; the first frame is charged for it.
+                summary=Summary(seconds={} if written else before.seconds), bags=bags,
+            )  # fmt: skip
+            one.write(progress)
+            written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
     return Recorded(tuple(written), surroundings)
+
+
+def _bags(plan: Plan, wanted: Sequence[Mapping[str, Path]], opened: ExitStack) -> dict[Path, Append]:
+    """The files that hold the clouds of all frames, and what takes each cloud."""
+    if not plan.is_bag or plan.format.frames is None:
+        return {}
+    paths = dict.fromkeys(files[key] for files in wanted for key in CLOUDS if key in files)
+    return {path: named(path, opened.enter_context(plan.format.frames(path))) for path in paths}
 
 
 def _sensors(
