@@ -147,7 +147,9 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:
         came = [
-            (stamp, bag.deserialize(raw, at.msgtype)) for at, stamp, raw in bag.messages() if at.topic == "/points"
+            (stamp, bag.deserialize(raw, at.msgtype))
+            for at, stamp, raw in bag.messages()
+            if at.topic == "/points"
         ]
     assert len(came) == 3
     for (stamp_ns, message), cloud in zip(came, clouds, strict=True):
