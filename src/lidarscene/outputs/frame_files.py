@@ -16,10 +16,13 @@ import numpy as np
 
 from ..cloud.deskew import deskewed
 from ..cloud.merging import Merging
+from ..cloud.pixels import Camera
 from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..files.atomic import named
+from ..kernel.rays.look import distances_m
 from ..labels.files import labels_stream
+from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
 from ..rendering.frame import check_frame
 from ..rendering.options import FrameOptions, Observers
@@ -153,7 +156,18 @@ class FrameFiles:
         own = self._view(picture.cloud().frame_start_s)
         # Of several sensors, who sees what: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
-        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own)
+        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own, surfaces=self._surfaces)
+
+    def _surfaces(self, camera: Camera, size: tuple[int, int]) -> Numbers:
+        """Depth of the surfaces that a camera among the points sees, as the frame begins."""
+        simulator = self._simulators[0]
+        to_world = simulator.to_world(self.frame)
+        directions, ahead = camera.rays(*size)
+        distance_m = distances_m(
+            simulator.world, to_world.apply(camera.eye_m), to_world.rotation.astype(np.float32) @ directions,
+            time_s=simulator.start_s(self.frame),
+        )  # fmt: skip
+        return (distance_m * ahead).reshape(size[::-1])
 
     def _view(self, start_s: float) -> View | None:
         """The scene's view as it is in the frame of the points; None where it does not belong to what is seen."""

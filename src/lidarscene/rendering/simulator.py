@@ -205,6 +205,15 @@ class Simulator:
         asked, _ = _asked(frame, None, options)
         return PointCloud(**CloudBuilder().fields(**self._description(self._frame(asked), asked)))
 
+    def start_s(self, frame: FrameOptions) -> float:
+        """When a frame begins, by the clock of the scene's motions."""
+        return self._frame(frame).start_s
+
+    def to_world(self, frame: FrameOptions) -> Pose:
+        """Where the coordinates of a frame's points stand in the world as it begins."""
+        now = self._frame(frame)
+        return now.place @ now.goal(frame.coordinates).inverse()
+
     def _hand_out(
         self,
         now: Frame,

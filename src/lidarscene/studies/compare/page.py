@@ -211,7 +211,7 @@ def _view(cloud: PointCloud, view: View | None) -> View:
     """The scene's camera, or the one that `figures.pictures` would choose for this cloud."""
     if view is not None:
         return view
-    camera = pixels.camera_for(cloud)
+    camera = pixels.camera_for(cloud, shape=_PICTURE_PX)
     x, y, z = (float(v) for v in camera.eye_m)
     right, up, ahead = (float(v) for v in camera.eye_m + 10.0 * camera.axes[2])
     return View(eye_m=(x, y, z), target_m=(right, up, ahead), fov_deg=camera.fov_deg)

@@ -71,8 +71,8 @@ def verdict(comparison: Comparison) -> str:
         more = f", {100.0 * (most.rate - less.rate):.3g} points more" if len(order) == 2 else ""
         found = f"{best} finds most, {_percent(most.rate)} of {comparison.of}{more}; {told}"
     else:
-        found = f"{best} and {second} find equally many of {comparison.of}, within chance: {_percent(most.rate)} and "
-            f"{told}"
+        alike = f"{best} and {second} find equally many of {comparison.of}, within chance"
+        found = f"{alike}: {_percent(most.rate)} and {told}"
     spread = [(errors[0].sigma_m, one.name) for one in comparison.everything if (errors := range_errors(one))]
     if len(spread) < len(shares):
         return f"{found}."
