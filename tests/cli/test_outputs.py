@@ -110,7 +110,7 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         (["-o", "a", "--dataset", "kitti", "--format", "kitti"], "--format: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
-        (["-o", "a.mcap", "--frames", "2"], "--output a.mcap: must be a folder with --frames"),
+        (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
@@ -173,3 +173,16 @@ def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) ->
     assert "--labels: goes with a folder of clouds, not with one file of several frames" in ran.err
     ran = run("render", wall, "-o", "drive.ply", "--frames", "2", *COARSE)
     assert "must be a folder with --frames" in ran.err
+
+
+def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> None:
+    assert run("render", wall, "-o", "c.ply", "--colours", "range", *COARSE).code == 0
+    assert b"property uchar red" in (tmp_path / "c.ply").read_bytes()
+    told = run("render", wall, "-o", "c.ply", "--colours", "colour", *COARSE).err
+    assert "--colours: must be one of x, y, z, range," in told
+    assert (
+        "--colours: ply can have colours"
+        in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
+    )
+    hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
+    assert "--colours: must be one of" in hidden

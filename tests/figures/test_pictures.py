@@ -14,11 +14,12 @@ from lidarscene.cloud import pixels
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beams, splat
 from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.scales import Scale
+from lidarscene.cloud.shades import Shades, rgb
 from lidarscene.errors import InputError, OutputError
 from lidarscene.figures import pictures
-from lidarscene.figures.canvas import Canvas, rgb
+from lidarscene.figures.canvas import Canvas
 from lidarscene.figures.pictures import frame_picture, perspective_picture, range_image
-from lidarscene.figures.scales import Scale
 
 
 def picture(path: Path) -> Any:
@@ -156,10 +157,10 @@ def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> Non
     near, far = cloud.select(cloud.range_m < 15), cloud.select(cloud.range_m > 15)
     low, high = pictures.common_scale([near, far], "range")
     np.testing.assert_allclose([low, high], np.percentile(cloud.range_m, (1, 99)), rtol=1e-6)
-    shades = [pictures._Shades(one, "range", limits=(low, high)).rgb for one in (near, far)]
-    whole = pictures._Shades(cloud, "range").rgb
+    shades = [Shades(one, "range", limits=(low, high)).rgb for one in (near, far)]
+    whole = Shades(cloud, "range").rgb
     np.testing.assert_array_equal(shades[0], whole[cloud.range_m < 15])
-    assert (pictures._Shades(near, "range").rgb != shades[0]).any()
+    assert (Shades(near, "range").rgb != shades[0]).any()
 
 
 @pytest.mark.parametrize("name", ["viridis", "turbo", "inferno"])

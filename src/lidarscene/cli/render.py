@@ -45,8 +45,8 @@ PATIENCE_S = 1.0
 
 
 SAME = (
-    "format", "ascii", "labels", "dataset", "deskew", "merge", "picture", "range_image", "ambient", "waveforms",
-    "pulses",
+    "format", "ascii", "colours", "labels", "dataset", "deskew", "merge", "picture", "range_image", "ambient",
+    "waveforms", "pulses",
 )  # fmt: skip
 """Options of the command line that are fields of `Outputs` by the same name."""
 
@@ -109,6 +109,11 @@ def add_render(commands: Any) -> None:
     add("--merge", action="store_true", help="one cloud of all sensors of the rig")
     add("--deskew", action="store_true",
         help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")  # fmt: skip
+    add(
+        "--colours",
+        metavar="COLUMN",
+        help="give points of a PLY file red, green and blue by a column, as intensity",
+    )
     add("--no-truth", action="store_true", help="leave the ground truth out")
     add("--ascii", action="store_true", help="write text instead of binary")
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")

@@ -125,7 +125,8 @@ def progress(of: str, *, after_s: float = 0.0) -> Iterator[Callable[[int, int], 
     if not sys.stderr.isatty():
         yield Lines(of)
         return
-    since, bars = time.monotonic(), []
+    since = time.monotonic()
+    bars: list[Callable[[int], None]] = []
     with ExitStack() as shown:
 
         def told(done: int, total: int) -> None:

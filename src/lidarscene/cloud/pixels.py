@@ -223,7 +223,7 @@ def surfaces_behind(
     shade = np.where(there, FAINT[0] + FAINT[1] * square, 0.0)[..., None]
     faint = (shade * np.array(SURFACE_RGB)).astype(np.uint8)
     large = np.repeat(np.repeat(faint, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width]
-    return np.maximum(image, large * bare[..., None])
+    return np.asarray(np.maximum(image, large * bare[..., None]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..cloud.shades import rgb
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
@@ -126,11 +127,6 @@ class Canvas:
 _ANCHORS = {a + b: a + {"t": "a", "m": "m", "b": "d"}[b] for a in "lmr" for b in "tmb"}
 _SVG_ACROSS = {"l": "start", "m": "middle", "r": "end"}
 _SVG_ALONG = {"t": "hanging", "m": "central", "b": "text-after-edge"}
-
-
-def rgb(colour: str) -> Numbers:
-    """(3,) uint8 of "#rrggbb"."""
-    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
 
 
 @functools.cache

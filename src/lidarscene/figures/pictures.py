@@ -14,19 +14,16 @@ import numpy as np
 
 from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, nearest, splat, surfaces_behind
 from ..cloud.points import PointCloud
+from ..cloud.scales import Scale, scale_of
+from ..cloud.shades import Shades, rgb
 from ..cloud.thinning import Thinned
-from ..formats.columns import COLUMNS, STATUS_NAMES
 from ..maths.arrays import Numbers
 from ..scene.model import View
-from .canvas import Canvas, rgb
-from .scales import Scale, scale_of
+from .canvas import Canvas
 
 Box = tuple[int, int, int, int]  # left, top, width, height in pixels
 
 BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
-PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
-           "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
-NO_SURFACE = "#6b7280"
 SUPERSAMPLING = 2
 MOST_STRIPS = 3
 HEAD, FOOT, LEFT, RIGHT, STRIP = 84, 76, 110, 150, 250
@@ -57,7 +54,7 @@ def perspective_picture(
     """
     canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
     cloud = whole.cloud()
-    shades = _Shades(cloud, colour_by, limits=scale)
+    shades = Shades(cloud, colour_by, limits=scale)
     head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
     box = (0, head, size_px[0], max(size_px[1] - head, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=highlight_false_alarms)
@@ -74,7 +71,7 @@ def range_image(
     """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
     canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
     cloud = whole.cloud()
-    shades, unit = _Shades(cloud, colour_by), canvas.unit
+    shades, unit = Shades(cloud, colour_by), canvas.unit
     head = _head(canvas, whole, None, alarms=False)
     box = _strip_box(size_px[0], head, size_px[1] - head - FOOT * unit, unit)
     _draw_range_image(canvas, box, cells_of(cloud), shades, labels=True)
@@ -105,7 +102,7 @@ def frame_picture(
     canvas = Canvas(size_px, BACKGROUND)
     width, height = size_px
     strip, foot = STRIP / 1600 * height, FOOT * canvas.unit if images else 0.0
-    shades = _Shades(cloud, colour_by)
+    shades = Shades(cloud, colour_by)
     head = _head(canvas, whole, shades, alarms=True)
     rest = round(foot + strip * len(images))
     box = (0, head, width, max(height - head - rest, 1))
@@ -116,7 +113,7 @@ def frame_picture(
         high = (0.68 if own_axes else 0.88) * strip
         box = _strip_box(width, height - below - high, high, canvas.unit)
         last = own_axes or i == 0
-        _draw_range_image(canvas, box, cells_of(part), _Shades(part, name), labels=last, name=label)
+        _draw_range_image(canvas, box, cells_of(part), Shades(part, name), labels=last, name=label)
     canvas.save(path)
 
 
@@ -146,69 +143,8 @@ def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
     ]
 
 
-class _Shades:
-    """Colour of each point for one column, and the scale that explains it.
-
-    rgb    (n, 3) uint8
-    kinds  (label, colour) of each category, most frequent first; empty for a quantity
-    scale  of a quantity
-    """
-
-    def __init__(self, cloud: PointCloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
-        self.name = name
-        values = np.asarray(cloud.column(name))
-        units = {c.name: c.unit for c in COLUMNS}
-        unit = cloud.metadata.get(f"{name}_unit", units[name])
-        self.kinds: list[tuple[str, str]] = []
-        self.scale: Scale | None = None
-        if (names := _category_names(cloud, name)) is not None:
-            ranks = self._sort_kinds(values, names)
-            palette = np.array([rgb(colour) for _, colour in self.kinds] or [rgb(NO_SURFACE)])
-            self.rgb = palette[ranks]
-        else:
-            if unit == "rad":
-                values, unit = np.degrees(values), "°"
-            elif name == "pulse_width":
-                values, unit = 1e9 * values, "ns"
-            self.scale = scale_of(name, values, limits=limits)
-            finite = np.isfinite(values)
-            colours = self.scale.rgb(np.where(finite, values, 1.0))
-            self.rgb = np.where(finite[:, None], colours, rgb(NO_SURFACE))
-        self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
-
-    def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
-        """Number the categories by frequency; all beyond the palette share one colour."""
-        found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
-        order = np.argsort(-counts, kind="stable")
-        rank = np.argsort(order, kind="stable")
-        colours = iter(PALETTE)
-        for value in found[order][: len(PALETTE)].tolist():
-            colour = NO_SURFACE if value < 0 else next(colours)
-            self.kinds.append(("none" if value < 0 else names.get(value, str(value)), colour))
-        if len(found) > len(PALETTE):
-            self.kinds.append((f"{len(found) - len(PALETTE)} more", "#e5e7eb"))
-        return np.asarray(np.minimum(rank[inverse], len(PALETTE)), dtype=np.int64)
-
-
-def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
-    """Names by value for a column of categories, None for a quantity."""
-    tables = {
-        "status": STATUS_NAMES,
-        "in_shadow": ("lit", "in shadow"),
-        "body": cloud.body_names,
-        "sensor_index": cloud.sensor_names,
-    }
-    tables |= {"class": cloud.class_names, "material": cloud.material_names}
-    tables |= {
-        "interactions": ("direct", "after one", "after two", "after three"),
-        "ghost": ("in its place", "ghost"),
-    }
-    tables |= {"return_number": ("none", "first", "second", "third")}
-    return dict(enumerate(tables[name])) if name in tables else None
-
-
 def _draw_perspective(
-    canvas: Canvas, box: Box, cloud: PointCloud, shades: _Shades, view: View | None, *, alarms: bool,
+    canvas: Canvas, box: Box, cloud: PointCloud, shades: Shades, view: View | None, *, alarms: bool,
     surfaces: Surfaces | None = None,
 ) -> None:  # fmt: skip
     """The perspective in this box."""
@@ -230,7 +166,7 @@ def _draw_perspective(
 
 
 def _draw_range_image(
-    canvas: Canvas, box: Box, cells: Cells, shades: _Shades, *, labels: bool, name: str = ""
+    canvas: Canvas, box: Box, cells: Cells, shades: Shades, *, labels: bool, name: str = ""
 ) -> None:
     """One range image in this box, with axes in degrees and a scale."""
     left, top, width, height = box
@@ -289,7 +225,7 @@ def _short(label: str, most: int) -> str:
     return label if len(label) <= most else f"{label[: most - 1]}…"
 
 
-def _head(canvas: Canvas, whole: Thinned, shades: _Shades | None, *, alarms: bool) -> int:
+def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool) -> int:
     """Names of scene and sensor, the number of points, and what colours mean, above everything; its height."""
     unit = canvas.unit
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)

@@ -38,6 +38,7 @@ class Format:
     frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
             holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
+    colour  whether ``write`` takes ``colours``
     """
 
     suffix: str
@@ -47,6 +48,7 @@ class Format:
     frames: Stream | None = None
     extra: str = ""
     text: bool = False
+    colour: bool = False
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -82,7 +84,7 @@ def _las(suffix: str, *, compressed: bool) -> Format:
 
 FORMATS = {
     "ply": Format(
-        suffix=".ply", text=True, write=_late("lidarscene.formats.ply", "write_ply"),
+        suffix=".ply", text=True, colour=True, write=_late("lidarscene.formats.ply", "write_ply"),
         read=_late("lidarscene.formats.ply", "read_ply"), stream=_late("lidarscene.formats.ply", "ply_stream"),
     ),
     "pcd": Format(

@@ -42,6 +42,7 @@ class Outputs:
                  of ROS 2, such as drive.mcap, may hold several frames too
     format       of the cloud, a key of `formats.registry.FORMATS`; None: what the name says, PLY in a folder
     ascii        whether it is text instead of binary
+    colours      a column by which points get red, green and blue, as pictures have them; of PLY files
     truth        whether it has the columns of ground truth
     labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
     dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
@@ -64,6 +65,7 @@ class Outputs:
     format: str | None = None
     ascii: bool = False
     truth: bool = True
+    colours: str | None = None
     labels: str | None = None
     dataset: str | None = None
     deskew: bool = False

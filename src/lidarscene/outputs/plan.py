@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..errors import OptionError
 from ..files.atomic import require_writable
+from ..formats.columns import COLUMNS
 from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
@@ -79,6 +80,15 @@ class Plan:
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
             raise OptionError("{ascii}: {0} can be text", able)
+        if outputs.colours is not None:
+            known = [column.name for column in COLUMNS if outputs.truth or not column.truth]
+            if outputs.colours not in known:
+                raise OptionError(
+                    "{colours}: must be one of {0}, got {1!r}", ", ".join(known), outputs.colours
+                )
+            if not chosen.colour:
+                able = " and ".join(name for name, one in FORMATS.items() if one.colour)
+                raise OptionError("{colours}: {0} can have colours", able)
         chosen.require()
 
     def files(self, label: str, number: int) -> dict[str, Path]:

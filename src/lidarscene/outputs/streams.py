@@ -30,16 +30,16 @@ def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = No
     """
     outputs, chosen = plan.outputs, plan.format
     options = {"ascii": True} if outputs.ascii else {}
-    if chosen.stream is not None:
+    if chosen.stream is not None and outputs.colours is None:
         with chosen.stream(path, **options) as append:
             yield _kept(outputs, append)
         return
-    # A format that must know all points before the first is written: gather them.
+    # A format, or a scale of colours, that must know all points before the first is written: gather them.
     builder = CloudBuilder(capacity=points)
     yield _kept(outputs, builder.add)
     whole = PointCloud(**builder.fields())
     if bag is None:
-        whole.save(path, format=outputs.format, **options)
+        whole.save(path, format=outputs.format, colour_by=outputs.colours, **options)
     else:
         bag(whole)
 

@@ -104,9 +104,13 @@ class Clouds:
         """A cloud is as it is."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
+    def _read(self, number: int) -> PointCloud:
+        """A cloud as its file has it."""
+        return PointCloud.load(self.paths[number])
+
     def _loaded(self, number: int) -> PointCloud:
         """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
-        cloud = PointCloud.load(self.paths[number])
+        cloud = self._read(number)
         frame = cloud.metadata.get("frame", "sensor")
         if self.scene is None or frame == "world":
             return cloud

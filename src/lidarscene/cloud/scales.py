@@ -71,7 +71,7 @@ class Scale:
         anchors = np.array([list(bytes.fromhex(colour)) for colour in MAPS[self.map].split()], np.float64)
         places = np.linspace(0.0, 1.0, len(anchors))
         mixed = [np.interp(parts, places, channel) for channel in anchors.T]
-        return np.rint(np.stack(mixed, axis=-1)).astype(np.uint8)
+        return np.asarray(np.rint(np.stack(mixed, axis=-1)).astype(np.uint8))
 
     def ticks(self, most: int) -> list[tuple[float, str]]:
         """Round values on the scale and their texts, some ``most`` of them."""
