@@ -9,8 +9,9 @@ from helpers.drawn_street import street
 from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
-from lidarscene.errors import InputError
-from lidarscene.view import notebook
+from lidarscene.errors import InputError, OptionWarning
+from lidarscene.view import notebook, page
+from lidarscene.view.sources import Clouds
 
 
 def inner(shown: object) -> str:
@@ -25,13 +26,13 @@ def inner(shown: object) -> str:
 def test_a_cloud_is_a_page_in_a_frame(tmp_path):
     cloud = street(step_deg=3.0)
     shown = cloud.show(height_px=400)
-    page = inner(shown)
-    assert page.startswith("<!DOCTYPE html>")
-    assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', page))
+    text = inner(shown)
+    assert text.startswith("<!DOCTYPE html>")
+    assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', text))
     assert 'height="400"' in shown._repr_html_()
-    assert inner(lidarscene.show(cloud)) == page
+    assert inner(lidarscene.show(cloud)) == text
     shown.save(tmp_path / "a.html")
-    assert (tmp_path / "a.html").read_text() == page
+    assert (tmp_path / "a.html").read_text() == text
     assert re.match(r"Shown\(.*: [0-9.]+ MB; ", repr(shown))
 
 
@@ -65,3 +66,13 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
 def test_what_cannot_be_shown(what, options, told):
     with pytest.raises(InputError, match=re.escape(told)):
         lidarscene.show(what, **options)
+
+
+def test_a_large_page_is_warned_of(tmp_path, monkeypatch):
+    small_cloud(9).save(tmp_path / "a.ply")
+    monkeypatch.setattr(page, "LARGE_BYTES", 1000)
+    with pytest.warns(
+        OptionWarning, match=r"save .*a\.html: the page has 0 MB, and browsers take long to open it"
+    ):
+        page.save(Clouds([tmp_path / "a.ply"]), tmp_path / "a.html")
+    assert (tmp_path / "a.html").exists()

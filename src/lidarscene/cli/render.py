@@ -196,7 +196,7 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
 def _progress(history: KernelHistory | None) -> Iterator[Callable[[int, int], None]]:
     """Who is told how far a run is, and counts kernels: until Dr.Jit's history is taken it keeps the text of each."""
     chunks = itertools.count(1)
-    with progress("pulses", after_s=PATIENCE_S) as shown:
+    with progress("pulses", after_s=PATIENCE_S, logged=True) as shown:
 
         def told(done: int, pulses: int) -> None:
             shown(done, pulses)

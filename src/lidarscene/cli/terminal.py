@@ -116,14 +116,15 @@ class Lines:
 
 
 @contextmanager
-def progress(of: str, *, after_s: float = 0.0) -> Iterator[Callable[[int, int], None]]:
-    """Who is told that (done, total) of a run's steps are done: a bar on a terminal, gone at the end; else `Lines`.
+def progress(of: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Who is told that (done, total) of a run's steps are done: a bar on a terminal, gone at the end.
 
     of       what is counted
     after_s  a run that is shorter has no bar
+    logged   whether a log, in place of a terminal, has `Lines`
     """
     if not sys.stderr.isatty():
-        yield Lines(of)
+        yield Lines(of) if logged else lambda done, total: None
         return
     since = time.monotonic()
     bars: list[Callable[[int], None]] = []
