@@ -8,6 +8,7 @@
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__ as __version__
+from .files.facts import show_with
 
 if TYPE_CHECKING:
     # isort: off
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
     # what is written
     from .outputs.record import record as record
     from .outputs.options import Outputs as Outputs
+
+    # what is looked at
+    from .view.notebook import show as show
 
     # what goes wrong
     from .errors import LidarSceneError as LidarSceneError
@@ -86,6 +90,8 @@ _HOME = {
     # what is written
     "record": "outputs.record",
     "Outputs": "outputs.options",
+    # what is looked at
+    "show": "view.notebook",
     # what goes wrong
     "LidarSceneError": "errors",
     "InputError": "errors",
@@ -103,6 +109,14 @@ def __getattr__(name: str) -> Any:
     import importlib
 
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+
+
+def _show(thing: object, **options: Any) -> Any:
+    return __getattr__("show")(thing, **options)
+
+
+# Clouds and scenes stand below what shows them.
+show_with(_show)
 
 
 def __dir__() -> list[str]:

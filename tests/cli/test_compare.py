@@ -1,6 +1,8 @@
 """`lidarscene compare`: everything it promises is there, and what it refuses."""
 
 import csv
+import dataclasses
+import html
 import json
 import re
 from pathlib import Path
@@ -10,12 +12,15 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.command_line import BEAMS, COARSE, WALL, Run
+from helpers.drawn_street import street
 from helpers.in_this_process import draw_nothing, draw_roughly
 
 from lidarscene import PointCloud, load_sensor
 from lidarscene.cli import main
 from lidarscene.studies.compare import page as compare_page
 from lidarscene.studies.compare import study
+from lidarscene.studies.compare.data import Observation, Surfaces
+from lidarscene.studies.compare.report import Comparison, verdict
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
@@ -45,6 +50,80 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
+
+
+def test_the_verdict_comes_first(folder: Path) -> None:
+    """In one sentence on who finds most; its numbers are those of the JSON."""
+    told = json.loads((folder / "compare.json").read_text("utf-8"))
+    page = (folder / "index.html").read_text("utf-8")
+    first = html.unescape(page.partition("<p>")[2].partition("</p>")[0])
+    assert first == told["verdict"]
+    shares = {one["name"]: one["rate"]["rate"] for one in told["sensors"]}
+    best = max(shares, key=lambda name: shares[name])
+    assert first.startswith(
+        f"{best} finds most, {100.0 * shares[best]:.2f} % of the pulses that met a surface"
+    )
+    apart = 100.0 * abs(shares["table1-apd"] - shares["table1-sipm"])
+    assert f", {apart:.3g} points more; " in first
+    assert "Ranges scatter least with" in first
+
+
+def test_figures_stand_in_two_columns_and_no_row_is_empty(folder: Path) -> None:
+    page = (folder / "index.html").read_text("utf-8")
+    assert re.search(r'<div class="row">(<figure>.*?</figure>){4}</div>', page, re.DOTALL)
+    for row in re.findall(r"<tr>(<td>.*?)</tr>", page, re.DOTALL):
+        cells = re.findall(r"<td>(.*?)</td>", row)
+        assert set(cells[1:]) - {"-", "0", ""}, cells
+
+
+def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Rationale: the same colour means the same SNR in both pictures."""
+    scales = []
+    monkeypatch.setattr(
+        compare_page.plots,
+        "perspective_picture",
+        lambda *_, scale, **more: scales.append((more["colour_by"], scale)),
+    )
+    weak, strong = (street(step_deg=4.0) for _ in range(2))
+    strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
+    both = [SimpleNamespace(cloud=one, name=name) for one, name in ((weak, "a"), (strong, "b"))]
+    comparison = SimpleNamespace(everything=both, against_first=list, matched=False)
+    page = SimpleNamespace(pictures=lambda shown: None)
+    compare_page._pictures(page, comparison, compare_page.Output(tmp_path), ["a", "b"])
+    assert [name for name, _ in scales] == ["snr", "snr"]
+    assert scales[0] == scales[1]
+    assert scales[0][1] == pytest.approx(np.percentile(np.concatenate([weak.snr, strong.snr]), (1, 99)))
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        ((90, 60), "a finds most, 90.00 % of the pulses, 30 points more; b 60.00 %."),
+        ((60, 60), "a and b find equally many of the pulses, within chance: 60.00 % and b 60.00 %."),
+        ((50, 60), "b finds most, 60.00 % of the pulses, 10 points more; a 50.00 %."),
+    ],
+)
+def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
+    """Of 100 pulses each, the same for both; all that the worse one finds the better one finds too.
+
+    95 %: ten of a hundred found by one alone are no chance, none are.
+    """
+    empty = street(step_deg=4.0).select([])
+    seen = tuple(
+        Observation(
+            name=name, cloud=empty, pulse=np.zeros(0, np.int64), fired=100, lost={},
+            surfaces=Surfaces(
+                pulse=np.arange(100), found=np.arange(100) < count, snr=np.ones(100), true_range_m=np.ones(100),
+                incidence_angle_rad=np.ones(100), reflectivity=np.ones(100), body=np.zeros(100, np.int32),
+                class_id=np.zeros(100, np.int32), probability=None, tripped=None,
+            ),
+        )
+        for name, count in zip("ab", found, strict=True)
+    )  # fmt: skip
+    comparison = Comparison(
+        title="", everything=seen, sensors=(None, None), groups=(), matched=True, of="the pulses", notes=()
+    )
+    assert verdict(comparison) == told
 
 
 def test_page_needs_no_other_file(folder: Path) -> None:

@@ -7,12 +7,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from helpers.command_line import COARSE, WALL, Run
+from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_roughly
 
 from lidarscene.cli import main
-from lidarscene.studies.field_of_view import study
+from lidarscene.studies.field_of_view import figures, study
 
 FAST = (*COARSE, "--time", "0.001,0.01", "--cell", "2")
 RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
@@ -44,8 +45,40 @@ def test_pictures_and_tables(folder: Path, name: str) -> None:
         rows = list(csv.reader(file))
     assert len(rows) > 10
     assert {len(row) for row in rows} == {len(rows[0])}
+    named = {"sensor", "sensors"} & set(rows[0][:1])
     for row in rows[1:]:
+        if named:
+            assert row.pop(0) in ("table1-apd", "table1-sipm")
         assert all(cell == "nan" or float(cell) >= -180.0 for cell in row)
+
+
+def test_patterns_of_all_sensors_and_their_azimuths(folder: Path) -> None:
+    """The coarse raster is 40 degrees wide and 20 high."""
+    with (folder / "patterns.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["sensor"] for row in rows} == {"table1-apd", "table1-sipm"}
+    assert len(rows) == 2 * BEAMS
+    page = (folder / "index.md").read_text("utf-8")
+    assert page.count("-20.00 to 20.00°") == 2
+    assert page.index("patterns.png") < page.index("coverage.png")
+    assert '<div class="row"><figure>' in (folder / "index.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "arc", "text"),
+    [
+        ([-60.0, 0.0, 60.0], (-60.0, 60.0), "-60.00 to 60.00°"),
+        ([150.0, 179.0, -179.0, -150.0], (150.0, 210.0), "150.00 to 210.00°"),
+        ([-170.0, -120.0], (-170.0, -120.0), "-170.00 to -120.00°"),
+        (list(range(-180, 180, 4)), (-180.0, 180.0), "all around"),
+        ([5.0], (5.0, 5.0), "5.00 to 5.00°"),
+    ],
+)
+def test_the_shortest_arc(azimuth: list[float], arc: tuple[float, float], text: str) -> None:
+    """Also of a sensor that looks back, whose azimuths jump from 180 to -180."""
+    found = np.array(azimuth)
+    assert figures.azimuth_arc_deg(found) == pytest.approx(arc)
+    assert figures.azimuth_text(found) == text
 
 
 def test_pages_show_everything(folder: Path) -> None:

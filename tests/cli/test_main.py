@@ -135,14 +135,14 @@ def test_summary_adds_up(run: Run, wall: str, mi: ModuleType) -> None:
 def test_text_says_what_json_says(run: Run, wall: str, mi: ModuleType) -> None:
     told = summary(run, wall, *HARD)
     lines = run("render", wall, "-o", "o.ply", *COARSE, *HARD).out.splitlines()
-    numbers = {line[26:].strip() or line.split()[0]: line[:26].split()[-1] for line in lines[:7]}
+    numbers = {line[26:].strip() or line.split()[0]: line[:26].split()[-1] for line in lines[1:8]}
     assert numbers["beams"] == f"{told['beams']:,}"
     assert numbers["hits"] == f"{told['hits']:,}"
     assert numbers[f"of which {told['false_alarms']:,} false alarms"] == f"{told['points']:,}"
     for reason, count in told["missed"].items():
         assert numbers[reason.replace("_", " ")] == f"{count:,}"
-    assert all(stage in lines[7] for stage in told["seconds"])
-    assert lines[9].split() == ["wrote", "o.ply"]
+    assert all(stage in lines[8] for stage in told["seconds"])
+    assert lines[10].split() == ["wrote", "o.ply"]
 
 
 def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: ModuleType) -> None:

@@ -123,7 +123,7 @@ def test_a_rig_merged_in_several_frames(
 
 def test_text_of_many(mi, run: Run, drive: str) -> None:
     told = run("render", drive, "-o", "out", "--frames", "2", *COARSE)
-    assert told.out.splitlines()[0] == f"beams         {2 * BEAMS:>12,}"
+    assert told.out.splitlines()[1] == f"beams         {2 * BEAMS:>12,}"
     assert told.out.endswith("wrote         2 clouds in out\n")
 
 

@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import COARSE, Run
+from helpers.command_line import BEAMS, COARSE, Run
 
+from lidarscene import load_sensor
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.registry import FORMATS, LABELS
@@ -108,7 +110,7 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         (["-o", "a", "--dataset", "kitti", "--format", "kitti"], "--format: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
-        (["-o", "a.mcap", "--frames", "2"], "--output a.mcap: must be a folder with --frames"),
+        (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
@@ -128,3 +130,59 @@ def test_a_missing_package_is_told_before_the_work(
     assert ran.code == 1
     assert "try: pip install 'lidarscene[las]', or pip install laspy lazrs" in ran.err
     assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
+
+
+def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) -> None:
+    """As rosbags reads it: a message for each frame, stamped when the frame begins; the points are those of a folder.
+
+    With the stamp, the times of the points are when their pulses left.
+    """
+    highlevel, typesys = library("rosbags.highlevel"), library("rosbags.typesys")
+    few = ("--frames", "3", "--begin", "0.05", *COARSE)
+    ran = run("render", wall, "-o", "drive.mcap", *few)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[-1] == "wrote         drive.mcap"
+    assert run("render", wall, "-o", "apart", *few).code == 0
+    clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:
+        came = [
+            (stamp, bag.deserialize(raw, at.msgtype))
+            for at, stamp, raw in bag.messages()
+            if at.topic == "/points"
+        ]
+    assert len(came) == 3
+    for (stamp_ns, message), cloud in zip(came, clouds, strict=True):
+        assert stamp_ns == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        assert stamp_ns == pytest.approx(1e9 * cloud.frame_start_s, abs=1.0)
+        at = {field.name: field.offset for field in message.fields}
+        rows = np.asarray(message.data).reshape(len(cloud), -1)
+
+        def read(name: str, rows: Any = rows, at: Any = at) -> Any:
+            return rows[:, at[name] : at[name] + 4].copy().view(np.float32)[:, 0]
+
+        np.testing.assert_array_equal(read("time"), cloud.time_s.astype(np.float32))
+        np.testing.assert_array_equal(read("x"), cloud.in_sensor_frame().xyz_m[:, 0])
+    rate_hz = load_sensor("table1-apd").laser.repetition_rate_hz
+    assert np.ptp([stamp for stamp, _ in came]) == pytest.approx(2e9 * BEAMS / rate_hz, abs=2.0)
+
+
+def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) -> None:
+    ran = run("render", wall, "-o", "drive.mcap", "--frames", "2", "--labels", "kitti", *COARSE)
+    assert ran.code == 2
+    assert "--labels: goes with a folder of clouds, not with one file of several frames" in ran.err
+    ran = run("render", wall, "-o", "drive.ply", "--frames", "2", *COARSE)
+    assert "must be a folder with --frames" in ran.err
+
+
+def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> None:
+    assert run("render", wall, "-o", "c.ply", "--colours", "range", *COARSE).code == 0
+    assert b"property uchar red" in (tmp_path / "c.ply").read_bytes()
+    told = run("render", wall, "-o", "c.ply", "--colours", "colour", *COARSE).err
+    assert "--colours: must be one of x, y, z, range," in told
+    assert (
+        "--colours: ply can have colours"
+        in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
+    )
+    hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
+    assert "--colours: must be one of" in hidden

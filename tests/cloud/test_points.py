@@ -209,6 +209,20 @@ def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
         np.testing.assert_array_equal(theirs.point[c.name].numpy(), values, strict=True)
 
 
+@pytest.mark.slow
+def test_to_open3d_with_colours_and_as_it_was(open3d: ModuleType) -> None:
+    """Reference: the colours of pictures, from 0 to 1; the older class has positions and colours alone."""
+    cloud = small_cloud(7)
+    expected = cloud.colours("range") / 255.0
+    theirs = cloud.to_open3d(colour_by="range")
+    np.testing.assert_allclose(theirs.point["colors"].numpy(), expected, atol=1e-6)
+    old = cloud.to_open3d(colour_by="range", legacy=True)
+    assert type(old) is open3d.geometry.PointCloud
+    np.testing.assert_allclose(np.asarray(old.points), cloud.xyz_m)
+    np.testing.assert_allclose(np.asarray(old.colors), expected, atol=1e-6)
+    assert not cloud.to_open3d(legacy=True).has_colors()
+
+
 def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     def closed() -> ModuleType:
         raise LidarSceneError("try: pip install open3d")

@@ -2,9 +2,9 @@
 
 import dataclasses
 import math
-import re
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,8 +14,11 @@ from lidarscene.cloud import pixels
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beams, splat
 from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.scales import Scale
+from lidarscene.cloud.shades import Shades, rgb
 from lidarscene.errors import InputError, OutputError
 from lidarscene.figures import pictures
+from lidarscene.figures.canvas import Canvas
 from lidarscene.figures.pictures import frame_picture, perspective_picture, range_image
 
 SMALL = (480, 270)
@@ -77,16 +80,7 @@ def test_colours_answer_to_the_column(
     assert (by_intensity != picture(tmp_path / "b.png")).any(axis=2).mean() > 0.1
 
 
-def test_every_column_can_be_drawn(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
-    """Its colours and their scale; the axes of angles are the same for all."""
-    show = pictures._show
-
-    def without_axes(*args: Any, **options: Any) -> Any:
-        axes = show(*args, **options)
-        axes.set_axis_on = lambda: None
-        return axes
-
-    monkeypatch.setattr(pictures, "_show", without_axes)
+def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
     few = cloud.select(slice(0, None, 40))
     for column in few.columns:
         range_image(few, tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
@@ -109,9 +103,116 @@ def test_false_alarms_stand_out(cloud: PointCloud, tmp_path: Path) -> None:
         assert found > least if shown else found == 0
 
 
-def test_svg(cloud: PointCloud, tmp_path: Path) -> None:
+def test_svg_has_pixels_and_texts(cloud: PointCloud, tmp_path: Path) -> None:
     range_image(cloud, tmp_path / "a.svg")
-    assert re.search("<svg.*width", (tmp_path / "a.svg").read_text())
+    tree = ElementTree.parse(tmp_path / "a.svg").getroot()
+    space = "{http://www.w3.org/2000/svg}"
+    assert (tree.get("width"), tree.get("height")) == ("1920", "640")
+    assert len(tree.findall(f"{space}image")) == 1
+    texts = [one.text or "" for one in tree.findall(f"{space}text")]
+    assert any("points" in text for text in texts)
+    assert any("azimuth" in text for text in texts)
+
+
+def test_no_label_lies_over_points(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
+    """Every text, bar and legend stands in the head, beside or below: nothing is put on an image of points."""
+    shown: list[tuple[int, int, int, int]] = []
+    texts: list[tuple[float, float]] = []
+    show, text = Canvas.show, Canvas.text
+
+    def shown_too(self: Canvas, image: Any, x: int, y: int) -> None:
+        if image.shape[0] > 60 and image.shape[1] > 60:  # a bar is narrower
+            shown.append((x, y, x + image.shape[1], y + image.shape[0]))
+        show(self, image, x, y)
+
+    def text_too(self: Canvas, x: float, y: float, *about: Any, **more: Any) -> None:
+        texts.append((x, y))
+        text(self, x, y, *about, **more)
+
+    monkeypatch.setattr(Canvas, "show", shown_too)
+    monkeypatch.setattr(Canvas, "text", text_too)
+    for column in ("intensity", "class"):
+        frame_picture(cloud, tmp_path / "a.png", colour_by=column)
+    assert len(shown) == 6
+    assert len(texts) > 40
+    for left, top, right, bottom in shown:
+        assert not any(left < x < right and top < y < bottom for x, y in texts)
+
+
+def test_surfaces_are_drawn_faintly_behind_points(cloud: PointCloud, tmp_path: Path) -> None:
+    """A wall square to the camera: pixels with points stay as they are, others become brighter where it is.
+
+    Reference: FAINT adds up to 1 for a surface seen square, so that its pixels have SURFACE_RGB.
+    """
+    few = cloud.select(slice(0, None, 50))
+
+    def wall(camera: Any, size: tuple[int, int]) -> Any:
+        depth = np.full(size[::-1], np.inf, np.float32)
+        depth[:, : size[0] // 2] = 20.0
+        return depth
+
+    frame_picture(few, tmp_path / "a.png")
+    frame_picture(few, tmp_path / "b.png", surfaces=wall)
+    bare, behind = picture(tmp_path / "a.png")[90:], picture(tmp_path / "b.png")[90:]
+    assert (behind >= bare).all()
+    assert (bare != behind).any(axis=2).mean() > 0.2
+    assert (bare[:, 970:] == behind[:, 970:]).all()
+    empty = (bare[100:200, 100:800] == rgb(pictures.BACKGROUND)).all(axis=2)
+    found = behind[100:200, 100:800][empty]
+    assert (np.abs(np.median(found, axis=0) - np.array(pixels.SURFACE_RGB)) <= 1).all()
+    bright = bare.max(axis=2) > 100
+    assert (bare[bright] == behind[bright]).all()
+
+
+def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> None:
+    """The same point has the same colour in each of the pictures, which their own scales would not give."""
+    near, far = cloud.select(cloud.range_m < 15), cloud.select(cloud.range_m > 15)
+    low, high = pictures.common_scale([near, far], "range")
+    np.testing.assert_allclose([low, high], np.percentile(cloud.range_m, (1, 99)), rtol=1e-6)
+    shades = [Shades(one, "range", limits=(low, high)).rgb for one in (near, far)]
+    whole = Shades(cloud, "range").rgb
+    np.testing.assert_array_equal(shades[0], whole[cloud.range_m < 15])
+    assert (Shades(near, "range").rgb != shades[0]).any()
+
+
+@pytest.mark.parametrize("name", ["viridis", "turbo", "inferno"])
+def test_colour_maps_are_those_of_matplotlib(name: str) -> None:
+    """Tolerance: interpolated between 33 colours, 4 of 255. The dark ends are left out."""
+    import matplotlib as mpl
+
+    base, low, high = {
+        "viridis": ("viridis", 0.12, 1.0), "turbo": ("turbo_r", 0.06, 0.94), "inferno": ("inferno", 0.3, 1.0),
+    }[name]  # fmt: skip
+    parts = np.linspace(0.0, 1.0, 101)
+    found = Scale(low=0.0, high=1.0, kind="linear", map=name).table(parts).astype(float)
+    expected = 255.0 * mpl.colormaps[base](low + (high - low) * parts)[:, :3]
+    np.testing.assert_allclose(found, expected, atol=4.5)
+
+
+@pytest.mark.parametrize(
+    ("scale", "told"),
+    [
+        (Scale(low=2e-6, high=3e-3, kind="logarithmic", map="inferno"), ["10⁻⁵", "10⁻⁴", "10⁻³"]),
+        (Scale(low=1.5, high=40.0, kind="logarithmic", map="inferno"), ["2", "5", "10", "20"]),
+        (Scale(low=3.0, high=120.0, kind="root", map="turbo"), ["5", "10", "20", "50", "100"]),
+        (Scale(low=-0.2, high=1.0, kind="linear", map="viridis"), [*["−0.2", "0", "0.2", "0.4", "0.6", "0.8", "1"]]),
+    ],
+)  # fmt: skip
+def test_round_numbers_on_a_scale(scale: Scale, told: list[str]) -> None:
+    ticks = scale.ticks(7)
+    assert [text for _, text in ticks] == told
+    assert all(0.0 <= scale.part(value) <= 1.0 for value, _ in ticks)
+
+
+def test_a_fitted_camera_holds_the_bulk_and_fills_the_picture(cloud: PointCloud) -> None:
+    """Rationale: without a view of its own, a picture shows nearly all of what is near, and not from far away."""
+    camera = camera_for(cloud, shape=(1600, 800))
+    near = (cloud.status == 0) & (cloud.range_m < 30)
+    u, v, depth = camera.project(cloud.xyz_m[near].astype(float), width=1600, height=800)
+    ahead = depth > 1.0
+    inside = ahead & (u > 0) & (u < 1600) & (v > 0) & (v < 800)
+    assert inside.sum() > 0.9 * ahead.sum()
+    assert max(np.ptp(u[inside]) / 1600, np.ptp(v[inside]) / 800) > 0.85
 
 
 def test_other_suffix_and_bad_folder(cloud: PointCloud, tmp_path: Path) -> None:
@@ -246,7 +347,7 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(
     numbers = (np.arange(len(cloud)) % 4).astype(np.uint8)
     drawn: list[tuple[str, int]] = []
 
-    def noted(figure: Any, box: Any, cells: Any, shades: Any, *, labels: bool, name: str) -> None:
+    def noted(canvas: Any, box: Any, cells: Any, shades: Any, *, labels: bool, name: str) -> None:
         drawn.append((name, len(shades.rgb)))
         assert cells.point.max() < len(shades.rgb)
 

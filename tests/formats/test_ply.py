@@ -299,3 +299,20 @@ def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
 
     steps(10)  # the first of a process imports and caches
     assert 100 < steps(10_000) <= steps(10) + 10
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_colours_for_viewers(tmp_path: Path, ascii: bool) -> None:
+    """Reference: trimesh, which shows them; our own reader gives the same cloud as without them."""
+    import trimesh
+
+    cloud = small_cloud(9)
+    cloud.save(tmp_path / "c.ply", colour_by="class", ascii=ascii)
+    cloud.save(tmp_path / "p.ply", ascii=ascii)
+    shown = trimesh.load(tmp_path / "c.ply")
+    np.testing.assert_array_equal(shown.visual.vertex_colors[:, :3], cloud.colours("class"))
+    with_colours, plain = (PointCloud.load(tmp_path / name) for name in ("c.ply", "p.ply"))
+    for column in plain.columns:
+        np.testing.assert_array_equal(with_colours.column(column.name), plain.column(column.name))
+    with pytest.raises(InputError, match="this format has no colours; ply can have some"):
+        cloud.save(tmp_path / "c.npz", colour_by="class")

@@ -3,11 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from lidarscene.files.png import encoded
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
 from lidarscene.figures import lines, maps, pictures
+from lidarscene.figures.canvas import Canvas
 
 
 @pytest.fixture
@@ -59,6 +62,7 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         whole(Figure(figsize=(0.01, 0.01)), path, dpi=100, **kept)
 
     monkeypatch.setattr(Figure, "savefig", white)
+    monkeypatch.setattr(Canvas, "_png", lambda _, with_texts: encoded(np.full((1, 1, 3), 255, np.uint8)))
 
 
 @pytest.fixture

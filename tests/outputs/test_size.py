@@ -1,11 +1,15 @@
 """What a run of very many pulses will take is said before it begins, and how far it is, also in a log."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.command_line import Run
+from helpers.command_line import COARSE, Run
+from helpers.in_this_process import draw_nothing
 
+from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
 from lidarscene.outputs.size import in_words
 
@@ -73,6 +77,64 @@ def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     assert 60 < len(shown) < 120
     lines(28_800, 28_800)
     assert capsys.readouterr().err == ""
+
+
+def test_a_bar_on_a_terminal_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is there while the block lasts and told of each step; a log has none, and lines only if asked for."""
+    steps: list[Any] = []
+
+    @contextmanager
+    def bar(of: str, total: int) -> Iterator[Any]:
+        steps.append((of, total))
+        yield steps.append
+        steps.append("gone")
+
+    monkeypatch.setattr(terminal, "_bar", bar)
+    with terminal.progress("steps") as told:
+        told(0, 3)
+        told(3, 3)
+    assert steps == []
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with terminal.progress("steps") as told:
+        for done in range(3):
+            told(done, 3)
+    assert steps == [("steps", 3), 0, 1, 2, "gone"]
+    with terminal.progress("pulses", after_s=1e6) as told:
+        told(1, 3)
+    assert len(steps) == 5
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["compare", "fov", "paper", "render"])
+def test_long_commands_tell_how_far_they_are(
+    command: str, run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """From the first step to the last, on a terminal."""
+    draw_nothing(monkeypatch)
+    told: list[tuple[int, int]] = []
+
+    @contextmanager
+    def bar(of: str, total: int) -> Iterator[Any]:
+        yield lambda done: told.append((done, total))
+
+    monkeypatch.setattr(terminal, "_bar", bar)
+    monkeypatch.setattr(render, "PATIENCE_S", 0.0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    small = ("--time", "0.001,0.01", "--cell", "2")
+    options: dict[str, tuple[str, ...]] = {
+        "compare": (wall, "--sensors", "table1-apd,table1-sipm", *COARSE),
+        "fov": ("table1-apd", *small, *COARSE),
+        "paper": (),
+        "render": (wall, "--frames", "2", *COARSE),
+    }
+    assert run(command, *options[command], "-o", "out").code == 0
+    done, total = zip(*told, strict=True)
+    assert len(set(total)) == 1
+    assert list(done) == sorted(done)
+    assert done[-1] >= total[0] - 1
+    assert len(done) >= 2
 
 
 def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:

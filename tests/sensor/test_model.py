@@ -223,7 +223,7 @@ def test_samples_cover_the_received_pulse():
 
 def test_a_slow_amplifier_is_told():
     """In one line, for each response; 0.35 / 6 ns is 58.3 MHz."""
-    assert sensor("none", bandwidth_mhz=58.4).doubt is None
+    assert sensor("none", bandwidth_mhz=58.4).doubts == ()
     slow = sensor("none", bandwidth_mhz=50.0)
     with pytest.warns(OptionWarning) as noted:
         warn_of_doubts([slow, slow, sensor("gaussian", bandwidth_mhz=50.0), load_sensor("table1-apd")])

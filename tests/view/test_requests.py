@@ -12,7 +12,7 @@ from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.errors import InputError
 from lidarscene.view import serve
-from lidarscene.view.controls import Settings, _number
+from lidarscene.view.controls import Settings, number_of
 from lidarscene.view.serve import HOST, Server
 
 
@@ -23,7 +23,7 @@ class Nothing:
     frames = ("one",)
     asked = 0
 
-    def stage(self) -> bytes:
+    def stage(self, number: int | None = None) -> bytes:
         return b"stage"
 
     def frame(self, number: int) -> bytes:
@@ -135,7 +135,7 @@ def test_two_lengths_and_chunks(server: Server) -> None:
 @pytest.mark.parametrize("value", [10**400, -(10**400), "x" * 20_000, float("nan"), None, [], True])
 def test_numbers_that_are_none(value: object) -> None:
     with pytest.raises(InputError, match=r"^detector\.gain: must be a number, got ") as error:
-        _number("detector.gain", value)
+        number_of("detector.gain", value)
     assert len(str(error.value)) <= 1100
 
 

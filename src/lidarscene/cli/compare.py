@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..rendering.options import CHUNKS, SEEDS
 from .recordings.options import add_recording, is_recording
+from .terminal import progress
 from .words import pose, rising, whole
 
 if TYPE_CHECKING:
@@ -115,10 +116,11 @@ def _sensors(arguments: argparse.Namespace) -> str:
     bench = Bench(
         scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK
     )
-    return study.of_sensors(
-        bench, sensors, arguments.output, same_beams=bool(arguments.same_beams),
-        illuminances_klux=arguments.illuminance, as_json=arguments.json,
-    )  # fmt: skip
+    with progress("steps") as told:
+        return study.of_sensors(
+            bench, sensors, arguments.output, same_beams=bool(arguments.same_beams),
+            illuminances_klux=arguments.illuminance, as_json=arguments.json, progress=told,
+        )  # fmt: skip
 
 
 def _real(arguments: argparse.Namespace) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from .terminal import progress
 from .words import number, pose, rising
 
 if TYPE_CHECKING:
@@ -93,7 +94,16 @@ def fov_text(arguments: argparse.Namespace) -> str:
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
     study = Study(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
-    return write(arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json)
+    with progress("steps") as told:
+        return write(
+            arguments.output,
+            found,
+            study,
+            scene=scene,
+            vehicle=vehicle,
+            as_json=arguments.json,
+            progress=told,
+        )
 
 
 def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:

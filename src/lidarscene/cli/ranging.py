@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.options import Whole
-from .terminal import Answer
+from .terminal import Answer, progress
 from .words import number, whole
 
 if TYPE_CHECKING:
@@ -306,7 +306,8 @@ def paper_text(arguments: argparse.Namespace) -> str:
     """Run `paper`; returns what is printed."""
     from ..studies.paper import study as paper
 
-    return paper.write(arguments.output, as_json=arguments.json)
+    with progress("steps") as told:
+        return paper.write(arguments.output, as_json=arguments.json, progress=told)
 
 
 def _option(name: str) -> str:

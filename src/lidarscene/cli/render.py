@@ -8,9 +8,8 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from ..errors import InputError
 from ..outputs.options import FRAMES, Outputs
 from ..rendering.options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .outputs import add_output_options
-from .terminal import Lines
+from .terminal import progress
 from .words import number as seconds
 from .words import pose, whole
 
@@ -41,13 +40,13 @@ TRACE, FRAME = TraceOptions(), FrameOptions()
 TAKEN_EVERY = 16
 """Chunks after which `--profile` counts what has run: some 50 MB of kernels' texts. It waits for the device then."""
 
-LONG = 4_000_000
-"""Pulses that take more than a second: a terminal sees how far they are."""
+PATIENCE_S = 1.0
+"""A terminal sees how far a longer run is."""
 
 
 SAME = (
-    "format", "ascii", "labels", "dataset", "deskew", "merge", "picture", "range_image", "ambient", "waveforms",
-    "pulses",
+    "format", "ascii", "colours", "labels", "dataset", "deskew", "merge", "picture", "range_image", "ambient",
+    "waveforms", "pulses",
 )  # fmt: skip
 """Options of the command line that are fields of `Outputs` by the same name."""
 
@@ -80,8 +79,8 @@ def add_render(commands: Any) -> None:
         help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
         "a rig); positive pitch looks up")  # fmt: skip
     add("--frames", metavar="N", type=whole(FRAMES),
-        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one "
-        ".pcap of all of them")  # fmt: skip
+        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
+        "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)")  # fmt: skip
     add("--begin", metavar="S", type=seconds, default=FRAME.begin_s,
         help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add(
@@ -110,6 +109,11 @@ def add_render(commands: Any) -> None:
     add("--merge", action="store_true", help="one cloud of all sensors of the rig")
     add("--deskew", action="store_true",
         help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")  # fmt: skip
+    add(
+        "--colours",
+        metavar="COLUMN",
+        help="give points of a PLY file red, green and blue by a column, as intensity",
+    )
     add("--no-truth", action="store_true", help="leave the ground truth out")
     add("--ascii", action="store_true", help="write text instead of binary")
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
@@ -155,10 +159,10 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
     # `load_rig` applies the overrides itself: they may name one sensor of the rig.
     if arguments.rig is not None:
         sensor, of_sensor = load_rig(arguments.rig, overrides=of_sensor), ()
-    with _progress(history) as progress:
+    with _progress(history) as told:
         return record(
             arguments.scene, sensor, outputs=outputs, trace=trace, frame=frame, frames=arguments.frames,
-            overrides=of_sensor, scene_overrides=arguments.scene_overrides, progress=progress,
+            overrides=of_sensor, scene_overrides=arguments.scene_overrides, progress=told,
         )  # fmt: skip
 
 
@@ -168,10 +172,10 @@ def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHisto
 
     one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
     shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
-    if len(done.clouds) == 1:
+    if len(done.files) == 1 or len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
     profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)
-    return report.as_text(done.summary, shown) + profile
+    return report.as_text(done.summary, shown, done.surroundings[0]) + profile
 
 
 def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | None) -> str:
@@ -179,7 +183,7 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
     from ..outputs import report
 
     names = [{KEYS.get(key, key): str(path) for key, path in one.files.items()} for one in done.clouds]
-    told = report.as_dict(done.summary)
+    told = report.as_dict(done.summary) | {"scene": done.surroundings[0].as_dict()}
     if history is not None:
         told["profile"] = report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.
@@ -191,37 +195,13 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
 
 @contextmanager
 def _progress(history: KernelHistory | None) -> Iterator[Callable[[int, int], None]]:
-    """Who is told how far a run is: a bar on the terminal's error stream if it is long, or lines where that is a file,
-    and the count of kernels.
+    """Who is told how far a run is, and counts kernels: until Dr.Jit's history is taken it keeps the text of each."""
+    chunks = itertools.count(1)
+    with progress("pulses", after_s=PATIENCE_S, logged=True) as shown:
 
-    Until Dr.Jit's history is taken it keeps the text of every kernel.
-    """
-    chunks, shown = itertools.count(1), ExitStack()
-    bars: list[Callable[[int], None]] = []
-    lines = None if sys.stderr.isatty() else Lines("pulses")
+        def told(done: int, pulses: int) -> None:
+            shown(done, pulses)
+            if history is not None and next(chunks) % TAKEN_EVERY == 0:
+                history.take()
 
-    def told(done: int, pulses: int) -> None:
-        # Only where it is worth watching; the bar's package is loaded no earlier.
-        if pulses >= LONG and lines is not None:
-            lines(done, pulses)
-        elif pulses >= LONG and not bars:
-            bars.append(shown.enter_context(_bar(pulses)))
-        for bar in bars:
-            bar(done)
-        if history is not None and next(chunks) % TAKEN_EVERY == 0:
-            history.take()
-
-    with shown:
         yield told
-
-
-@contextmanager
-def _bar(pulses: int) -> Iterator[Callable[[int], None]]:
-    """A bar, which is gone at the end."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("tracing", total=pulses)
-        yield lambda done: bar.update(task, completed=done)

@@ -11,7 +11,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
@@ -113,6 +113,42 @@ class Lines:
             f"lidarscene: {done:,} of {total:,} {self._of} ({done / total:.1%}), some {left} left\n"
         )
         sys.stderr.flush()
+
+
+@contextmanager
+def progress(of: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Who is told that (done, total) of a run's steps are done: a bar on a terminal, gone at the end.
+
+    of       what is counted
+    after_s  a run that is shorter has no bar
+    logged   whether a log, in place of a terminal, has `Lines`
+    """
+    if not sys.stderr.isatty():
+        yield Lines(of) if logged else lambda done, total: None
+        return
+    since = time.monotonic()
+    bars: list[Callable[[int], None]] = []
+    with ExitStack() as shown:
+
+        def told(done: int, total: int) -> None:
+            if not bars and time.monotonic() - since >= after_s:
+                bars.append(shown.enter_context(_bar(of, total)))
+            for bar in bars:
+                bar(done)
+
+        yield told
+
+
+@contextmanager
+def _bar(of: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar; its package is loaded no earlier."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(of, total=total)
+        yield lambda done: bar.update(task, completed=done)
 
 
 @contextmanager

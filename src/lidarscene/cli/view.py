@@ -112,7 +112,8 @@ def _source(arguments: argparse.Namespace) -> Source:
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
         frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
-        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame)
+        named = str(scenes[0])
+        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, named=named)
     if arguments.pose is not None:
         raise InputError("--pose: goes with a scene that is rendered, not with clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)

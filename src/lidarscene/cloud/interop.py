@@ -17,6 +17,7 @@ from ..files.encodings.png import encoded
 from ..files.open3d import open3d
 from ..files.optional import optional
 from ..formats.columns import Cloud
+from ..maths.arrays import Numbers
 from .pixels import camera_for, coloured, lit, splat
 
 THUMBNAIL_PX = (720, 405)
@@ -43,13 +44,21 @@ def to_torch(cloud: Cloud) -> Any:
         return tensors | {c.name: torch.from_numpy(cloud.column(c.name)) for c in cloud.columns[3:]}
 
 
-def to_open3d(cloud: Cloud) -> Any:
-    """See `PointCloud.to_open3d`."""
+def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = False) -> Any:
+    """See `PointCloud.to_open3d`; ``colours`` are (n, 3) uint8."""
     module: Any = open3d()
+    parts = None if colours is None else colours.astype(np.float32) / np.float32(255.0)
+    if legacy:
+        old = module.geometry.PointCloud(module.utility.Vector3dVector(cloud.xyz_m.astype(np.float64)))
+        if parts is not None:
+            old.colors = module.utility.Vector3dVector(parts.astype(np.float64))
+        return old
     made = module.t.geometry.PointCloud()
     made.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
     for column in cloud.columns[3:]:
         made.point[column.name] = module.core.Tensor(np.array(cloud.column(column.name)[:, None]))
+    if parts is not None:
+        made.point["colors"] = module.core.Tensor(parts)
     return made
 
 

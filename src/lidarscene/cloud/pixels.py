@@ -8,6 +8,7 @@ view, azimuth by elevation, one cell a beam. Plain NumPy, no OpenGL: it runs whe
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,11 @@ Vector = tuple[float, float, float]
 NOTHING = -1
 """The index of a pixel that shows no point."""
 SAME_ANGLE_RAD = 2e-5
+SURFACE_PX = 3
+"""Pixels of the picture across one of the surfaces behind it."""
+FAINT = (0.35, 0.65)
+"""Brightness of a surface seen along itself, and what is added if it is seen square."""
+SURFACE_RGB = (41.0, 48.0, 62.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,13 +44,35 @@ class Camera:
         scale = np.float32(focal) / np.maximum(depth, np.float32(1e-3))
         return right * scale + np.float32(0.5 * width), down * scale + np.float32(0.5 * height), depth
 
+    def rays(self, width: int, height: int) -> tuple[Numbers, Numbers]:
+        """Unit vectors from the eye through the pixels' middles, and how much of each is depth, float32.
+
+        Of shapes (3, height width) and (height width,).
+        """
+        half = math.tan(0.5 * math.radians(self.fov_deg))
+        u = half * (2.0 * (np.arange(width) + 0.5) / width - 1.0)
+        v = half * (2.0 * (np.arange(height) + 0.5) - height) / width
+        across, along = (np.ravel(x) for x in np.meshgrid(u.astype(np.float32), v.astype(np.float32)))
+        ahead = 1.0 / np.sqrt(1.0 + across * across + along * along)
+        turned = self.axes.T.astype(np.float32) @ np.stack([across, along, np.ones_like(across)])
+        return turned * ahead, ahead
+
 
 def camera_for(
-    cloud: Cloud, *, eye_m: Vector | None = None, target_m: Vector | None = None, fov_deg: float = 60.0
+    cloud: Cloud,
+    *,
+    eye_m: Vector | None = None,
+    target_m: Vector | None = None,
+    fov_deg: float = 60.0,
+    shape: tuple[int, int] | None = None,
 ) -> Camera:
-    """A camera from eye to target, z up; what is not given follows from the echoes near the sensor."""
+    """A camera from eye to target, z up; what is not given follows from the echoes near the sensor.
+
+    shape  width and height of a picture that they are to fill, which turns the camera and chooses its angle
+    """
     sensor = cloud.sensor_position_m
-    reach, ahead, ground = _near_field(cloud.xyz_m[cloud.column("status") == 0] - sensor)
+    echoes_m = cloud.xyz_m[cloud.column("status") == 0] - sensor
+    reach, ahead, ground = _near_field(echoes_m)
     around = not ahead.any()
     back, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
     ahead = np.array([1.0, 0.0, 0.0]) if around else ahead
@@ -52,12 +80,35 @@ def camera_for(
     target = sensor + forward * reach * ahead + (0.0, 0.0, 0.5 * ground)
     eye = eye if eye_m is None else np.array(eye_m, np.float64)
     target = target if target_m is None else np.array(target_m, np.float64)
+    if shape is not None:
+        near = echoes_m[np.linalg.norm(echoes_m[:, :2], axis=1) <= 1.5 * reach]
+        target, fov_deg = _fitted(eye, target, near[:: max(len(near) // 20_000, 1)] + sensor, shape, fov_deg)
     look = target - eye
     right = np.cross(look, (0.0, 0.0, 1.0))
     if not 0 < fov_deg < 180 or not np.linalg.norm(right) > 1e-9 * np.linalg.norm(look):
         raise InputError(f"camera: eye {eye}, target {target}, {fov_deg} degrees: no view with z up")
     look, right = look / np.linalg.norm(look), right / np.linalg.norm(right)
     return Camera(eye_m=eye, axes=np.stack([right, np.cross(look, right), look]), fov_deg=fov_deg)
+
+
+def _fitted(
+    eye: Numbers, target: Numbers, xyz_m: Numbers, shape: tuple[int, int], fov_deg: float
+) -> tuple[Numbers, float]:
+    """Target and angle with which the bulk of the points fills a picture."""
+    for _ in range(3):
+        look = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(look, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        down = np.cross(look, right)
+        across, along, depth = np.stack([right, down, look]) @ (xyz_m - eye).T
+        ahead = depth > 1.0
+        if np.count_nonzero(ahead) < 10:
+            return target, fov_deg
+        u, v = (np.percentile(x[ahead] / depth[ahead], (1.0, 99.0)) for x in (across, along))
+        # The camera stays upright and does not look straight down.
+        target = eye + look + right * np.clip(u.mean(), -0.5, 0.5) + down * np.clip(v.mean(), -0.5, 0.5)
+    half = 1.05 * max(0.5 * float(np.ptp(u)), 0.5 * float(np.ptp(v)) * shape[0] / shape[1])
+    return target, float(np.clip(2.0 * np.degrees(np.arctan(half)), 25.0, 95.0))
 
 
 def _near_field(echoes_m: Numbers) -> tuple[float, Numbers, float]:
@@ -117,7 +168,11 @@ def _discs(front: Numbers, index: Numbers, u: Numbers, v: Numbers, radius: Numbe
 
 def coloured(point: Numbers, rgb: Numbers, *, nothing: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
-    return np.asarray(np.vstack([rgb, nothing]).astype(np.uint8)[point])  # NOTHING is the last index
+    palette = np.zeros((len(rgb) + 1, 4), np.uint8)
+    palette[:-1, :3], palette[-1, :3] = rgb, nothing
+    # Four bytes in one go: three times as fast as rows of three. NOTHING is the last index.
+    found = palette.view(np.uint32)[:, 0][point]
+    return np.asarray(found.view(np.uint8).reshape(*point.shape, 4)[..., :3])
 
 
 def lit(image: Numbers, depth_m: Numbers, *, reduction: int) -> Numbers:
@@ -126,13 +181,49 @@ def lit(image: Numbers, depth_m: Numbers, *, reduction: int) -> Numbers:
     Known as eye-dome lighting; image (height, width, 3) uint8, depth_m (height, width), inf where none.
     """
     offsets = [(i, j) for i in range(reduction) for j in range(reduction)]
-    mean = sum(image[i::reduction, j::reduction].astype(np.float32) for i, j in offsets) / len(offsets)
-    depth = np.log2(np.minimum.reduce([depth_m[i::reduction, j::reduction] for i, j in offsets]))
+    height, width = image.shape[0] // reduction, image.shape[1] // reduction
+    mean = np.zeros((height, width, 3), np.uint16)
+    for i, j in offsets:
+        mean += image[i::reduction, j::reduction]
+    depth = np.log2(nearest(depth_m, reduction))
     far = np.where(np.isfinite(depth), depth, np.float32(-100.0))
+    # Neighbours beyond the edge are those of the other side, as `roll` has them.
     shade = np.zeros(far.shape, np.float32)
     for shift in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         shade += np.clip(far - np.roll(depth, shift, axis=(0, 1)), 0.0, 0.5)
-    return np.asarray((mean * np.exp(np.float32(-1.6) * shade)[..., None]).astype(np.uint8))
+    dimmed = np.exp(np.float32(-1.6) * shade) / np.float32(len(offsets))
+    return np.asarray((mean * dimmed[..., None]).astype(np.uint8))
+
+
+def nearest(depth_m: Numbers, reduction: int) -> Numbers:
+    """The least depth in each square of so many pixels."""
+    parts = [depth_m[i::reduction, j::reduction] for i in range(reduction) for j in range(reduction)]
+    return np.asarray(np.minimum.reduce(parts))
+
+
+def surfaces_behind(
+    image: Numbers, bare: Numbers, camera: Camera, surfaces: Callable[[Camera, tuple[int, int]], Numbers]
+) -> Numbers:
+    """The image with surfaces drawn faintly where it is bare.
+
+    image     (height, width, 3) uint8
+    bare      (height, width) whether a pixel shows no point
+    surfaces  from a camera and a size to depths, (height, width) metres, infinite where there is nothing
+    """
+    height, width = bare.shape
+    small = -(-width // SURFACE_PX), -(-height // SURFACE_PX)
+    depth = surfaces(camera, small)
+    there = np.isfinite(depth)
+    if not there.any():
+        return image
+    # A surface is as bright as it faces the camera: its slope is that of the depth from pixel to pixel.
+    focal = np.float32(0.5 * small[0] / math.tan(0.5 * math.radians(camera.fov_deg)))
+    down, across = np.gradient(np.log(np.where(there, depth, np.float32(1e4))))
+    square = 1.0 / np.sqrt(1.0 + focal * focal * (down * down + across * across))
+    shade = np.where(there, FAINT[0] + FAINT[1] * square, 0.0)[..., None]
+    faint = (shade * np.array(SURFACE_RGB)).astype(np.uint8)
+    large = np.repeat(np.repeat(faint, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width]
+    return np.asarray(np.maximum(image, large * bare[..., None]))
 
 
 @dataclass(frozen=True, kw_only=True)

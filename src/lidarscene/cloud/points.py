@@ -15,6 +15,7 @@ import numpy as np
 
 from ..detection.outcomes import Status
 from ..errors import InputError
+from ..files import facts
 from ..formats.columns import (
     COLUMNS,
     MEASURED,
@@ -228,15 +229,34 @@ class PointCloud:
         xyz_m = self.sensor_place.inverse_apply(self.xyz_m.astype(np.float64)).astype(np.float32)
         return replace(self, xyz_m=xyz_m, metadata=metadata)
 
-    def save(self, path: str | os.PathLike[str], *, format: str | None = None, ascii: bool = False) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        format: str | None = None,
+        ascii: bool = False,
+        colour_by: str | None = None,
+    ) -> None:
         """Write a file of this format, or else of the one that the suffix names (`formats.registry`).
 
-        ascii  text instead of binary, where the format has both
+        ascii      text instead of binary, where the format has both
+        colour_by  a column by which points get red, green and blue, as pictures have them; of a PLY file
         """
         chosen = format_of(path, format)
+        if colour_by is not None and not chosen.colour:
+            raise InputError(f"{os.fspath(path)}: this format has no colours; ply can have some")
         if ascii and not chosen.text:
             raise InputError(f"{os.fspath(path)}: this format is not text; ply and pcd can be")
-        chosen.write(path, self, **({"ascii": True} if ascii else {}))
+        options: dict[str, Any] = {"ascii": True} if ascii else {}
+        if colour_by is not None:
+            options["colours"] = self.colours(colour_by)
+        chosen.write(path, self, **options)
+
+    def colours(self, column: str = "intensity") -> Numbers:
+        """(n, 3) uint8 red, green and blue of the points by a column, as pictures have them."""
+        from .shades import Shades
+
+        return np.asarray(Shades(self, column).rgb)
 
     @staticmethod
     def load(path: str | os.PathLike[str], *, format: str | None = None) -> PointCloud:
@@ -277,14 +297,20 @@ class PointCloud:
 
         return to_torch(self)
 
-    def to_open3d(self) -> Any:
+    def to_open3d(self, *, colour_by: str | None = None, legacy: bool = False) -> Any:
         """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute.
 
+        colour_by  a column by which points are coloured, as in pictures; None: no colours
+        legacy     an open3d.geometry.PointCloud instead, which has positions and colours alone
         Raises LidarSceneError, with what to install, where Open3D cannot be imported.
         """
         from .interop import to_open3d
 
-        return to_open3d(self)
+        return to_open3d(self, colours=None if colour_by is None else self.colours(colour_by), legacy=legacy)
+
+    def show(self, **options: Any) -> Any:
+        """The cloud in a notebook, to be turned, coloured and clicked: `lidarscene.show`, with its options."""
+        return facts.shown(self, **options)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

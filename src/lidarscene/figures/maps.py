@@ -86,6 +86,34 @@ def save_pattern(
     save_drawn(path, draw, title, _height(extent))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layer:
+    """The pulses of one sensor among others; ``colour`` is a number of `lines.COLOURS`."""
+
+    label: str
+    colour: int
+    azimuth_deg: Numbers
+    elevation_deg: Numbers
+
+
+def save_layers(
+    path: str | os.PathLike[str], layers: Sequence[Layer], *, extent: tuple[float, float, float, float], title: str
+) -> None:  # fmt: skip
+    """Pulses of several sensors over azimuth and elevation, the first at the bottom. Raises OutputError."""
+
+    def draw(figure: Any, axes: Any) -> None:
+        for layer in layers:
+            axes.scatter(
+                layer.azimuth_deg, layer.elevation_deg, color=COLOURS[layer.colour % len(COLOURS)], linewidths=0,
+                rasterized=True, s=float(np.clip(60_000.0 / max(len(layer.azimuth_deg), 1), 0.6, 9.0)),
+            )  # fmt: skip
+            axes.scatter([], [], color=COLOURS[layer.colour % len(COLOURS)], s=24, label=layer.label)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8)
+        _angles(axes, extent)
+
+    save_drawn(path, draw, title, _height(extent))
+
+
 def save_ground(
     path: str | os.PathLike[str], count: Numbers, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
     title: str,

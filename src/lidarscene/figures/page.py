@@ -9,7 +9,8 @@ import base64
 import csv
 import html
 import io
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ _STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; max-width: 62rem;
   margin: 2rem auto; padding: 0 1rem; }
+body.wide { max-width: 84rem; } body.wide p { max-width: 62rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.5rem; }
 figure { margin: 2rem 0; } figure img { width: 100%; max-width: 46rem; height: auto; }
 figcaption { color: #444; max-width: 46rem; }
@@ -28,7 +30,7 @@ table { border-collapse: collapse; width: 100%; font-size: .92rem; }
 th, td { text-align: left; vertical-align: top; padding: .4rem .7rem .4rem 0; border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #1a1a1a; } td:first-child { min-width: 6rem; }
 a { color: #0072b2; }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 0 1rem; }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); gap: 0 1.5rem; }
 .row figure { margin: 1rem 0; }
 """
 
@@ -41,10 +43,12 @@ class Page:
 
     folder  of the figures, which are then embedded in the HTML, so that it can be sent alone; None: the HTML links to
             the files beside it
+    columns  whether figures that follow each other stand side by side, where there is room
     """
 
     title: str
     folder: Path | None = None
+    columns: bool = False
     markdown: list[str] = field(default_factory=list)
     body: list[str] = field(default_factory=list)
 
@@ -111,14 +115,22 @@ class Page:
         """The page in Markdown."""
         return "\n\n".join([f"# {_escaped(self.title)}", *self.markdown]) + "\n"
 
+    def _blocks(self) -> Iterator[str]:
+        """The HTML of all blocks, figures in rows if they are to be."""
+        for is_figure, blocks in itertools.groupby(self.body, lambda block: block.startswith("<figure>")):
+            if is_figure and self.columns:
+                yield f'<div class="row">{"".join(blocks)}</div>'
+            else:
+                yield from blocks
+
     def as_html(self) -> str:
         """The page in HTML, including its style."""
-        title = html.escape(self.title)
+        title, wide = html.escape(self.title), ' class="wide"' if self.columns else ""
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n"
-            + "\n".join(self.body)
+            f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body{wide}>\n<h1>{title}</h1>\n"
+            + "\n".join(self._blocks())
             + "\n</body>\n</html>\n"
         )
 

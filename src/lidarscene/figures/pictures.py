@@ -1,37 +1,40 @@
 """Pictures: a PointCloud in, a PNG or SVG file out.
 
-Points are drawn by our own rasteriser (`lidarscene.cloud.pixels`), because a million markers are too slow in
-matplotlib, which only adds title, axes and scale. It is imported when called.
+Points are drawn by our own rasteriser (`lidarscene.cloud.pixels`) on a `Canvas`. Title and scale stand above the
+points, never on them. Where the surfaces are known, they are drawn faintly behind the points.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, splat
+from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, nearest, splat, surfaces_behind
 from ..cloud.points import PointCloud
+from ..cloud.scales import Scale, scale_of
+from ..cloud.shades import Shades, rgb
 from ..cloud.thinning import Thinned
-from ..errors import InputError
-from ..files.atomic import atomic_output
-from ..formats.columns import COLUMNS, STATUS_NAMES
 from ..maths.arrays import Numbers
 from ..scene.model import View
+from .canvas import Canvas
 
-Box = tuple[float, float, float, float]  # left, bottom, width, height, as parts of the figure
+Box = tuple[int, int, int, int]  # left, top, width, height in pixels
 
 BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
-PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
-           "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
-NO_SURFACE = "#6b7280"
-ROUND_RANGES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-LOGARITHMIC = ("intensity", "snr")
-DPI = 200  # of a picture 1920 pixels wide
 SUPERSAMPLING = 2
 MOST_STRIPS = 3
+HEAD, FOOT, LEFT, RIGHT, STRIP = 84, 76, 110, 150, 250
+"""Heights of title and lowest axis, margins of range images, and their height, of a picture 1920 pixels wide."""
+
+LARGE, MEDIUM, SMALL = 27.0, 21.0, 18.0
+"""Sizes of the texts there."""
+
+Surfaces = Callable[[Camera, tuple[int, int]], Numbers]
+"""From a camera in the coordinates of the points, and a size, to the depth of the surface in each pixel, metres, of
+shape (height, width); infinite where there is none."""
 
 
 def perspective_picture(
@@ -42,17 +45,20 @@ def perspective_picture(
     view: View | None = None,
     highlight_false_alarms: bool = True,
     size_px: tuple[int, int] = (1920, 1080),
+    scale: tuple[float, float] | None = None,
 ) -> None:
     """Draw the cloud as the camera ``view`` sees it, which is in the coordinates of the points.
 
-    Without one: from above and behind the sensor, towards what is near.
+    view   without one: from above and behind the sensor, towards what is near
+    scale  lowest and highest value of the colours (`common_scale`); None: those of this cloud
     """
-    figure, whole = _figure(size_px), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
     cloud = whole.cloud()
-    camera = _camera(cloud, view)
-    shades = _Shades(cloud, colour_by)
-    _draw_perspective(figure, (0.0, 0.0, 1.0, 1.0), whole, shades, camera, alarms=highlight_false_alarms)
-    _save(figure, path)
+    shades = Shades(cloud, colour_by, limits=scale)
+    head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
+    box = (0, head, size_px[0], max(size_px[1] - head, 1))
+    _draw_perspective(canvas, box, cloud, shades, view, alarms=highlight_false_alarms)
+    canvas.save(path)
 
 
 def range_image(
@@ -63,12 +69,13 @@ def range_image(
     size_px: tuple[int, int] = (1920, 640),
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
-    figure, whole = _figure(size_px), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
     cloud = whole.cloud()
-    box = (0.06, 0.17, 0.84, 0.68)
-    _draw_range_image(figure, box, cells_of(cloud), _Shades(cloud, colour_by), labels=True)
-    _title(figure, whole)
-    _save(figure, path)
+    shades, unit = Shades(cloud, colour_by), canvas.unit
+    head = _head(canvas, whole, None, alarms=False)
+    box = _strip_box(size_px[0], head, size_px[1] - head - FOOT * unit, unit)
+    _draw_range_image(canvas, box, cells_of(cloud), shades, labels=True)
+    canvas.save(path)
 
 
 def frame_picture(
@@ -79,11 +86,12 @@ def frame_picture(
     view: View | None = None,
     strips: tuple[str, ...] = ("range", "intensity"),
     size_px: tuple[int, int] = (1920, 1600),
+    surfaces: Surfaces | None = None,
 ) -> None:
     """Draw the perspective on top, and below it a range image for each column in ``strips``.
 
     A cloud of several sensors has one range image for each sensor instead, as far as there is room. Of very many
-    points every k-th is drawn (`cloud.thinning.Thinned`), and the title says so.
+    points every k-th is drawn (`cloud.thinning.Thinned`), and the title says so. ``surfaces`` are drawn faintly.
     """
     whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
     cloud = whole.cloud()
@@ -91,25 +99,40 @@ def frame_picture(
     images = [(cloud, name, "") for name in strips] if len(parts) < 2 else [
         (part, "range", label) for label, part in parts[:MOST_STRIPS]
     ]  # fmt: skip
-    figure = _figure(size_px)
-    strip, foot = 0.165, 0.055 if images else 0.0
-    rest = foot + strip * len(images)
-    shades = _Shades(cloud, colour_by)
-    camera = _camera(cloud, view)
-    _draw_perspective(figure, (0.0, rest, 1.0, 1.0 - rest), whole, shades, camera, alarms=True)
+    canvas = Canvas(size_px, BACKGROUND)
+    width, height = size_px
+    strip, foot = STRIP / 1600 * height, FOOT * canvas.unit if images else 0.0
+    shades = Shades(cloud, colour_by)
+    head = _head(canvas, whole, shades, alarms=True)
+    rest = round(foot + strip * len(images))
+    box = (0, head, width, max(height - head - rest, 1))
+    _draw_perspective(canvas, box, cloud, shades, view, alarms=True, surfaces=surfaces)
     own_axes = len(parts) > 1  # sensors look in different directions, so their strips share no axis
     for i, (part, name, label) in enumerate(reversed(images)):
-        box = (0.06, foot + i * strip, 0.84, (0.72 if own_axes else 0.86) * strip)
-        _draw_range_image(
-            figure, box, cells_of(part), _Shades(part, name), labels=own_axes or i == 0, name=label
-        )
-    _save(figure, path)
+        below = foot + i * strip
+        high = (0.68 if own_axes else 0.88) * strip
+        box = _strip_box(width, height - below - high, high, canvas.unit)
+        last = own_axes or i == 0
+        _draw_range_image(canvas, box, cells_of(part), Shades(part, name), labels=last, name=label)
+    canvas.save(path)
 
 
-def _camera(cloud: PointCloud, view: View | None) -> Camera:
+def common_scale(clouds: Sequence[PointCloud], name: str) -> tuple[float, float]:
+    """Lowest and highest value of the colours that suit a column of all these clouds."""
+    scale = scale_of(name, np.concatenate([np.asarray(one.column(name)) for one in clouds]))
+    return scale.low, scale.high
+
+
+def _strip_box(width: int, top: float, height: float, unit: float) -> Box:
+    """Of a range image between its axis and its scale."""
+    left, right = round(LEFT * unit), round(RIGHT * unit)
+    return left, round(top), max(width - left - right, 1), max(round(height), 1)
+
+
+def _camera(cloud: PointCloud, view: View | None, size: tuple[int, int]) -> Camera:
     """The camera of a view; without one, what is near decides."""
     if view is None:
-        return camera_for(cloud)
+        return camera_for(cloud, shape=size)
     return camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
 
 
@@ -120,243 +143,143 @@ def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
     ]
 
 
-class _Shades:
-    """Colour of each point for one column, and the scale that explains it.
-
-    rgb    (n, 3) uint8
-    kinds  (label, colour) of each category, most frequent first; empty for a quantity
-    """
-
-    def __init__(self, cloud: PointCloud, name: str) -> None:
-        from matplotlib import colors
-
-        self.name = name
-        values = np.asarray(cloud.column(name))
-        units = {c.name: c.unit for c in COLUMNS}
-        unit = cloud.metadata.get(f"{name}_unit", units[name])
-        self.kinds: list[tuple[str, str]] = []
-        if (names := _category_names(cloud, name)) is not None:
-            values = self._sort_kinds(values, names)
-            palette = [colour for _, colour in self.kinds] or [NO_SURFACE]
-            self.map: Any = colors.ListedColormap(palette)
-            self.norm: Any = colors.Normalize(-0.5, len(palette) - 0.5)
-        else:
-            if unit == "rad":
-                values, unit = np.degrees(values), "°"
-            elif name == "pulse_width":
-                values, unit = 1e9 * values, "ns"
-            self.map = _colour_map(name)
-            self.norm = _norm(values, name)
-        self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
-        finite = np.isfinite(values)
-        colours = self.map(np.asarray(self.norm(np.where(finite, values, 1.0))), bytes=True)[:, :3]
-        self.rgb = np.where(finite[:, None], colours, _rgb(NO_SURFACE))
-
-    def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
-        """Number the categories by frequency; all beyond the palette share one colour."""
-        found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
-        order = np.argsort(-counts, kind="stable")
-        rank = np.argsort(order, kind="stable")
-        colours = iter(PALETTE)
-        for value in found[order][: len(PALETTE)].tolist():
-            colour = NO_SURFACE if value < 0 else next(colours)
-            self.kinds.append(("none" if value < 0 else names.get(value, str(value)), colour))
-        if len(found) > len(PALETTE):
-            self.kinds.append((f"{len(found) - len(PALETTE)} more", "#e5e7eb"))
-        return np.asarray(np.minimum(rank[inverse], len(PALETTE)), dtype=np.float64)
-
-
-def _category_names(cloud: PointCloud, name: str) -> dict[int, str] | None:
-    """Names by value for a column of categories, None for a quantity."""
-    tables = {
-        "status": STATUS_NAMES,
-        "in_shadow": ("lit", "in shadow"),
-        "body": cloud.body_names,
-        "sensor_index": cloud.sensor_names,
-    }
-    tables |= {"class": cloud.class_names, "material": cloud.material_names}
-    tables |= {
-        "interactions": ("direct", "after one", "after two", "after three"),
-        "ghost": ("in its place", "ghost"),
-    }
-    tables |= {"return_number": ("none", "first", "second", "third")}
-    return dict(enumerate(tables[name])) if name in tables else None
-
-
-def _colour_map(name: str) -> Any:
-    """A perceptual colour map without its dark end, which would vanish on the dark background."""
-    import matplotlib as mpl
-    from matplotlib import colors
-
-    chosen = {"range": ("turbo_r", 0.06, 0.94), "true_range": ("turbo_r", 0.06, 0.94)}
-    chosen |= dict.fromkeys(LOGARITHMIC, ("inferno", 0.3, 1.0))
-    base, low, high = chosen.get(name, ("viridis", 0.12, 1.0))
-    return colors.ListedColormap(mpl.colormaps[base](np.linspace(low, high, 256)))
-
-
-def _norm(values: Numbers, name: str) -> Any:
-    """Scale from the 1st to the 99th percentile: logarithmic for powers, with more contrast at near ranges."""
-    from matplotlib import colors
-
-    usable = values[np.isfinite(values)]
-    if name in LOGARITHMIC:
-        usable = usable[usable > 0]
-    low, high = np.percentile(usable, (1, 99)).tolist() if len(usable) else (0.1, 1.0)
-    if name.endswith("probability"):
-        low, high = 0.0, 1.0
-    if name in LOGARITHMIC:
-        return colors.LogNorm(low, max(high, low * 1.01), clip=True)
-    gamma = 0.5 if name.endswith("range") else 1.0
-    return colors.PowerNorm(gamma, low, high if high > low else low + 1.0, clip=True)
-
-
 def _draw_perspective(
-    figure: Any, box: Box, whole: Thinned, shades: _Shades, camera: Camera, *, alarms: bool
-) -> None:
-    """The perspective in this box of the figure, with title and scale."""
-    left, bottom, width, height = box
-    cloud = whole.cloud()
-    pixels = [SUPERSAMPLING * n for n in _pixels(figure, box)]
-    rgb, large = shades.rgb, np.zeros(len(cloud), bool)
+    canvas: Canvas, box: Box, cloud: PointCloud, shades: Shades, view: View | None, *, alarms: bool,
+    surfaces: Surfaces | None = None,
+) -> None:  # fmt: skip
+    """The perspective in this box."""
+    left, top, width, height = box
+    camera = _camera(cloud, view, (width, height))
+    size = SUPERSAMPLING * width, SUPERSAMPLING * height
+    colours, large = shades.rgb, np.zeros(len(cloud), bool)
     if alarms and shades.name != "status":
         large = cloud.status == 1
-        rgb = np.where(large[:, None], _rgb(ALARM), rgb)
-    front, depth_m = splat(camera, cloud.xyz_m, size=(pixels[0], pixels[1]), large=large)
-    _show(figure, box, lit(coloured(front, rgb, nothing=_rgb(BACKGROUND)), depth_m, reduction=SUPERSAMPLING))
-    _title(figure, whole)
-    if large.any():
-        figure.text(0.975, 0.975, "●  false alarm", color=ALARM, fontsize=7.5, ha="right", va="top")
-    if shades.kinds:
-        _legend(figure, shades, (left + 0.025, bottom + 0.04 * height, width, 0.8 * height))
-    elif len(cloud):
-        _panel(figure, (left + 0.015, bottom + 0.02 * height, 0.24 * width, 0.11 * height))
-        bar = (left + 0.025, bottom + 0.095 * height, 0.22 * width, 0.016 * height)
-        _scale(figure, bar, shades, "horizontal")
-    else:
-        figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=16, ha="center")
+        if large.any():
+            colours = np.where(large[:, None], rgb(ALARM), colours)
+    front, depth_m = splat(camera, cloud.xyz_m, size=size, large=large)
+    image = lit(coloured(front, colours, nothing=rgb(BACKGROUND)), depth_m, reduction=SUPERSAMPLING)
+    if surfaces is not None:
+        image = surfaces_behind(image, ~np.isfinite(nearest(depth_m, SUPERSAMPLING)), camera, surfaces)
+    canvas.show(image, left, top)
+    if not len(cloud):
+        canvas.text(left + width / 2, top + height / 2, "no points", 44.0, INK, anchor="mm")
 
 
 def _draw_range_image(
-    figure: Any, box: Box, cells: Cells, shades: _Shades, *, labels: bool, name: str = ""
+    canvas: Canvas, box: Box, cells: Cells, shades: Shades, *, labels: bool, name: str = ""
 ) -> None:
-    """One range image in this box of the figure, with axes in degrees and a scale."""
-    left, bottom, width, height = box
-    image = coloured(cells.image(size=_pixels(figure, box)), shades.rgb, nothing=_rgb(MISSING))
+    """One range image in this box, with axes in degrees and a scale."""
+    left, top, width, height = box
+    unit = canvas.unit
+    canvas.show(coloured(cells.image(size=(width, height)), shades.rgb, nothing=rgb(MISSING)), left, top)
     x, y = cells.azimuth_deg, cells.elevation_deg
-    axes = _show(figure, box, image, extent=(x[-1], x[0], y[0], y[-1]))
-    axes.set_axis_on()
-    axes.tick_params(colors=INK, labelsize=6, length=2, labelbottom=labels)
-    axes.set_ylabel(f"{name}\nelevation [°]".lstrip(), color=INK, fontsize=6.5, parse_math=False)
+    for value in _ticks(float(y[0]), float(y[-1]), max(round(height / (44 * unit)), 2)):
+        at = top + height * (y[-1] - value) / (y[-1] - y[0])
+        canvas.fill(left - 6 * unit, at, 6 * unit, unit, INK)
+        canvas.text(
+            left - 10 * unit, at, f"{value:g}".replace("-", "\N{MINUS SIGN}"), SMALL, INK, anchor="rm"
+        )
+    for value in _ticks(float(x[0]), float(x[-1]), 8):
+        at = left + width * (x[-1] - value) / (x[-1] - x[0])
+        canvas.fill(at, top + height, unit, 6 * unit, INK)
+        if labels:
+            told = f"{value:g}".replace("-", "\N{MINUS SIGN}")
+            canvas.text(at, top + height + 20 * unit, told, SMALL, INK, anchor="mm")
     if labels:
-        axes.set_xlabel("azimuth [°]  (left is positive)", color=INK, fontsize=6.5)
-    if shades.kinds:
-        _legend(figure, shades, (left + width + 0.012, bottom, 0.1, height))
-    elif len(shades.rgb):
-        _scale(figure, (left + width + 0.012, bottom, 0.010, height), shades, "vertical")
+        below = top + height + 50 * unit
+        canvas.text(left + width / 2, below, "azimuth [°]  (left is positive)", SMALL, INK, anchor="mm")
+    middle = top + height / 2
+    if name:
+        canvas.text(20 * unit, middle, name, SMALL, INK, anchor="mm", upright=True)
+    canvas.text((48 if name else 34) * unit, middle, "elevation [°]", SMALL, INK, anchor="mm", upright=True)
+    if not len(shades.rgb):
+        canvas.text(left + width / 2, middle, "no points", 25.0, INK, anchor="mm")
+    elif shades.scale is None:
+        line = 24 * unit
+        for i, (label, colour) in enumerate(shades.kinds[: max(int(height / line), 1)]):
+            at = top + (i + 0.5) * line
+            canvas.fill(left + width + 12 * unit, at - 5 * unit, 10 * unit, 10 * unit, colour)
+            canvas.text(left + width + 28 * unit, at, _short(label, 10), SMALL, INK)
     else:
-        figure.text(left + width / 2, bottom + height / 2, "no points", color=INK, fontsize=9, ha="center")
+        bar = left + width + 18 * unit
+        parts = (np.arange(height)[::-1] + 0.5) / height
+        canvas.show(
+            np.repeat(shades.scale.table(parts)[:, None], max(round(18 * unit), 1), axis=1), round(bar), top
+        )
+        for value, told in shades.scale.ticks(max(round(height / (40 * unit)), 2)):
+            at = top + height * (1.0 - shades.scale.part(value))
+            canvas.text(bar + 24 * unit, at, told, SMALL, INK)
+        canvas.text(left + width + 128 * unit, middle, shades.label, SMALL, INK, anchor="mm", upright=True)
 
 
-def _rgb(colour: str) -> Numbers:
-    """(3,) uint8 of "#rrggbb"."""
-    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
+def _ticks(low: float, high: float, most: int) -> list[float]:
+    """Round values between two, some ``most`` of them."""
+    step = next(s for s in _STEPS_DEG if (high - low) / s <= most or s == _STEPS_DEG[-1])
+    return [n * step for n in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
-def _figure(size_px: tuple[int, int]) -> Any:
-    """An empty dark figure of this size; text scales with the width."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    width, height = size_px
-    dpi = DPI * width / 1920
-    figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor=BACKGROUND)
-    FigureCanvasAgg(figure)
-    return figure
+_STEPS_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 90.0)
 
 
-def _pixels(figure: Any, box: Box) -> tuple[int, int]:
-    """Width and height of this box of the figure, in pixels."""
-    width, height = figure.get_size_inches() * figure.dpi
-    return max(round(width * box[2]), 1), max(round(height * box[3]), 1)
+def _short(label: str, most: int) -> str:
+    return label if len(label) <= most else f"{label[: most - 1]}…"
 
 
-def _show(figure: Any, box: Box, image: Numbers, **options: Any) -> Any:
-    """Put the image in this box, pixel by pixel; returns its axes, which are off."""
-    axes = figure.add_axes(box)
-    axes.imshow(image, aspect="auto", interpolation="none", **options)
-    axes.set_axis_off()
-    axes.spines[:].set_visible(False)
-    return axes
-
-
-def _title(figure: Any, whole: Thinned) -> None:
-    """Names of scene and sensor, and the number of points."""
+def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool) -> int:
+    """Names of scene and sensor, the number of points, and what colours mean, above everything; its height."""
+    unit = canvas.unit
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
     named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}
-    counts = [
-        f"{count:,} {name}".replace(",", "\u202f")
-        for name, count in numbers.items()
-        if count or name == "points"
-    ]
-    if whole.step > 1:
-        counts.append(f"1 in {whole.step} drawn")
-    box = {"facecolor": BACKGROUND, "alpha": 0.7, "edgecolor": "none", "pad": 2.5}
-    options = {"color": INK, "ha": "left", "va": "top", "parse_math": False, "bbox": box}
     title = "  ·  ".join(filter(None, named)) or "lidarscene"
-    figure.text(0.025, 0.975, title, fontsize=10, weight="bold", **options)
-    y = 0.975 - 0.21 / figure.get_size_inches()[1]
-    figure.text(0.025, y, "  ·  ".join(c for c in counts if c), fontsize=7.5, **options)
+    canvas.text(30 * unit, 28 * unit, title, LARGE, INK, bold=True)
+    numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}
+    at = 30 * unit
+    for name, count in numbers.items():
+        if not count and name != "points":
+            continue
+        if name == "false alarms" and alarms and shades is not None and shades.name != "status":
+            canvas.fill(at, 56 * unit, 11 * unit, 11 * unit, ALARM)
+            at += 20 * unit
+        told = f"{count:,} {name if count != 1 else name.replace('alarms', 'alarm')}".replace(",", "\u202f")
+        canvas.text(at, 62 * unit, told, MEDIUM, INK)
+        at += canvas.length(told, MEDIUM) + 28 * unit
+    if whole.step > 1:
+        canvas.text(at, 62 * unit, f"1 in {whole.step} drawn", MEDIUM, INK)
+        at += canvas.length(f"1 in {whole.step} drawn", MEDIUM) + 28 * unit
+    at = max(at, 30 * unit + canvas.length(title, LARGE, bold=True) + 28 * unit)
+    if shades is not None and shades.scale is not None and len(shades.rgb):
+        _bar(canvas, shades.scale, shades.label)
+    elif shades is not None:
+        _legend(canvas, shades.kinds, at)
+    return round(HEAD * unit)
 
 
-def _scale(figure: Any, box: Box, shades: _Shades, orientation: str) -> None:
-    """A small colour bar with quantity and unit."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.ticker import NullLocator
-
-    mappable = ScalarMappable(norm=shades.norm, cmap=shades.map)
-    bar = figure.colorbar(mappable, cax=figure.add_axes(box, zorder=2), orientation=orientation)
-    low, high = shades.norm.vmin, shades.norm.vmax
-    ticks = ROUND_RANGES_M if shades.name.endswith("range") else bar.get_ticks()
-    if (
-        shades.name in LOGARITHMIC and high < 30.0 * low
-    ):  # few powers of ten, so 1, 2 and 5 of each, written out
-        decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
-        ticks = np.outer(decades, (1.0, 2.0, 5.0)).ravel()
-        bar.formatter, bar.minorlocator = (lambda value, _: f"{value:g}"), NullLocator()
-    bar.set_ticks([t for t in ticks if low <= t <= high])
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(colors=INK, labelsize=6, length=2, which="both")
-    bar.set_label(shades.label, color=INK, fontsize=6.5 if orientation == "vertical" else 7.5)
+def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
+    """A colour bar at the right of the head."""
+    unit, width = canvas.unit, canvas.image.shape[1]
+    long = round(480 * unit)
+    left, top = width - long - round(50 * unit), round(20 * unit)
+    parts = (np.arange(long) + 0.5) / long
+    canvas.show(np.repeat(scale.table(parts)[None], max(round(16 * unit), 1), axis=0), left, top)
+    canvas.text(left - 16 * unit, top + 8 * unit, label, MEDIUM, INK, anchor="rm")
+    for value, told in scale.ticks(7):
+        at = left + long * scale.part(value)
+        canvas.fill(at, top + 17 * unit, unit, 6 * unit, INK)
+        canvas.text(at, top + 36 * unit, told, SMALL, INK, anchor="mm")
 
 
-def _legend(figure: Any, shades: _Shades, box: Box) -> None:
-    """The categories, one line each, most frequent first, as many as fit."""
-    line = 0.135 / figure.get_size_inches()[1]
-    kinds = shades.kinds[: max(round(box[3] / line), 2)]
-    if len(kinds) < len(shades.kinds):
-        kinds[-1] = (f"{len(shades.kinds) - len(kinds) + 1} more", INK)
-    shorts = [label if len(label) <= 24 else label[:23] + "…" for label, _ in kinds]
-    x, y, width = box[0], box[1], 0.03 + 0.0068 * max(map(len, shorts))
-    _panel(figure, (x - 0.008, y - 0.6 * line, width, (len(kinds) + 0.7) * line))
-    for i, (short, (_, colour)) in enumerate(zip(shorts[::-1], kinds[::-1], strict=True)):
-        figure.text(x, y + i * line, "●", color=colour, fontsize=7)
-        figure.text(x + 0.014, y + i * line, short, color=INK, fontsize=6.5, parse_math=False)
-
-
-def _panel(figure: Any, box: Box) -> None:
-    """A dark, half-transparent rectangle under text that lies over points."""
-    from matplotlib.patches import Rectangle
-
-    veil = Rectangle(box[:2], *box[2:], transform=figure.transFigure, color=BACKGROUND, alpha=0.7, lw=0)
-    figure.add_artist(veil)
-
-
-def _save(figure: Any, path: str | os.PathLike[str]) -> None:
-    """Write the format of the suffix, atomically."""
-    kind = Path(path).suffix.lower().lstrip(".")
-    if kind not in ("png", "svg"):
-        raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
-    options = {"metadata": {"Date": None}} if kind == "svg" else {}
-    with atomic_output(path) as temporary:
-        figure.savefig(temporary, format=kind, facecolor=BACKGROUND, **options)
+def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> None:
+    """The categories in three lines at the right of the head, most frequent first, as many as fit."""
+    unit, width = canvas.unit, canvas.image.shape[1]
+    shorts = [(_short(label, 24), colour) for label, colour in kinds]
+    wide = max((canvas.length(label, SMALL) for label, _ in shorts), default=0.0) + 48 * unit
+    columns = max(int((width - left - 20 * unit) / wide), 1)
+    shown = shorts[: 3 * columns]
+    if len(shown) < len(shorts):
+        shown[-1] = (f"{len(shorts) - len(shown) + 1} more", INK)
+    used = -(-len(shown) // 3)
+    for number, (label, colour) in enumerate(shown):
+        x = width - 20 * unit - (used - number // 3) * wide
+        y = (20 + 23 * (number % 3)) * unit
+        canvas.fill(x, y - 6 * unit, 12 * unit, 12 * unit, colour)
+        canvas.text(x + 20 * unit, y, label, SMALL, INK)

@@ -6,7 +6,8 @@ Scenes and sensors hold arrays of millions of numbers, which nobody wants printe
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 
 def line(kind: str, name: str, facts: Mapping[str, str]) -> str:
@@ -18,3 +19,17 @@ def table(kind: str, name: str, facts: Mapping[str, str]) -> str:
     """The same as HTML."""
     rows = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in facts.items())
     return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"
+
+
+_VIEWERS: list[Callable[..., Any]] = []
+"""Who shows clouds and scenes. They stand above all that can be shown, so they say themselves that they are there."""
+
+
+def show_with(viewer: Callable[..., Any]) -> None:
+    """Let `shown` call this one; `lidarscene` itself does so."""
+    _VIEWERS[:] = [viewer]
+
+
+def shown(thing: object, **options: Any) -> Any:
+    """What the viewer makes of a cloud or a scene."""
+    return _VIEWERS[0](thing, **options)

@@ -37,13 +37,19 @@ BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
 COUNT_DIGITS = 18
+RGB = ("red", "green", "blue")
 _NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
-def write_ply(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False) -> None:
-    """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block."""
-    with ply_stream(path, ascii=ascii) as append:
+def write_ply(
+    path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, colours: Numbers | None = None
+) -> None:
+    """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block.
+
+    colours  (n, 3) uint8: red, green and blue of each point, which viewers show; reading leaves them out
+    """
+    with _stream(path, ascii=ascii, colours=colours) as append:
         append(cloud)
 
 
@@ -51,13 +57,21 @@ def ply_stream(
     path: str | os.PathLike[str], *, ascii: bool = False
 ) -> AbstractContextManager[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
+    return _stream(path, ascii=ascii, colours=None)
 
+
+def _stream(
+    path: str | os.PathLike[str], *, ascii: bool, colours: Numbers | None
+) -> AbstractContextManager[Callable[[Cloud], None]]:
     def write(file: IO[bytes], cloud: Cloud) -> None:
-        for block in _blocks(cloud):
+        for block in _blocks(cloud, colours):
             file.write(_as_text(block) if ascii else block.view(np.uint8).data)
 
+    coloured = colours is not None
     return counted_stream(
-        path, header=lambda cloud, points: _header(cloud, points=points, ascii=ascii), write=write
+        path,
+        header=lambda cloud, points: _header(cloud, points=points, ascii=ascii, coloured=coloured),
+        write=write,
     )
 
 
@@ -91,12 +105,13 @@ class _Header:
     names: dict[str, list[str]] = field(default_factory=lambda: {word: [] for word in _NAMES})
 
 
-def _dtype(*, has_truth: bool, double: bool) -> np.dtype[Any]:
+def _dtype(*, has_truth: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """One point as it lies in a file."""
     position = "float64" if double else "float32"
     kept = (c for c in COLUMNS if has_truth or not c.truth)
     pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in kept)
-    return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in pairs])
+    colours = [(name, np.dtype("u1")) for name in RGB] if coloured else []
+    return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
 
 
 def _properties(dtype: np.dtype[Any]) -> list[str]:
@@ -104,14 +119,16 @@ def _properties(dtype: np.dtype[Any]) -> list[str]:
     return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]
 
 
-def _cloud_dtype(cloud: Cloud) -> np.dtype[Any]:
-    return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64)
+def _cloud_dtype(cloud: Cloud, *, coloured: bool) -> np.dtype[Any]:
+    return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64, coloured=coloured)
 
 
-def _blocks(cloud: Cloud) -> Iterator[Numbers]:
+def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
     """The points as they lie in a file, in memory that is used again."""
     columns = {c.name: cloud.column(c.name) for c in cloud.columns}
-    block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud))
+    if colours is not None:
+        columns |= {name: colours[:, channel] for channel, name in enumerate(RGB)}
+    block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud, coloured=colours is not None))
     for first in range(0, len(cloud), BLOCK_POINTS):
         part = block[: len(cloud) - first]
         for name, values in columns.items():
@@ -146,7 +163,7 @@ def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
         return {name: rows[name] for name in dtype.names or ()}
 
 
-def _header(cloud: Cloud, *, points: int, ascii: bool) -> bytes:
+def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
     """All of the header, as long for any number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
     for key, value in cloud.metadata.items():
@@ -158,7 +175,7 @@ def _header(cloud: Cloud, *, points: int, ascii: bool) -> bytes:
         for index, name in enumerate(getattr(cloud, attribute)):
             lines += _comment(f"{word} {index}", name)
     lines += [f"comment room {'.' * (COUNT_DIGITS - len(str(points)))}", f"element vertex {points}"]
-    lines += [*_properties(_cloud_dtype(cloud)), "end_header", ""]
+    lines += [*_properties(_cloud_dtype(cloud, coloured=coloured)), "end_header", ""]
     return "\n".join(lines).encode("ascii")
 
 
@@ -223,8 +240,8 @@ def _read_header(file: IO[bytes]) -> _Header:
 
 def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
     """The point whose `property` lines these are."""
-    for has_truth, double in itertools.product((True, False), repeat=2):
-        dtype = _dtype(has_truth=has_truth, double=double)
+    for has_truth, double, coloured in itertools.product((True, False), repeat=3):
+        dtype = _dtype(has_truth=has_truth, double=double, coloured=coloured)
         if _properties(dtype) == properties:
             return dtype
     raise ValueError(

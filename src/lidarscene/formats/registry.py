@@ -36,7 +36,10 @@ class Format:
             written piece by piece with the same bytes as from the whole cloud
     profile of packets (`packets.makers.maker_of`): a run's frames are in one file. None: a file is a cloud
     extra   group of optional packages that the format needs (`files.optional`)
+    frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
+            holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
+    colour  whether ``write`` takes ``colours``
     """
 
     suffix: str
@@ -44,8 +47,10 @@ class Format:
     read: Read | None = None
     stream: Stream | None = None
     profile: str | None = None
+    frames: Stream | None = None
     extra: str = ""
     text: bool = False
+    colour: bool = False
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -63,8 +68,11 @@ def _late(module: str, name: str, **options: object) -> Callable[..., Any]:
 
 
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
-    write = _late("lidarscene.formats.ros", "write_ros", storage=storage, layout=layout)
-    return Format(suffix=suffix, write=write, extra="ros")
+    module, options = "lidarscene.formats.ros", {"storage": storage, "layout": layout}
+    return Format(
+        suffix=suffix, extra="ros",
+        write=_late(module, "write_ros", **options), frames=_late(module, "ros_frames", **options),
+    )  # fmt: skip
 
 
 def _las(suffix: str, *, compressed: bool) -> Format:
@@ -78,7 +86,7 @@ def _las(suffix: str, *, compressed: bool) -> Format:
 
 FORMATS = {
     "ply": Format(
-        suffix=".ply", text=True, write=_late("lidarscene.formats.ply", "write_ply"),
+        suffix=".ply", text=True, colour=True, write=_late("lidarscene.formats.ply", "write_ply"),
         read=_late("lidarscene.formats.ply", "read_ply"), stream=_late("lidarscene.formats.ply", "ply_stream"),
     ),
     "pcd": Format(

@@ -8,7 +8,8 @@ that the layout names come first, with its offsets and types; all other columns 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -60,24 +61,48 @@ def write_ros(
     storage  "mcap" or "sqlite3", one file in both cases
     layout   "velodyne" or "ouster"
     """
+    frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
+    with ros_frames(path, storage=storage, layout=layout) as append:
+        for cloud in frames:
+            append(cloud)
+
+
+@contextmanager
+def ros_frames(
+    path: str | os.PathLike[str], *, storage: str = "mcap", layout: str = "velodyne"
+) -> Iterator[Callable[[Cloud], None]]:
+    """Write a bag of the clouds that are appended in the block: a message each, at the start of its frame."""
     rosbag2, typesys = optional("rosbags.rosbag2", extra="ros"), optional("rosbags.typesys", extra="ros")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
     plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
     with atomic_output(path) as temporary, folder_beside(temporary) as folder:
         bag = folder / Path(path).stem
-        with library_errors(path), rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin) as writer:
-            _write_frames(writer, store, frames, layout)
+        # What fails between two frames is not the library's.
+        with library_errors(path):
+            writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
+            writer.open()
+            put = _appending(writer, store, layout)
+
+        def append(cloud: Cloud) -> None:
+            with library_errors(path):
+                put(cloud)
+
+        try:
+            yield append
+        finally:
+            with library_errors(path):
+                writer.close()
         os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
 
 
-def _write_frames(writer: Any, store: Any, frames: Iterable[Cloud], layout: str) -> None:
+def _appending(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:
     message, transform = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
     points = writer.add_connection(POINTS, message, typestore=store)
     transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
-    for cloud in frames:
+
+    def append(cloud: Cloud) -> None:
         writer.set_custom_data("lidarscene", description(cloud))
         stamp_ns = round(1e9 * cloud.frame_start_s)
         placed = _transform_message(cloud, store, stamp_ns)
@@ -85,6 +110,8 @@ def _write_frames(writer: Any, store: Any, frames: Iterable[Cloud], layout: str)
             writer.write(transforms, stamp_ns, store.serialize_cdr(placed, transform))
         rows = structured(cloud.in_sensor_frame(), layout)
         writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
+
+    return append
 
 
 def structured(cloud: Cloud, layout: str) -> Numbers:

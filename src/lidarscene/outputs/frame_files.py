@@ -9,17 +9,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..cloud.deskew import deskewed
 from ..cloud.merging import Merging
+from ..cloud.pixels import Camera
 from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..files.atomic import named
 from ..formats.packets.firings import Gathering
+from ..kernel.rays.look import distances_m
 from ..labels.files import labels_stream
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
@@ -47,6 +49,7 @@ class FrameFiles:
     files       what is to be written, by what it is (`Plan.files`)
     placed      whether the sensor stands elsewhere than the scene says
     capture     of the sensor's packets, if they are written in place of a cloud
+    bags        what takes the clouds of files that hold several frames
     """
 
     plan: Plan
@@ -57,6 +60,7 @@ class FrameFiles:
     placed: bool
     summary: Summary
     capture: Capture | None = None
+    bags: Mapping[Path, Append] = field(default_factory=dict)
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace it into its files; ``progress`` is told (done, pulses) of each sensor."""
@@ -148,7 +152,8 @@ class FrameFiles:
                 yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
         elif key in self.files and self.capture is None:
             points = sum(one.sensor.scanner.pulses * one.sensor.tdc.stops for one in self._simulators)
-            yield self.files[key], cloud_stream(self.plan, self.files[key], points)
+            path = self.files[key]
+            yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None:
                 path = self.files[f"{key}_labels"]
                 yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
@@ -181,7 +186,18 @@ class FrameFiles:
         own = self._view(picture.cloud().frame_start_s)
         # Of several sensors, who sees what: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
-        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own)
+        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own, surfaces=self._surfaces)
+
+    def _surfaces(self, camera: Camera, size: tuple[int, int]) -> Numbers:
+        """Depth of the surfaces that a camera among the points sees, as the frame begins."""
+        simulator = self._simulators[0]
+        to_world = simulator.to_world(self.frame)
+        directions, ahead = camera.rays(*size)
+        distance_m = distances_m(
+            simulator.world, to_world.apply(camera.eye_m), to_world.rotation.astype(np.float32) @ directions,
+            time_s=simulator.start_s(self.frame),
+        )  # fmt: skip
+        return (distance_m * ahead).reshape(size[::-1])
 
     def _view(self, start_s: float) -> View | None:
         """The scene's view as it is in the frame of the points; None where it does not belong to what is seen."""

@@ -38,10 +38,11 @@ FEW_PULSES = 9
 class Outputs:
     """Every file that a frame becomes.
 
-    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. Packets of
-                 several frames are one file
+    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. A bag of
+                 ROS 2, such as drive.mcap, and packets hold several frames in one file
     format       of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: what the name says, PLY in a folder
     ascii        whether it is text instead of binary
+    colours      a column by which points get red, green and blue, as pictures have them; of PLY files
     truth        whether it has the columns of ground truth
     labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
     dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
@@ -64,6 +65,7 @@ class Outputs:
     format: str | None = None
     ascii: bool = False
     truth: bool = True
+    colours: str | None = None
     labels: str | None = None
     dataset: str | None = None
     deskew: bool = False

@@ -13,14 +13,18 @@ from pathlib import Path
 
 from ..errors import OptionError
 from ..files.atomic import require_writable
+from ..formats.columns import COLUMNS
 from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
 from .options import ENDINGS, Outputs
 from .range_image import all_range_image_paths
 
-ONE_FILE = ("output", "metadata")
-"""Files of packets, of all frames together."""
+CLOUDS = ("output", "deskewed")
+"""Keys of the files of points."""
+
+SHARED = (*CLOUDS, "metadata")
+"""Keys of the files that hold all frames, where a file can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +43,24 @@ class Plan:
     def is_folder(self) -> bool:
         """Whether the path is a folder for the clouds."""
         return (
-            (self.frames is not None and not self.outputs.packets)
+            (self.frames is not None and not self.is_one_file)
             or self.outputs.dataset is not None
             or (self.rig and not self.outputs.merge)
         )
+
+    @property
+    def is_one_file(self) -> bool:
+        """Whether all frames of a sensor go into one file."""
+        return self.is_bag or self.outputs.packets
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether all frames go into one file: its name ends as that of a format that can hold them."""
+        outputs = self.outputs
+        if self.frames is None or outputs.dataset is not None or (self.rig and not outputs.merge):
+            return False
+        bags = [one for name, one in FORMATS.items() if one.frames and outputs.format in (None, name)]
+        return outputs.place.name.lower().endswith(tuple(one.suffix for one in bags))
 
     @property
     def format(self) -> Format:
@@ -67,12 +85,23 @@ class Plan:
             }
             many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {many}", place)
+        if self.is_bag and outputs.labels is not None:
+            raise OptionError("{labels}: goes with a folder of clouds, not with one file of several frames")
         chosen = self.format
         if outputs.packets and not self.is_folder and not place.name.lower().endswith(chosen.suffix):
             raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
             raise OptionError("{ascii}: {0} can be text", able)
+        if outputs.colours is not None:
+            known = [column.name for column in COLUMNS if outputs.truth or not column.truth]
+            if outputs.colours not in known:
+                raise OptionError(
+                    "{colours}: must be one of {0}, got {1!r}", ", ".join(known), outputs.colours
+                )
+            if not chosen.colour:
+                able = " and ".join(name for name, one in FORMATS.items() if one.colour)
+                raise OptionError("{colours}: {0} can have colours", able)
         chosen.require()
 
     def files(self, label: str, number: int) -> dict[str, Path]:
@@ -92,14 +121,14 @@ class Plan:
         return files
 
     def distinct(self, wanted: Sequence[Mapping[str, Path]]) -> Sequence[Mapping[str, Path]]:
-        """Each file once: packets of all frames are in one."""
-        if not self.outputs.packets:
+        """Each file once, though several frames may be in one."""
+        if not self.is_one_file:
             return wanted
         seen: set[Path] = set()
         once = []
         for files in wanted:
-            once.append({key: path for key, path in files.items() if key not in ONE_FILE or path not in seen})
-            seen |= {files[key] for key in ONE_FILE if key in files}
+            once.append({key: path for key, path in files.items() if key not in SHARED or path not in seen})
+            seen |= {files[key] for key in SHARED if key in files}
         return once
 
     def _clouds(self, label: str, number: int) -> dict[str, Path]:
@@ -107,7 +136,7 @@ class Plan:
         outputs, path, suffix = self.outputs, self.outputs.place, self.format.suffix
         if outputs.dataset is not None:
             return {"output": cloud_path(outputs.dataset, path / label, number)}
-        if self.frames is not None and not outputs.packets:
+        if self.frames is not None and not self.is_one_file:
             path = path / label / f"frame_{number:04d}{suffix}"
         elif label:
             path = path / f"{label}{suffix}"

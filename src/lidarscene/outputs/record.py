@@ -10,15 +10,18 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
+from ..files.atomic import named
 from ..files.toml import Overrides, assignments
 from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig import require_common_frames, simulators
 from ..rendering.summary import Summary
+from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
 from ..scene.file import files_of_scene, load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
@@ -27,9 +30,9 @@ from ..sensor.rig import Mounted, Rig
 from .captures import captured_files, captures, makers
 from .frame_files import FrameFiles
 from .options import FRAMES, File, Outputs
-from .plan import Plan, check_writable, keep_inputs
+from .plan import CLOUDS, Plan, check_writable, keep_inputs
 from .size import warn_of_size
-from .streams import pulses_of_waveforms
+from .streams import Append, pulses_of_waveforms
 
 Told = Callable[[int, int], object]
 Named = str | os.PathLike[str]
@@ -61,9 +64,13 @@ class RecordedCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recorded:
-    """What `record` wrote, cloud by cloud."""
+    """What `record` wrote, cloud by cloud.
+
+    surroundings  how each sensor stands in the scene as the first frame begins
+    """
 
     clouds: tuple[RecordedCloud, ...]
+    surroundings: tuple[Surroundings, ...]
 
     @property
     def summary(self) -> Summary:
@@ -72,8 +79,8 @@ class Recorded:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Of all frames."""
-        return tuple(path for one in self.clouds for path in one.files.values())
+        """Of all frames, each once."""
+        return tuple(dict.fromkeys(path for one in self.clouds for path in one.files.values()))
 
 
 def record(
@@ -152,24 +159,35 @@ def record(
     made = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
     for simulator in made.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
+    surroundings = tuple(surroundings_of(one, begin_s=frame.begin_s) for one in made.values())
+    warn_of_surroundings(surroundings)
     before.spent("build", since)
     pulses = len(numbers) * sum(one.sensor.scanner.pulses for one in sensors)
     progress = None if told is None else _Progress(told, pulses)
     written: list[RecordedCloud] = []
     paths = {label: files["output"] for (label, _, _), files in zip(clouds, wanted, strict=True)}
-    with captures(paths if packets else {}, packets) as opened:
+    with ExitStack() as opened:
+        bags = _bags(plan, wanted, opened)
+        taken = opened.enter_context(captures(paths if packets else {}, packets))
         for (label, group, number), files in zip(clouds, wanted, strict=True):
             one = FrameFiles(
                 plan=plan, scene=described, simulators={name: made[name] for name in group},
                 frame=replace(frame, number=number, pose=None), files=files,
                 placed=rig is not None or frame.pose is not None,
                 # Loading and building happened once; the first frame is charged for it.
-                summary=Summary(seconds={} if written else before.seconds),
-                capture=opened.get(label),
+                summary=Summary(seconds={} if written else before.seconds), bags=bags, capture=taken.get(label),
             )  # fmt: skip
             one.write(progress)
             written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
-    return Recorded(tuple(written))
+    return Recorded(tuple(written), surroundings)
+
+
+def _bags(plan: Plan, wanted: Sequence[Mapping[str, Path]], opened: ExitStack) -> dict[Path, Append]:
+    """The files that hold the clouds of all frames, and what takes each cloud."""
+    if not plan.is_bag or plan.format.frames is None:
+        return {}
+    paths = dict.fromkeys(files[key] for files in wanted for key in CLOUDS if key in files)
+    return {path: named(path, opened.enter_context(plan.format.frames(path))) for path in paths}
 
 
 def _sensors(

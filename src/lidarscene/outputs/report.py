@@ -15,6 +15,7 @@ from ..detection.outcomes import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.catalogue import material as catalogue_material
 from ..rendering.simulator import Summary
+from ..rendering.surroundings import Surroundings
 from ..scene.file import scene_model
 from ..sensor.catalogue import load_sensor
 
@@ -29,7 +30,7 @@ def beams_per_second(summary: Summary) -> float:
 
 
 def as_dict(summary: Summary) -> dict[str, Any]:
-    """The summary for machines."""
+    """The summary of a frame, or of several, for machines."""
     return {
         "beams": summary.beams,
         "hits": summary.hits,
@@ -71,9 +72,10 @@ def profile_as_text(summary: Summary, history: KernelHistory) -> str:
     return "\n".join(lines)
 
 
-def as_text(summary: Summary, written: Sequence[str]) -> str:
+def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings) -> str:
     """The summary for people; ``written`` says what there is now."""
     lines = [
+        f"scene         {surroundings.line()}",
         f"beams         {summary.beams:>12,}",
         f"hits          {summary.hits:>12,}",
         f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms"

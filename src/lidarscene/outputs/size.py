@@ -45,7 +45,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
     copies = (2 if outputs.deskew else 1) * (BYTES_OF_TEXT if outputs.ascii else 1)
     disk = float(frames * sum(clouds) * copies)
     # What cannot be written piece by piece waits in memory, and is written from there.
-    is_gathered = plan.format.stream is None or outputs.range_image is not None
+    is_gathered = plan.format.stream is None or outputs.range_image is not None or outputs.colours is not None
     whole = float(sum(clouds) if outputs.merge else max(clouds))
     memory = CHUNK_BYTES * float(chunk) + (2.0 * whole if is_gathered else 0.0)
     free = shutil.disk_usage(_there(outputs.place)).free

@@ -22,20 +22,26 @@ Append = Callable[[PointCloud], None]
 
 
 @contextmanager
-def cloud_stream(plan: Plan, path: Path, points: int) -> Iterator[Append]:
+def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = None) -> Iterator[Append]:
     """Write the clouds that are appended in the block as one; together, of so many points at most, where the format
     needs them so.
+
+    bag  takes it, if it is a frame of a file of several
     """
     outputs, chosen = plan.outputs, plan.format
     options = {"ascii": True} if outputs.ascii else {}
-    if chosen.stream is not None:
+    if chosen.stream is not None and outputs.colours is None:
         with chosen.stream(path, **options) as append:
             yield _kept(outputs, append)
         return
-    # A format that must know all points before the first is written: gather them.
+    # A format, or a scale of colours, that must know all points before the first is written: gather them.
     builder = CloudBuilder(capacity=points)
     yield _kept(outputs, builder.add)
-    PointCloud(**builder.fields()).save(path, format=outputs.format, **options)
+    whole = PointCloud(**builder.fields())
+    if bag is None:
+        whole.save(path, format=outputs.format, colour_by=outputs.colours, **options)
+    else:
+        bag(whole)
 
 
 @contextmanager

@@ -15,9 +15,10 @@ from ..files.toml import Overrides
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor
+from ..sensor.model import Sensor, warn_of_doubts
 from .options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
 from .simulator import Simulator
+from .surroundings import surroundings_of, warn_of_surroundings
 
 
 def render_frames(
@@ -75,4 +76,7 @@ def _prepared(
     keywords.end()
     described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
-    return Simulator(described, equipped, trace, pose=frame.pose), frame, observers
+    simulator = Simulator(described, equipped, trace, pose=frame.pose)
+    warn_of_doubts([equipped])
+    warn_of_surroundings([surroundings_of(simulator, begin_s=frame.begin_s)])
+    return simulator, frame, observers

@@ -96,7 +96,7 @@ class Simulator:
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else placed(pose)
-        self._clearance = Clearance.of(scene)
+        self.clearance = Clearance.of(scene)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,
@@ -204,6 +204,15 @@ class Simulator:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
         asked, _ = _asked(frame, None, options)
         return PointCloud(**CloudBuilder().fields(**self._description(self._frame(asked), asked)))
+
+    def start_s(self, frame: FrameOptions) -> float:
+        """When a frame begins, by the clock of the scene's motions."""
+        return self._frame(frame).start_s
+
+    def to_world(self, frame: FrameOptions) -> Pose:
+        """Where the coordinates of a frame's points stand in the world as it begins."""
+        now = self._frame(frame)
+        return now.place @ now.goal(frame.coordinates).inverse()
 
     def _hand_out(
         self,
@@ -391,7 +400,7 @@ class Simulator:
 
     def _check_clearance(self, place: Pose, start_s: float) -> None:
         """Raises InputError for a sensor on or in a surface."""
-        self._clearance.check(
+        self.clearance.check(
             place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
         )
 

@@ -1,6 +1,7 @@
-"""Clearance: a sensor that stands on a surface, or within a body, is told of before anything is traced.
+"""Clearance: where a sensor stands among the surfaces, known before anything is traced.
 
-Its rays would meet that surface at no distance at all, where the lidar equation has no value.
+A sensor on a surface, or within a thin body, is refused: its rays would meet that surface at no distance at all, where
+the lidar equation has no value. What else is odd is for `rendering.surroundings` to say.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,36 @@ NARROWEST_ROOM_M = 1.0
 
 _ENCLOSED = 0.5
 """Share of all directions from which the outside of a body cannot be seen; 1 in a closed body, 0 beside it."""
+
+_SHUT = 0.9
+"""The same of a body with no way out but gaps: a room with an open side has less."""
+
+
+_NEAR_M = 10.0
+"""Bodies whose boxes are this much farther than the nearest box are looked at more closely."""
+
+
+class Surface(NamedTuple):
+    """A surface that is so far away, and the name of its body; infinitely far, and "", if there is none."""
+
+    distance_m: float = math.inf
+    body: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Surrounding:
+    """What is around a place.
+
+    nearest  in any direction
+    below    straight down, of what stands still
+    above    straight up, likewise
+    within   a body that is closed all around the place; None: none is
+    """
+
+    nearest: Surface
+    below: Surface
+    above: Surface
+    within: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +101,63 @@ class Clearance:
             must = f"sensor '{sensor}' at ({at}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
                 raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
-            if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed(body.parts, point):
+            if (
+                float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M
+                and _enclosed(body.parts, point) > _ENCLOSED
+            ):
                 raise OptionError(_MOVED, must, f"a place within '{body.name}'")
+
+    def corners(self, *, time_s: float) -> Numbers:
+        """(k, 3) points in the world whose box holds all bodies, as they stand at a time."""
+        still = self.around[np.isfinite(self.around).all(axis=(1, 2))].reshape(-1, 3)
+        moving = [
+            pose_at(body.motion, time_s).apply(_corners(box))
+            for body, box in zip(self.bodies, self.boxes, strict=True)
+            if body.motion is not None
+        ]
+        return np.concatenate([still, *moving])
+
+    def around_place(self, place_m: Numbers, *, time_s: float) -> Surrounding:
+        """What is around a place in the world; boxes first, so that the triangles of few bodies are looked at."""
+        gaps_m = np.linalg.norm(
+            np.maximum(np.maximum(self.around[:, 0] - place_m, place_m - self.around[:, 1]), 0.0), axis=1
+        )
+        points = {}
+        # A box that is turned with its body is tighter, and that of a body that moves is known in its frame alone.
+        for number in np.flatnonzero(gaps_m <= gaps_m.min(initial=math.inf) + _NEAR_M):
+            body, box = self.bodies[number], self.boxes[number]
+            pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
+            points[number] = point = pose.inverse_apply(place_m)
+            gaps_m[number] = np.linalg.norm(np.maximum(np.maximum(box[0] - point, point - box[1]), 0.0))
+        nearest, within = Surface(), None
+        for number in np.argsort(gaps_m, kind="stable"):
+            # A box is never farther than its body: beyond the nearest surface so far none can be nearer.
+            if gaps_m[number] >= nearest.distance_m:
+                break
+            body = self.bodies[number]
+            point = points.get(number, body.pose.inverse_apply(place_m))
+            for part in body.parts:
+                if (found_m := _distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
+                    nearest = Surface(found_m, body.name)
+            if within is None and gaps_m[number] == 0.0 and _enclosed(body.parts, point) > _SHUT:
+                within = body.name
+        below, above = self._straight(place_m)
+        return Surrounding(nearest, below, above, within)
+
+    def _straight(self, place_m: Numbers) -> tuple[Surface, Surface]:
+        """Below and above a place, of bodies that stand still: what moves is no ground."""
+        found = [Surface(), Surface()]
+        low, high = self.around[:, 0, :2], self.around[:, 1, :2]
+        there = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
+        for number in np.flatnonzero(there):
+            body = self.bodies[number]
+            point, up = body.pose.inverse_apply(place_m), body.pose.rotation[2]
+            along_m = np.concatenate([_along_m(part, point, up) for part in body.parts])
+            for side, apart_m in enumerate((-along_m, along_m)):
+                least_m = float(apart_m[apart_m >= 0.0].min(initial=math.inf))
+                if least_m < found[side].distance_m:
+                    found[side] = Surface(least_m, body.name)
+        return found[0], found[1]
 
 
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
@@ -94,36 +181,71 @@ def _around(body: Body, box: Numbers) -> Numbers:
     """(2, 3) the box's corners in the world; of a body that moves, all of it."""
     if body.motion is not None:
         return np.array([[-np.inf] * 3, [np.inf] * 3])
-    corners = body.pose.apply(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
+    corners = body.pose.apply(_corners(box))
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
-def _distance_m(part: Part | Ball, point: Numbers, radius_m: float) -> float:
-    """Of a point to the nearest surface, in the body's frame; infinite beyond ``radius_m``."""
+def _corners(box: Numbers) -> Numbers:
+    """(8, 3) of a box."""
+    return np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+
+
+def _distance_m(part: Part | Ball, point: Numbers, most_m: float) -> float:
+    """Of a point to the nearest surface, in the body's frame; infinite beyond ``most_m``."""
     if isinstance(part, Ball):
         return abs(float(np.linalg.norm(point)) - part.radius_m)
+    if not len(part.faces):
+        return math.inf
     corners = part.vertices_m[part.faces] - point
-    near = (corners.min(axis=1) <= radius_m).all(axis=1) & (corners.max(axis=1) >= -radius_m).all(axis=1)
-    return min((_of_triangle_m(one) for one in corners[near]), default=math.inf)
+    # No triangle is farther than its corners, nor nearer than the box around it.
+    nearest_corner_m = math.sqrt(float(np.einsum("tci,tci->tc", corners, corners).min()))
+    gap = np.maximum(np.maximum(corners.min(axis=1), -corners.max(axis=1)), 0.0)
+    near = np.einsum("ti,ti->t", gap, gap) <= min(most_m, nearest_corner_m * (1.0 + 1e-9)) ** 2
+    distance_m = float(_of_triangles_m(corners[near]).min(initial=math.inf))
+    return distance_m if distance_m <= most_m else math.inf
 
 
-def _of_triangle_m(corners: Numbers) -> float:
-    """Distance of the origin to a triangle, (3, 3) its corners."""
-    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    length = float(np.linalg.norm(normal))
-    following = np.roll(corners, -1, axis=0)
-    sides = following - corners
+def _of_triangles_m(corners: Numbers) -> Numbers:
+    """(t,) distances of the origin to triangles, (t, 3, 3) their corners."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    sides = np.roll(corners, -1, axis=1) - corners
     # Above the triangle where the origin is on the inner side of each edge; else the nearest edge counts.
-    if length > 0.0 and (np.cross(sides, -corners) @ normal >= 0.0).all():
-        return abs(float(corners[0] @ normal)) / length
-    square = np.maximum((sides * sides).sum(axis=1), 1e-300)
-    along = np.clip(-(corners * sides).sum(axis=1) / square, 0.0, 1.0)
-    return float(np.linalg.norm(corners + along[:, None] * sides, axis=1).min())
+    inner = np.einsum("tei,ti->te", np.cross(sides, -corners), normal) >= 0.0
+    over = (length > 0.0) & inner.all(axis=1)
+    square = np.maximum((sides * sides).sum(axis=2), 1e-300)
+    along = np.clip(-(corners * sides).sum(axis=2) / square, 0.0, 1.0)
+    edge = np.linalg.norm(corners + along[..., None] * sides, axis=2).min(axis=1)
+    height = np.abs(np.einsum("ti,ti->t", corners[:, 0], normal))
+    return np.asarray(np.where(over, height / np.maximum(length, 1e-300), edge))
 
 
-def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> bool:
-    """Whether a body is all around a point of its frame: the solid angles of its triangles, van Oosterom and Strackee
-    (IEEE Trans. Biomed. Eng. 30, 1983), add up to 4 pi in a closed mesh and to 0 outside of it.
+def _along_m(part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
+    """(k,) where the line through a point along ``up``, a unit vector, meets surfaces; in the body's frame."""
+    if isinstance(part, Ball):
+        middle = -float(point @ up)
+        square = part.radius_m**2 - (float(point @ point) - middle**2)
+        return middle + np.array([-1.0, 1.0]) * math.sqrt(square) if square >= 0.0 else np.zeros(0)
+    # Seen along the line: a triangle is met if the origin is in it.
+    across = np.linalg.svd(up[None])[2][1:]
+    flat = ((part.vertices_m - point) @ across.T)[part.faces]
+    near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
+    a, b, c = np.moveaxis(flat[near], 1, 0)
+    weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # of the corners, not yet of sum 1
+    whole = weights.sum(axis=1)
+    met = (whole != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
+    heights = (part.vertices_m[part.faces[near[met]]] - point) @ up
+    return np.asarray((heights * weights[met]).sum(axis=1) / whole[met])
+
+
+def _cross(a: Numbers, b: Numbers) -> Numbers:
+    """(k,) of vectors in a plane."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> float:
+    """Share of all directions in which a body is around a point of its frame: the solid angles of its triangles, van
+    Oosterom and Strackee (IEEE Trans. Biomed. Eng. 30, 1983), add up to 4 pi in a closed mesh and to 0 outside of it.
     """
     total = 0.0
     for part in parts:
@@ -135,4 +257,4 @@ def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> bool:
         volume = (a * np.cross(b, c)).sum(axis=1)
         other = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
         total += 2.0 * float(np.arctan2(volume, other).sum())
-    return abs(total) / (4.0 * math.pi) > _ENCLOSED
+    return abs(total) / (4.0 * math.pi)

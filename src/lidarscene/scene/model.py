@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -186,6 +186,10 @@ class Scene:
 
     def _repr_html_(self) -> str:
         return facts.table("Scene", self.name, self.facts())
+
+    def show(self, **options: Any) -> Any:
+        """The scene, rendered by its sensor, in a notebook: `lidarscene.show`, with its options."""
+        return facts.shown(self, **options)
 
     def facts(self) -> dict[str, str]:
         """What a line about the scene says."""

@@ -18,8 +18,9 @@ from ..maths.units import Key, Quantity
 from ..physics.amplifier import high_pass
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
-from ..scan import Scanner
+from ..scan import Flash, Scanner
 from .detectors import Apd, Filtered, Sipm, WorkingPoint
+from .detectors.matching import silicon_doubt, spot_doubt
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .overlap import Overlap, Spot
 from .photon_counting.model import Histogram, Macropixel, Spad, working_point
@@ -257,14 +258,27 @@ class Sensor:
         return self.low_pass_share if rate is None else self.low_pass_share * high_pass.peak_share(rate=rate)
 
     @property
-    def doubt(self) -> str | None:
+    def doubts(self) -> tuple[str, ...]:
+        """What does not go together in it, a line each."""
+        laser, focal_length_m = self.laser, float(self.optics.focal_length_m)
+        found = [self._slow, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
+        # A flash's beam is as wide as all of its pixels.
+        if self.optics.overlap is None and not isinstance(self.scanner, Flash):
+            divergence_rad = laser.mean_divergence_rad
+            found.append(
+                spot_doubt(self.detector, divergence_rad=divergence_rad, focal_length_m=focal_length_m)
+            )
+        return tuple(f"'{self.name}': {one}" for one in found if one is not None)
+
+    @property
+    def _slow(self) -> str | None:
         """In one line, that the amplifier is slower than the pulse; None if it is not."""
         cutoff_mhz, fwhm_ns = 1e-6 * float(self.cutoff_hz), 1e9 * float(self.laser.pulse_fwhm_s)
         needed_mhz = 1e3 * PULSE_BANDWIDTH / fwhm_ns
         if cutoff_mhz >= needed_mhz * (1.0 - 1e-9):
             return None
         told = (
-            f"'{self.name}': a bandwidth of {cutoff_mhz:.4g} MHz is slow for a pulse of {fwhm_ns:.4g} ns, which "
+            f"a bandwidth of {cutoff_mhz:.4g} MHz is slow for a pulse of {fwhm_ns:.4g} ns, which "
             f"needs {needed_mhz:.3g}; "
         )
         if self.receiver.low_pass is not None:
@@ -371,7 +385,6 @@ class Sensor:
 
 
 def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
-    """An amplifier that is slow for the pulse, in one line for each such sensor."""
-    for doubt in dict.fromkeys(sensor.doubt for sensor in sensors):
-        if doubt is not None:
-            warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)
+    """What does not go together in a sensor, once."""
+    for doubt in dict.fromkeys(doubt for sensor in sensors for doubt in sensor.doubts):
+        warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)

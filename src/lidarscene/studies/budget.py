@@ -68,7 +68,9 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
         raise InputError("budget: the cloud has no truth columns, from which it is computed")
     hits = _lambertian(cloud)
     # Which beam looks into the sun is not in the columns.
-    lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
+    # A drop right at the lens may be reported at no range at all, where no surface has an echo.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
     light = light or lambertian
     background = np.broadcast_to(light.background_power_w, len(cloud))
     point = sensor.working_point(background, range_m=np.asarray(hits.range_m))

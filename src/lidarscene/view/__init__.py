@@ -11,4 +11,5 @@ blob      header and arrays as bytes
 controls  the sliders, and what they change
 page      the page as one file
 serve     the server, on this machine only
+notebook  the page inside of a notebook's cell
 """

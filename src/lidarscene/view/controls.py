@@ -24,6 +24,8 @@ class Control:
 
     key  of the sensor file as --set takes it, or sun.*
     log  whether the slider is logarithmic
+    least, most  what may be typed; the slider's ends are nearer
+    whole  whether it is a whole number
     """
 
     key: str
@@ -33,6 +35,18 @@ class Control:
     high: float
     value: float
     log: bool = False
+    least: float | None = None
+    most: float | None = None
+    whole: bool = False
+
+    def check(self, value: float) -> None:
+        """Raise InputError for a number that may not be typed."""
+        if self.whole and value != int(value):
+            raise InputError(f"{self.key}: must be a whole number, got {value:g}")
+        if self.least is not None and value < self.least:
+            raise InputError(f"{self.key}: must be >= {self.least:g}, got {value:g}")
+        if self.most is not None and value > self.most:
+            raise InputError(f"{self.key}: must be <= {self.most:g}, got {value:g}")
 
 
 Settings = Mapping[str, float | str]
@@ -56,7 +70,7 @@ class Equipment:
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
         """Scene and sensor so set. Raises InputError for a key that is none, or a number that will not do."""
-        numbers = {key: _number(key, value) for key, value in settings.items() if key != DETECTOR}
+        numbers = {key: number_of(key, value) for key, value in settings.items() if key != DETECTOR}
         chosen = self._chosen(settings)
         controls = {control.key: control for control in self._controls(chosen)}
         if unknown := sorted(set(numbers) - set(controls)):
@@ -155,7 +169,8 @@ def _sun_values(sun: Sun) -> dict[str, float]:
     }
 
 
-def _number(key: str, value: object) -> float:
+def number_of(key: str, value: object) -> float:
+    """A number that came from the page. Raises InputError."""
     if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
         raise InputError(f"{key}: must be a number, got {shortened(repr(value))}")
     if key == "sun.illuminance_klux" and value < 0:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import warnings
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
+from ..errors import OptionWarning
 from ..files.atomic import atomic_output
 from .sources import Source
 
@@ -33,12 +35,32 @@ def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
     )
 
 
-def save(source: Source, path: Path) -> None:
-    """Everything that a source shows in one file. Raises OutputError."""
+LARGE_BYTES = 50_000_000
+"""A page beyond this takes a browser many seconds to open, and most mails refuse it."""
+
+
+def saved(source: Source) -> str:
+    """Everything that a source shows in one page."""
     blobs = {"stage": source.stage()}
     blobs |= {f"frame-{number}": source.frame(number) for number in range(len(source.frames))}
+    return page(source.title, blobs)
+
+
+def save(source: Source, path: Path) -> None:
+    """Everything that a source shows in one file. Warns of a large one. Raises OutputError."""
+    text = saved(source)
+    if len(text) > LARGE_BYTES:
+        warnings.warn(
+            OptionWarning(
+                "{save} {0}: the page has {1:.0f} MB, and browsers take long to open it: give fewer frames, or a cloud "
+                "of fewer points",
+                path,
+                len(text) / 1e6,
+            ),
+            stacklevel=2,
+        )
     with atomic_output(path) as temporary:
-        temporary.write_text(page(source.title, blobs), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _static(name: str) -> str:

@@ -51,16 +51,25 @@ class Field:
 
 
 def frame_blob(
-    cloud: PointCloud, *, name: str, origin_m: Numbers, budget: Budget | None, told: dict[str, Any]
+    cloud: PointCloud,
+    *,
+    name: str,
+    origin_m: Numbers,
+    budget: Budget | None,
+    told: dict[str, Any],
+    still_m: Numbers | None = None,
 ) -> bytes:
     """One frame.
 
     origin_m  (3,) what is taken off the positions before they become single precision
     budget    of the points, if there is one
     told      what else the page says of it
+    still_m   (n, 3) the positions without the sensor's own motion, if it moves
     """
     fields: list[Field] = []
     arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
+    if still_m is not None:
+        arrays["still"] = (still_m - origin_m).astype(np.float32).ravel()
     for field, values in [*_columns(cloud), *_of_budget(cloud, budget)]:
         fields.append(field)
         if field.name not in ("x", "y", "z"):  # the page takes these from xyz

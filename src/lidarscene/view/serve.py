@@ -150,11 +150,12 @@ class _Handler(BaseHTTPRequestHandler):
         super().end_headers()
 
     def do_GET(self) -> None:
-        source, name = self.server.source, self.path.partition("?")[0]
+        source, (name, _, query) = self.server.source, self.path.partition("?")
         if name == "/":
             self._answer(lambda: page(source.title).encode(), "text/html; charset=utf-8")
         elif name == "/stage":
-            self._answer(source.stage)
+            asked = re.fullmatch("frame=([0-9]{1,9})", query)
+            self._answer(lambda: source.stage(int(asked[1]) if asked else None))
         elif (number := _frame_number(name, len(source.frames))) is not None:
             self._answer(lambda: source.frame(number))
         else:

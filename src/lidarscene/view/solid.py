@@ -10,6 +10,7 @@ import numpy as np
 
 from ..kernel.world.triangles import sphere, triangles_of_base
 from ..maths.arrays import Numbers
+from ..maths.trajectory import pose_at
 from ..scene.model import Part, Scene
 
 TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
@@ -34,11 +35,13 @@ class Solid:
     opaque: int
 
 
-def solid_of(scene: Scene, wavelength_m: float) -> Solid:
-    """All bodies where they stand, in the grey that a laser of this wavelength sees."""
+def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid:
+    """All bodies where they stand at a time, in the grey that a laser of this wavelength sees."""
     colour_of = {name: _colour(one.at(wavelength_m)) for name, one in scene.materials.items()}
     unknown = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
-    found = [(v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m)]
+    found = [
+        (v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m, time_s)
+    ]
     pieces = sorted(found, key=lambda piece: piece[2][3] == GLASS_ALPHA)
     counts = [len(vertices) for vertices, _, _ in pieces]
     starts = np.cumsum([0, *counts])[:-1]
@@ -51,15 +54,16 @@ def solid_of(scene: Scene, wavelength_m: float) -> Solid:
     )
 
 
-def _pieces(scene: Scene, wavelength_m: float) -> Iterator[tuple[Numbers, Numbers, str]]:
+def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[Numbers, Numbers, str]]:
     """Vertices in the world, faces, and material of every part."""
     for body in scene.bodies:
+        pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
         for part in body.parts:
             if isinstance(part, Part):
-                yield body.pose.apply(part.vertices_m), part.faces, part.material
+                yield pose.apply(part.vertices_m), part.faces, part.material
             else:
                 vertices, faces = sphere(part.radius_m)
-                yield body.pose.apply(vertices), faces, part.material
+                yield pose.apply(vertices), faces, part.material
     for drawn in triangles_of_base(scene, wavelength_m):
         yield drawn.vertices_m, drawn.faces, drawn.material
 

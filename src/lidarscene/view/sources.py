@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,18 +13,22 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import catalog
+from ..cloud.deskew import deskewed
 from ..cloud.pixels import camera_for
 from ..cloud.points import PointCloud
 from ..errors import InputError
+from ..kernel.rays.look import distances_m
 from ..kernel.rays.relit import COLUMNS, light_of
+from ..kernel.world.build import World
 from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from ..maths.rotations import yaw_pitch_roll_rad
 from ..maths.trajectory import pose_at
 from ..recordings.as_cloud import cloud_of
 from ..recordings.recording import Recording
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
-from ..rendering.options import FrameOptions
+from ..rendering.options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
 from ..scene.model import Scene
@@ -31,9 +36,16 @@ from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from ..studies.budget import budget_of, pulses_of
 from .blob import packed
+from .conditions import KEYS, command, conditions, controls
 from .controls import DETECTOR, Equipment, Settings
 from .points import frame_blob
 from .solid import solid_of
+
+SENSOR = "sensor"
+"""Key of the choice of a sensor."""
+
+IN_ROOM = 0.9
+"""Part of the way to the first surface that the camera goes."""
 
 WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
 
@@ -48,8 +60,11 @@ class Source(Protocol):
     title: str
     frames: tuple[str, ...]
 
-    def stage(self) -> bytes:
-        """Blob of all that does not change: camera, meshes, names of the frames."""
+    def stage(self, number: int | None = None) -> bytes:
+        """Blob of all that does not change: camera, meshes, names of the frames.
+
+        number  of the frame, of a scene that moves and is rendered; None: the first that is shown
+        """
 
     def frame(self, number: int) -> bytes:
         """Blob of a frame."""
@@ -80,14 +95,15 @@ class Clouds:
         self._origin = _origin_of(self._first.sensor_position_m)
         self.title = _title(self._first.metadata, self.paths[0].name)
 
-    def stage(self) -> bytes:
+    def stage(self, number: int | None = None) -> bytes:
         """The scene's meshes, if there is one, and a camera for the first cloud."""
         sensor = self._sensor_of(self._first)
         wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
         told = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
             told, scene=self.scene, wavelength_m=wavelength, origin=self._origin,
-            camera=_camera(self._first, self.scene),
+            camera=_camera(self._first, self.scene, time_s=self._first.frame_start_s),
+            time_s=self._first.frame_start_s,
         )  # fmt: skip
 
     def frame(self, number: int) -> bytes:
@@ -104,9 +120,13 @@ class Clouds:
         """A cloud is as it is."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
+    def _read(self, number: int) -> PointCloud:
+        """A cloud as its file has it."""
+        return PointCloud.load(self.paths[number])
+
     def _loaded(self, number: int) -> PointCloud:
         """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
-        cloud = PointCloud.load(self.paths[number])
+        cloud = self._read(number)
         frame = cloud.metadata.get("frame", "sensor")
         if self.scene is None or frame == "world":
             return cloud
@@ -139,7 +159,7 @@ class Recorded:
         self._first = cloud_of(recording[self.numbers[0]])
         self.title = _title({}, recording.path.name)
 
-    def stage(self) -> bytes:
+    def stage(self, number: int | None = None) -> bytes:
         """Names of the frames, and a camera for the first."""
         told = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
@@ -157,7 +177,7 @@ class Recorded:
 
 
 class Live:
-    """A scene rendered anew for every setting, in a world that is compiled once."""
+    """A scene rendered anew for every setting; worlds are compiled once for each wavelength."""
 
     frames: tuple[str, ...] = ("",)
 
@@ -168,25 +188,87 @@ class Live:
         sensor: str | None = None,
         overrides: Sequence[str] = (),
         frame: FrameOptions | None = None,
+        named: str = "",
     ) -> None:
-        """Compile the scene and render it once. Raises InputError and BackendError."""
-        self.scene, self.asked = scene, frame or FrameOptions()
-        self.equipment = Equipment(scene, sensor or scene.sensor_name, overrides)
-        self._simulator = Simulator(scene, self.equipment.sensor, pose=self.asked.pose)
-        self._first = self._simulator.render(self.asked)
-        self._origin = _origin_of(pose_at(self._simulator.motion).position_m)
+        """Compile the scene and render it once. Raises InputError and BackendError.
+
+        named  what the command line calls the scene
+        """
+        self.scene, self.asked, self.named = scene, frame or FrameOptions(), named or scene.name
+        own = sensor or scene.sensor_name
+        self.overrides = tuple(overrides)
+        # The changes of the command line are the own sensor's: another may lack what they change.
+        self._equipment = {own: Equipment(scene, own, overrides)}
+        self.sensors = tuple(dict.fromkeys([own, *catalog.names("sensors")]))
+        self._worlds: dict[float, World] = {}
+        simulator = self._simulator(self.scene, self.equipment.sensor, TraceOptions())
+        self._first = simulator.render(self.asked)
+        self._place = pose_at(simulator.motion, simulator.start_s(self.asked))
+        self._origin = _origin_of(self._place.position_m)
+        self._start_s = simulator.start_s(self.asked)
         self.title = _title(self._first.metadata, scene.name)
 
-    def stage(self) -> bytes:
+    @property
+    def equipment(self) -> Equipment:
+        """With the sensor that was asked for."""
+        return next(iter(self._equipment.values()))
+
+    def _equipped(self, settings: Settings) -> Equipment:
+        """With the sensor that is chosen. Raises InputError."""
+        name = settings.get(SENSOR, self.sensors[0])
+        if not isinstance(name, str) or name not in self.sensors:
+            raise InputError(f"{SENSOR}: must be one of {', '.join(self.sensors)}, got {name}")
+        if name not in self._equipment:
+            self._equipment[name] = Equipment(self.scene, name)
+        return self._equipment[name]
+
+    def _simulator(self, scene: Scene, sensor: Sensor, trace: TraceOptions) -> Simulator:
+        wavelength_m = sensor.laser.wavelength_m
+        simulator = Simulator(
+            scene, sensor, trace, world=self._worlds.get(wavelength_m), pose=self.asked.pose
+        )
+        self._worlds[wavelength_m] = simulator.world
+        return simulator
+
+    def stage(self, number: int | None = None) -> bytes:
         """The scene's meshes, its own camera, and what can be chosen."""
+        now = self._asked(number)
+        start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(now)
         told = {
             "title": self.title, "frames": self.frames, "live": True,
-            "choices": {DETECTOR: list(self.equipment.detectors)},
+            "choices": {SENSOR: list(self.sensors), DETECTOR: list(self.equipment.detectors)},
+            "ahead": self._place.rotation[:, 0].tolist(), "moves": self._moves,
         }  # fmt: skip
         return stage_blob(
-            told, scene=self.scene, wavelength_m=self.equipment.sensor.laser.wavelength_m,
-            origin=self._origin, camera=_camera(self._first, None if self.asked.pose else self.scene),
+            told, scene=self.scene, wavelength_m=self.equipment.sensor.laser.wavelength_m, origin=self._origin,
+            camera=self._camera(start_s), time_s=start_s,
         )  # fmt: skip
+
+    def _asked(self, number: int | None) -> FrameOptions:
+        return self.asked if number is None else dataclasses.replace(self.asked, number=number)
+
+    @property
+    def _moves(self) -> bool:
+        """Whether frames differ in what stands where."""
+        return self.scene.ego is not None or any(body.motion is not None for body in self.scene.bodies)
+
+    def _camera(self, start_s: float) -> dict[str, Any]:
+        """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
+        own = None if self.asked.pose else self.scene
+        camera = _camera(self._first, own, time_s=start_s)
+        if own is not None and own.view is not None:
+            return camera
+        # From above and behind the sensor there may be a ceiling between: the camera stays on the sensor's side.
+        sensor_m, eye_m = self._place.position_m, np.array(camera["eye"])
+        apart = eye_m - sensor_m
+        length_m = float(np.linalg.norm(apart))
+        world = next(iter(self._worlds.values()))
+        free_m = float(
+            distances_m(world, sensor_m, (apart / max(length_m, 1e-9))[:, None], time_s=self._start_s)[0]
+        )
+        if free_m < length_m:
+            camera["eye"] = (sensor_m + apart * (IN_ROOM * free_m / length_m)).tolist()
+        return camera
 
     def frame(self, number: int) -> bytes:
         """The scene as its files have it."""
@@ -194,43 +276,84 @@ class Live:
 
     def rendered(self, settings: Settings) -> bytes:
         """One frame with these settings."""
-        scene, sensor = self.equipment.with_settings(settings)
+        equipment = self._equipped(settings)
+        of_sensor = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
+        lit, sensor = equipment.with_settings(of_sensor)
+        now = conditions(lit, self.asked, settings)
         summary, since = Summary(), time.perf_counter()
-        simulator = Simulator(scene, sensor, world=self._simulator.world, pose=self.asked.pose)
-        cloud = simulator.render(self.asked, summary=summary)
+        simulator = self._simulator(now.scene, sensor, now.trace)
+        cloud = simulator.render(now.frame, summary=summary)
         seconds = time.perf_counter() - since
-        told = {
-            "controls": [dataclasses.asdict(one) for one in self.equipment.controls(settings)],
-            "beams": summary.beams, "seconds": seconds, "sun": scene.sun.direction.tolist(),
+        told: dict[str, Any] = {
+            "controls": [
+                dataclasses.asdict(one)
+                for one in (*equipment.controls(of_sensor), *controls(self.scene, self.asked))
+            ],
+            "choices": {SENSOR: list(self.sensors), DETECTOR: list(equipment.detectors)},
+            "beams": summary.beams, "seconds": seconds, "sun": now.scene.sun.direction.tolist(),
+            "command": self._command(equipment, settings), "budget": now.budget,
         }  # fmt: skip
-        ambient = ambient_of(scene, sensor)
-        light = self._light(simulator, cloud, ambient)
-        budget = budget_of(cloud, sensor, ambient, light=light)
-        return frame_blob(cloud, name="", origin_m=self._origin, budget=budget, told=told)
+        budget = None
+        if now.budget:
+            ambient = ambient_of(now.scene, sensor)
+            light = self._light(simulator, cloud, ambient, now.frame)
+            budget = budget_of(cloud, sensor, ambient, light=light)
+        still = None
+        if cloud.metadata.get("ego_motion"):
+            still = deskewed(cloud, simulator.motion, length_s=sensor.scanner.frame_s)
+        return frame_blob(
+            cloud, name="", origin_m=self._origin, budget=budget, told=told,
+            still_m=None if still is None else still.xyz_m,
+        )  # fmt: skip
 
-    def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient) -> Echoes:
+    def _command(self, equipment: Equipment, settings: Settings) -> str:
+        """What renders the same, to be copied; or why there is none."""
+        chosen = dict(settings)
+        if chosen.get(DETECTOR) == next(iter(equipment.detectors)):
+            del chosen[DETECTOR]
+        overrides = self.overrides if equipment is self.equipment else ()
+        try:
+            words = command(self.named, equipment.name, overrides, chosen)
+        except InputError as error:
+            return f"# {error}"
+        if self.asked.pose is not None:
+            place = self.asked.pose
+            yaw, pitch, roll = np.degrees(yaw_pitch_roll_rad(place.rotation))
+            numbers = [*place.position_m, yaw, -pitch, roll]  # on the command line, positive pitch looks up
+            words.append(f"--pose={','.join(f'{x:.6g}' for x in numbers)}")
+        return shlex.join(words)
+
+    def _light(
+        self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions
+    ) -> Echoes:
         """Of the pulse of each point."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        now = Frame.of(scene, sensor, world, self.asked)
+        now = Frame.of(scene, sensor, world, frame)
         count = sensor.scanner.pulses
+        numbers = np.arange(now.first_pulse, now.first_pulse + count, dtype=np.uint32)
         light = light_of(
-            world, sensor, ambient, sun=scene.sun.direction,
-            placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), pulses=range(count),
-            seed=self.asked.seed,
+            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(lambda: numbers),
+            pulses=range(now.first_pulse, now.first_pulse + count), seed=frame.seed,
         )  # fmt: skip
-        pulse = pulses_of(cloud, sensor.scanner)
+        pulse = pulses_of(cloud, sensor.scanner) - now.first_pulse
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
 
 
 def stage_blob(
-    told: dict[str, Any], *, scene: Scene | None, wavelength_m: float, origin: Numbers, camera: dict[str, Any]
+    told: dict[str, Any],
+    *,
+    scene: Scene | None,
+    wavelength_m: float,
+    origin: Numbers,
+    camera: dict[str, Any],
+    time_s: float = 0.0,
 ) -> bytes:
-    """Camera and meshes around the origin."""
+    """Camera and meshes around the origin, bodies as they stand at a time."""
     moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
     header = told | {"camera": camera | moved, "origin": origin.tolist()}
     if scene is None:
         return packed(header, {})
-    solid = solid_of(scene, wavelength_m)
+    solid = solid_of(scene, wavelength_m, time_s=time_s)
     header |= {"opaque": 3 * solid.opaque, "sun": scene.sun.direction.tolist()}
     vertices = (solid.vertices_m - origin).astype(np.float32)
     return packed(
@@ -244,11 +367,16 @@ def _not_lambertian(scene: Scene, cloud: PointCloud) -> list[int]:
     return [number for number, kind in enumerate(kinds) if kind != "diffuse"]
 
 
-def _camera(cloud: PointCloud, scene: Scene | None) -> dict[str, Any]:
-    """Eye, target and the angle across: the scene's own view, or one that suits the cloud."""
+def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> dict[str, Any]:
+    """Eye, target and the angle across: the scene's own view, or one that suits the cloud.
+
+    A scene's view is that of its vehicle, which may have driven on.
+    """
     if scene is not None and scene.view is not None:
         view = scene.view
-        return {"eye": list(view.eye_m), "target": list(view.target_m), "fov_deg": view.fov_deg}
+        vehicle = pose_at(scene.ego, time_s) if scene.ego else Pose()
+        eye, target = vehicle.apply(np.array([view.eye_m, view.target_m])).tolist()
+        return {"eye": eye, "target": target, "fov_deg": view.fov_deg}
     camera = camera_for(cloud)
     look = camera.axes[2]
     ahead = (cloud.xyz_m[cloud.status == 0] - camera.eye_m) @ look

@@ -3,6 +3,7 @@
 working_point  what the comparator needs to know of a detector
 apd            avalanche photodiode with its amplifier
 sipm           silicon photomultiplier
+matching       whether a laser and a detector go together
 """
 
 from .apd import Apd

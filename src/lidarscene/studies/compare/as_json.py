@@ -10,14 +10,15 @@ from typing import Any
 
 from .data import Observation
 from .numbers import Pair, Rate, deviation, paired_range_difference, pairs, range_errors, rate, rates
-from .report import Comparison
+from .report import Comparison, verdict
 from .run import Sweep
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
     """All results; null for unknown numbers."""
     told: dict[str, Any] = {
-        "title": comparison.title, "matched": comparison.matched, "rates_are_shares_of": comparison.of,
+        "title": comparison.title, "verdict": verdict(comparison),
+        "matched": comparison.matched, "rates_are_shares_of": comparison.of,
         "seed": comparison.seed, "notes": [*comparison.notes, *comparison.windows],
         "sensors": [_observation(comparison, one) for one in comparison.everything],
         "pairs": [_pair(comparison, a, b) for a, b in comparison.against_first()],

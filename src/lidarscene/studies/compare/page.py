@@ -84,11 +84,12 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
 def _write(comparison: Comparison, output: Output) -> str:
     """All files; returns the numbers as JSON."""
     folder, own = output.folder, slugs([one.name for one in comparison.everything])
-    page = Page(comparison.title, folder=folder)
-    for note in (*comparison.notes, *comparison.windows):
-        page.paragraph(note)
+    page = Page(comparison.title, folder=folder, columns=True)
+    page.paragraph(report.verdict(comparison))
     page.table(*report.fate(comparison))
     page.table(*report.summary(comparison))
+    for note in (*comparison.notes, *comparison.windows):
+        page.paragraph(note)
     if comparison.matched:
         page.heading("Who found what")
         page.table(report.PAIRS, report.pair_rows(comparison))
@@ -180,10 +181,12 @@ def _pair_tables(comparison: Comparison, folder: Path, own: Sequence[str]) -> No
 def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[str]) -> None:
     """Every cloud and every difference cloud, from one point of view."""
     view = _view(comparison.everything[0].cloud, output.view)
+    # One scale for all, or the same colour would mean different things.
+    scale = plots.common_scale([one.cloud for one in comparison.everything], "snr")
     shown = []
     for one, slug in zip(comparison.everything, own, strict=True):
         name = f"cloud-{slug}"
-        _picture(one.cloud, output.folder / f"{name}.png", view, colour_by="snr")
+        _picture(one.cloud, output.folder / f"{name}.png", view, colour_by="snr", scale=scale)
         shown.append((name, f"{one.name}: {len(one.cloud):,} points by their signal-to-noise ratio."))
     page.pictures(shown)
     for (a, b), slug in _against_first(comparison, own):
@@ -198,15 +201,17 @@ def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[
         page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])
 
 
-def _picture(cloud: PointCloud, path: Path, view: View, *, colour_by: str) -> None:
-    plots.perspective_picture(cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX)
+def _picture(
+    cloud: PointCloud, path: Path, view: View, *, colour_by: str, scale: tuple[float, float] | None = None
+) -> None:
+    plots.perspective_picture(cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale)
 
 
 def _view(cloud: PointCloud, view: View | None) -> View:
     """The scene's camera, or the one that `figures.pictures` would choose for this cloud."""
     if view is not None:
         return view
-    camera = pixels.camera_for(cloud)
+    camera = pixels.camera_for(cloud, shape=_PICTURE_PX)
     x, y, z = (float(v) for v in camera.eye_m)
     right, up, ahead = (float(v) for v in camera.eye_m + 10.0 * camera.axes[2])
     return View(eye_m=(x, y, z), target_m=(right, up, ahead), fov_deg=camera.fov_deg)

@@ -56,6 +56,40 @@ class Comparison:
         return [(self.everything[0], other) for other in self.everything[1:]] if self.matched else []
 
 
+def verdict(comparison: Comparison) -> str:
+    """The outcome in one sentence: who found more and by how much, and who measured ranges better."""
+    if not comparison.rated:
+        counts = [f"{one.name} {int(np.count_nonzero(one.is_echo)):,}" for one in comparison.everything]
+        return (
+            f"Echoes: {', '.join(counts)}; which pulses found nothing is not known, so none is called better."
+        )
+    shares = [(one.name, rate(one.counted)) for one in comparison.everything]
+    order = sorted(shares, key=lambda pair: -pair[1].rate)
+    (best, most), (second, less), *_ = order
+    told = ", ".join(f"{name} {_percent(one.rate)}" for name, one in order[1:])
+    if _differ(comparison, best, second):
+        more = f", {100.0 * (most.rate - less.rate):.3g} points more" if len(order) == 2 else ""
+        found = f"{best} finds most, {_percent(most.rate)} of {comparison.of}{more}; {told}"
+    else:
+        alike = f"{best} and {second} find equally many of {comparison.of}, within chance"
+        found = f"{alike}: {_percent(most.rate)} and {told}"
+    spread = [(errors[0].sigma_m, one.name) for one in comparison.everything if (errors := range_errors(one))]
+    if len(spread) < len(shares):
+        return f"{found}."
+    (finest, exact), *others = sorted(spread)
+    told = ", ".join(f"{1e3 * sigma:.3g} mm of {name}" for sigma, name in others)
+    return f"{found}. Ranges scatter least with {exact}: {1e3 * finest:.3g} mm against {told}."
+
+
+def _differ(comparison: Comparison, best: str, second: str) -> bool:
+    """Whether the rates of two differ by more than chance, to 95 %; pulse by pulse where pulses match."""
+    a, b = (next(one for one in comparison.everything if one.name == name) for name in (best, second))
+    if comparison.matched:
+        (pair,) = pairs(a.counted, b.counted)
+        return pair.difference_interval[0] > 0.0
+    return rate(a.counted).interval[0] > rate(b.counted).interval[1]
+
+
 def _percent(share: float) -> str:
     return f"{100.0 * share:.2f} %"
 
@@ -121,8 +155,8 @@ def summary(comparison: Comparison) -> Table:
 
 
 def _known(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """The table without columns of which nothing is known."""
-    kept = [i for i in range(len(header)) if any(row[i] != "-" for row in rows)]
+    """The table without columns of which nothing is known, or that are 0 for all."""
+    kept = [i for i in range(len(header)) if any(row[i] not in ("-", "0") for row in rows)]
     return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
 
@@ -168,6 +202,8 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> Ta
     order = [n for n in range(len(grouping.labels)) if any(one[n].surfaces for one in table)]
     order.sort(key=lambda n: -max(one[n].surfaces for one in table))
     if most is not None:
+        # A body that all found alike says nothing here.
+        order = [n for n in order if not between or any(p[n].only_a or p[n].only_b for p in between)]
         order.sort(key=lambda n: -sum(p[n].only_a + p[n].only_b for p in between))
     rows = []
     for n in order[:most]:
@@ -249,8 +285,8 @@ def sweep_table(swept: Sweep) -> Table:
 
 
 def as_text(comparison: Comparison) -> str:
-    """For people: a table of the sensors, then a line for each pair and each crossing."""
-    lines: list[str] = []
+    """For people: the verdict, a table of the sensors, then a line for each pair and each crossing."""
+    lines = [verdict(comparison)]
     for short, (header, rows) in ((_FATE_SHORT, fate(comparison)), (_RATES_SHORT, summary(comparison))):
         kept = [i for i, name in enumerate(header) if name in short]
         lines += _columns([[row[i] for i in kept] for row in (("", *header[1:]), *rows)])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -173,12 +173,21 @@ class Sweep:
     on_plane_klux: dict[str, float | None]
 
 
-def sweep(bench: Bench, sensors: Sequence[Named], illuminances_klux: Sequence[float]) -> Sweep:
-    """Every sensor under every illuminance (rising, above 0), and where the others cross the first."""
-    courses = {
-        name: [Lit.of(bench.observe(name, s, illuminance_klux=lux), lux) for lux in illuminances_klux]
-        for name, s in sensors
-    }
+def sweep(
+    bench: Bench,
+    sensors: Sequence[Named],
+    illuminances_klux: Sequence[float],
+    *,
+    told: Callable[[int], object] = lambda done: None,
+) -> Sweep:
+    """Every sensor under every illuminance (rising, above 0), and where the others cross the first.
+
+    told  how many frames are rendered, before crossings are looked for
+    """
+    courses: dict[str, list[Lit]] = {name: [] for name, _ in sensors}
+    for done, ((name, s), lux) in enumerate(itertools.product(sensors, illuminances_klux), start=1):
+        courses[name].append(Lit.of(bench.observe(name, s, illuminance_klux=lux), lux))
+        told(done)
     first, others = sensors[0], sensors[1:]
     crossings = {other[0]: _crossings(bench, first, other, courses) for other in others}
     plane = {name: _on_plane(first[1], s, illuminances_klux) for name, s in others}

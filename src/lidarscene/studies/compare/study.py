@@ -5,7 +5,7 @@ The command `compare` and Python users call these two functions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,8 @@ from .page import Output, file_names, require_files, write
 from .report import Comparison
 from .run import Bench, Named, fires_alike, sweep, with_beams_of
 
+Told = Callable[[int, int], object]
+
 _INTERVALS = (
     "Intervals are of 95 %: Wilson's for rates, Agresti and Min's for the difference of two rates of the same pulses. "
     "They take pulses for independent."
@@ -31,10 +33,12 @@ _INTERVALS = (
 def of_sensors(
     bench: Bench, sensors: Sequence[Named], folder: Path, *, same_beams: bool = False,
     illuminances_klux: Sequence[float] | None = None, as_json: bool = False,
+    progress: Told = lambda done, total: None,
 ) -> str:  # fmt: skip
     """Render the bench's scene with each sensor and write the report; returns the text to print.
 
     same_beams  all sensors get the first one's scanner and mounting
+    progress    told (done, total) of the frames that are rendered, and of the page
 
     Raises InputError, OutputError, BackendError.
     """
@@ -47,7 +51,13 @@ def of_sensors(
         folder,
         file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True),
     )
-    seen = tuple(bench.observe(name, sensor) for name, sensor in sensors)
+    total = len(sensors) * (1 + len(illuminances_klux or ())) + 1
+    progress(0, total)
+    observed = []
+    for name, sensor in sensors:
+        observed.append(bench.observe(name, sensor))
+        progress(len(observed), total)
+    seen = tuple(observed)
     if not matched:
         seen = tuple(replace(one, pulse=None) for one in seen)
     comparison = Comparison(
@@ -64,7 +74,9 @@ def of_sensors(
         ),
         windows=windows(seen, [sensor for _, sensor in sensors]),
         seed=bench.seed,
-        swept=sweep(bench, sensors, illuminances_klux) if illuminances_klux else None,
+        swept=sweep(bench, sensors, illuminances_klux, told=lambda done: progress(len(sensors) + done, total))
+        if illuminances_klux
+        else None,
     )
     return write(comparison, Output(folder, scene.view if bench.pose is None else None), as_json=as_json)
 

@@ -33,6 +33,7 @@ SUMMARY = (
     "points per second",
     "frame",
     "field of view",
+    "azimuth",
     "elevation",
     "spacing, median",
     "maximum range",
@@ -42,6 +43,7 @@ NO_GROUND = (
     "SENSOR:mounting.position_m=[0,0,1.9], the ground around the vehicle, overlaps and blind zones are drawn."
 )
 DOTS = 60_000  # of a pattern that are drawn and listed
+_GAP_DEG = 5.0  # of azimuth that a turning head may leave out
 _WIDE = 1200  # pixels across a map at most
 
 
@@ -71,8 +73,30 @@ def summary_row(one: Seen) -> tuple[str, ...]:
     return (
         one.name, f"{rate_hz(one.sensor.scanner):,.0f}", f"{one.sensor.scanner.frame_s:.4g} s",
         f"{one.maps.square_degrees.sum():,.0f} square degrees",
+        azimuth_text(one.frame.azimuth_deg),
         f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°", spacing, reach,
     )  # fmt: skip
+
+
+def azimuth_arc_deg(azimuth_deg: Numbers) -> tuple[float, float]:
+    """The shortest arc that holds all azimuths, from right to left; it may go beyond 180 degrees.
+
+    All around if no gap is wider than those that a turning head leaves.
+    """
+    turned = np.unique(np.mod(azimuth_deg, 360.0))
+    gaps = np.diff(turned, append=turned[0] + 360.0)
+    widest = int(gaps.argmax())
+    if gaps[widest] <= _GAP_DEG:
+        return -180.0, 180.0
+    first, last = float(turned[(widest + 1) % len(turned)]), float(turned[widest])
+    first -= 360.0 * (first > 180.0)
+    return first, last + 360.0 * np.ceil((first - last) / 360.0)
+
+
+def azimuth_text(azimuth_deg: Numbers) -> str:
+    """The arc in words."""
+    first, last = azimuth_arc_deg(azimuth_deg)
+    return "all around" if last - first >= 360.0 else f"{first:.2f} to {last:.2f}°"
 
 
 def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
@@ -200,6 +224,35 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
         title=f"One frame in the scene {scene}",
     )  # fmt: skip
     return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
+
+
+def patterns(everything: Sequence[Seen]) -> Figure:
+    """The first frames of all sensors, one over the other."""
+    kept = max(DOTS // len(everything), 1)
+    extents = np.array([_extent(one) for one in everything])
+    extent = (*extents.min(axis=0)[[0]], extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max())
+    # The widest field lies at the bottom, so that it hides no other.
+    order = np.argsort([-one.maps.square_degrees.sum() for one in everything], kind="stable")
+    layers = [
+        maps.Layer(
+            label=one.name, colour=int(number), azimuth_deg=one.frame.azimuth_deg[:kept],
+            elevation_deg=one.frame.elevation_deg[:kept],
+        )
+        for number in order
+        for one in [everything[number]]
+    ]  # fmt: skip
+    rows = [
+        (one.name, *row)
+        for one in everything
+        for row in zip(
+            one.frame.time_s[:kept], one.frame.azimuth_deg[:kept], one.frame.elevation_deg[:kept], strict=True
+        )
+    ]
+    caption = f"Where the pulses of all sensors go, up to {kept:,} of each that come first in its frame."
+    draw = partial(
+        maps.save_layers, layers=layers, extent=extent, title="Patterns of all sensors, at their mountings"
+    )
+    return "patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
 def pattern(one: Seen) -> Figure:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from ...scene.model import Scene
     from .bodies import OnBody
 
+Told = Callable[[int, int], object]
+
 PAGES = ("index.md", "index.html")
 MAPS = ("pattern", "density", "revisit", "range")
 
@@ -45,27 +47,34 @@ def slugs(names: Sequence[str]) -> list[str]:
 
 def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> list[str]:
     """Names of all files that `write` writes."""
-    stems = ["coverage", "spacing", *(["ground"] if with_ground else []), *(["bodies"] if with_scene else [])]
+    stems = [
+        *(["patterns"] if len(names) > 1 else []),
+        "coverage",
+        "spacing",
+        *(["ground"] if with_ground else []),
+        *(["bodies"] if with_scene else []),
+    ]
     stems += [f"{slug}-{one}" for slug in slugs(names) for one in MAPS]
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "csv"))]
 
 
 def write(
     folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
-    vehicle: Pose | None = None, as_json: bool = False,
+    vehicle: Pose | None = None, as_json: bool = False, progress: Told = lambda done, total: None,
 ) -> str:  # fmt: skip
     """Write all figures and both pages; returns the text to print. Raises InputError, OutputError.
 
     sensors  names and sensors, each at its mounting
     scene    on whose bodies points are counted too
     vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
+    progress told (done, total) of the steps: each sensor's pattern, what all see together, each sensor's maps
     """
     names = [name for name, _ in sensors]
     files = file_names(names, with_ground=_on_vehicle(sensors), with_scene=scene is not None)
     for name in files:
         require_writable(folder / name)
     with atomic_folder(folder) as temporary:
-        everything = _write(temporary, sensors, study, scene, vehicle)
+        everything = _write(temporary, sensors, study, scene, vehicle, progress)
     return _printed(folder, everything, study, files, as_json=as_json)
 
 
@@ -75,16 +84,20 @@ def _write(
     study: Study,
     scene: Scene | None,
     vehicle: Pose | None,
+    progress: Told,
 ) -> list[Seen]:
     """All files into a folder; returns what was seen."""
     names = [name for name, _ in sensors]
     on_vehicle = _on_vehicle(sensors)
-    everything = [
-        seen(name, slug, sensor, study) for (name, sensor), slug in zip(sensors, slugs(names), strict=True)
-    ]
+    total = 2 * len(sensors) + 1
+    progress(0, total)
+    everything: list[Seen] = []
+    for (name, sensor), slug in zip(sensors, slugs(names), strict=True):
+        everything.append(seen(name, slug, sensor, study))
+        progress(len(everything), total)
     below = _ground(everything, study) if on_vehicle else None
     bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
-    page = Page("Fields of view")
+    page = Page("Fields of view", columns=True)
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
     page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
 
@@ -96,6 +109,8 @@ def _write(
         page.figure(name=stem, number=stem, caption=caption, svg=False)
 
     page.heading("All sensors")
+    if len(everything) > 1:
+        show(*figures.patterns(everything))
     show(*figures.coverage(everything, study.times_s, study.cell_deg))
     page.table(
         ("sensor", *(f"{t:g} s" for t in study.times_s)), figures.coverage_rows(everything, study.times_s)
@@ -108,10 +123,12 @@ def _write(
         page.paragraph(figures.NO_GROUND)
     if bodies is not None and scene is not None:
         show(*figures.on_bodies(bodies, scene.name))
-    for one in everything:
+    progress(len(sensors) + 1, total)
+    for done, one in enumerate(everything, start=len(sensors) + 2):
         page.heading(one.name)
         for made in (figures.pattern, figures.density, figures.revisit, figures.far):
             show(*made(one))
+        progress(done, total)
     put_text(folder / PAGES[0], page.as_markdown())
     put_text(folder / PAGES[1], page.as_html())
     return everything
@@ -146,6 +163,8 @@ def _printed(
         rows = {
             one.name: {
                 "points_per_s": rate_hz(one.sensor.scanner),
+                "azimuth_deg": list(figures.azimuth_arc_deg(one.frame.azimuth_deg)),
+                "elevation_deg": [float(one.frame.elevation_deg.min()), float(one.frame.elevation_deg.max())],
                 "field_square_degrees": float(one.maps.square_degrees.sum()),
                 "coverage": dict(zip(map(str, study.times_s), _coverage(one, study), strict=True)),
                 "spacing_deg": dict(
@@ -158,7 +177,12 @@ def _printed(
             {"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]}
         )
     width = max(len(one.name) for one in everything)
-    lines = [f"coverage with cells of {study.cell_deg:g} degrees"]
+    lines = [
+        f"{one.name:<{width}}  azimuth {figures.azimuth_text(one.frame.azimuth_deg)}, elevation "
+        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°"
+        for one in everything
+    ]
+    lines += [f"coverage with cells of {study.cell_deg:g} degrees"]
     lines.append(" " * width + "".join(f"{t:>8g} s" for t in study.times_s))
     for one in everything:
         lines.append(f"{one.name:<{width}}" + "".join(f"{100.0 * c:>8.1f} %" for c in _coverage(one, study)))

@@ -9,6 +9,7 @@ import csv
 import io
 import json
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -48,16 +49,29 @@ def file_names() -> list[str]:
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv"))]
 
 
-def write(folder: Path, *, as_json: bool = False) -> str:
-    """Write all figures and both pages; returns the text to print. Raises OutputError."""
+def write(
+    folder: Path, *, as_json: bool = False, progress: Callable[[int, int], object] = lambda done, total: None
+) -> str:
+    """Write all figures and both pages; returns the text to print. Raises OutputError.
+
+    progress  told (done, total) of the steps: what is computed, and each figure that is drawn
+    """
     for name in file_names():
         require_writable(folder / name)
-    drawn, claims, mistakes = figures(), [*claims_of_the_model(), *claims_of_the_results()], errata()
+    computed, total = 3, 3 + len(file_names()[len(PAGES) :: 3])
+    progress(0, total)
+    drawn = figures()
+    progress(1, total)
+    claims = [*claims_of_the_model(), *claims_of_the_results()]
+    progress(2, total)
+    mistakes = errata()
+    progress(computed, total)
     page = _page(drawn, claims, mistakes)
     with atomic_folder(folder) as temporary:
-        for one in drawn:
+        for done, one in enumerate(drawn, start=computed + 1):
             charts.save(one.chart, [temporary / f"{one.file}.png", temporary / f"{one.file}.svg"])
             put_text(temporary / f"{one.file}.csv", _csv(one))
+            progress(done, total)
         put_text(temporary / PAGES[0], page.as_markdown())
         put_text(temporary / PAGES[1], page.as_html())
     if as_json:

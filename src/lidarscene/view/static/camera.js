@@ -44,6 +44,27 @@ class Camera {
     this.target = plus(this.target, plus(scaled(axes.right, -right * across), scaled(axes.up, up * across)));
   }
 
+  // From the sensor, a little ahead of it, so that the first turn is about what it sees.
+  look(eye, ahead, distance = 8) {
+    this.place(eye, plus(eye, scaled(ahead, distance)));
+  }
+
+  // From a direction, as far away that a box around these points fits.
+  fit(xyz, from, aspect) {
+    const axes = [[], [], []];
+    const step = 3 * Math.max(1, Math.floor(xyz.length / 60000));
+    for (let i = 0; i < xyz.length; i += step) for (let k = 0; k < 3; k++) axes[k].push(xyz[i + k]);
+    if (!axes[0].length) return;
+    for (const axis of axes) axis.sort((a, b) => a - b);
+    // A few points far away decide nothing.
+    const [low, high] = [0.02, 0.98].map(part => axes.map(axis => axis[Math.floor(part * (axis.length - 1))]));
+    const middle = scaled(plus(low, high), 0.5), half = scaled(minus(high, low), 0.5);
+    this.place(plus(middle, from), middle);
+    const { right, up, away } = this.axes;
+    const reach = axis => Math.abs(axis[0]) * half[0] + Math.abs(axis[1]) * half[1] + Math.abs(axis[2]) * half[2];
+    this.distance = Math.min(2000, 1.05 * (Math.max(reach(right), aspect * reach(up)) / this.tangent) + reach(away));
+  }
+
   zoom(factor) {
     this.distance = Math.max(0.2, Math.min(2000, this.distance * factor));
   }
@@ -84,7 +105,7 @@ function steer(canvas, camera, { changed, clicked, doubled }) {
     changed();
   });
   canvas.addEventListener("pointerup", event => {
-    if (before && moved < 4 && event.button === 0) clicked(event.offsetX, event.offsetY);
+    if (before && moved < 4 && event.button === 0) clicked(event.offsetX, event.offsetY, event.shiftKey);
     before = null;
   });
   canvas.addEventListener("dblclick", event => doubled(event.offsetX, event.offsetY));

@@ -17,24 +17,59 @@ function showStatuses(names, counts, hidden, changed) {
 // Sliders of a live scene. `settings` holds what was changed; `changed` is called with a key and its value.
 function showControls(controls, settings, changed) {
   byId("controls").replaceChildren(...controls.map(control => {
-    const { key, label, unit, low, high, log } = control;
+    const { key, label, unit, low, high, log, whole } = control;
     const value = settings[key] ?? control.value;
     const place = v => log ? Math.log(Math.max(v, low) / low) / Math.log(high / low) : (v - low) / (high - low);
     const slider = made("input", { type: "range", min: 0, max: 1, step: 0.001, value: place(value), ariaLabel: label });
     const box = made("input", { type: "number", step: "any", value: Number(value.toPrecision(4)), ariaLabel: label });
+    const note = made("p", { id: `note-${key}`, hidden: true });
     slider.oninput = () => {
       const part = Number(slider.value);
-      box.value = Number((log ? low * (high / low) ** part : low + part * (high - low)).toPrecision(3));
+      const moved = log ? low * (high / low) ** part : low + part * (high - low);
+      box.value = whole ? Math.round(moved) : Number(moved.toPrecision(3));
+      tell(box, note, "");
       changed(key, box.valueAsNumber);
     };
     box.onchange = () => {
-      if (!Number.isFinite(box.valueAsNumber)) return;
+      const wrong = mistake(box, control);
+      tell(box, note, wrong);
+      if (wrong) return;
       slider.value = place(box.valueAsNumber);
       changed(key, box.valueAsNumber);
     };
     return made("div", { className: "control" },
-      made("div", {}, label, made("span", {}, box, " ", made("span", { className: "unit" }, unit))), slider);
+      made("div", {}, label, made("span", {}, box, " ", made("span", { className: "unit" }, unit))), slider, note);
   }));
+}
+
+// What is wrong with a number that was typed, or "".
+function mistake(box, { least, most, whole, unit }) {
+  const value = box.valueAsNumber, of = unit ? ` ${unit}` : "";
+  if (!Number.isFinite(value)) return "must be a number";
+  if (whole && !Number.isInteger(value)) return "must be a whole number";
+  if (least !== null && value < least) return `must be >= ${least}${of}`;
+  if (most !== null && value > most) return `must be <= ${most}${of}`;
+  return "";
+}
+
+function tell(box, note, text) {
+  note.textContent = text;
+  note.hidden = !text;
+  box.classList.toggle("wrong", Boolean(text));
+}
+
+// The server's complaint beside the field that it names; false if it names none.
+function tellBeside(message) {
+  const notes = [...document.querySelectorAll("#controls p")];
+  const note = notes.find(one => message.includes(one.id.slice("note-".length)));
+  if (note) tell(note.parentElement.querySelector("input[type=number]"), note, message.split(": ").slice(-1)[0]);
+  return Boolean(note);
+}
+
+function clearNotes() {
+  for (const note of document.querySelectorAll("#controls p")) {
+    tell(note.parentElement.querySelector("input[type=number]"), note, "");
+  }
 }
 
 function showChoices(choices, settings, changed) {
@@ -71,7 +106,7 @@ function showCard(frame, index, { origin, closed, missing }) {
 
 // What a budget lacks.
 function note(frame, index) {
-  if (!frame.arrays.echo_power) return "For P_r, P_rs and the threshold: lidarscene view CLOUD SCENE, of a cloud with truth.";
+  if (!frame.arrays.echo_power) return frame.command ? "" : "For P_r, P_rs and the threshold: lidarscene view CLOUD SCENE, of a cloud with truth.";
   return frame.approximate?.includes(frame.arrays.material[index])
     ? "This material is not Lambertian: P_rs, and what follows from it, are those of its diffuse part." : "";
 }

@@ -3,13 +3,14 @@
 class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
-    this.gl = canvas.getContext("webgl2", { antialias: true });
+    // A picture is saved from what was drawn last.
+    this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the view needs");
     this.points = this.#program(POINT_SHADER);
     this.surface = this.#program(SURFACE_SHADER);
     this.line = this.#program(LINE_SHADER);
     this.buffers = {};
-    this.arrays = Object.fromEntries(["points", "surface", "line"].map(name => [name, this.gl.createVertexArray()]));
+    this.arrays = Object.fromEntries(["points", "still", "surface", "line"].map(name => [name, this.gl.createVertexArray()]));
     this.map = this.gl.createTexture();
     this.counts = { points: 0, faces: 0, opaque: 0 };
   }
@@ -44,23 +45,28 @@ class Renderer {
     gl.vertexAttribPointer(place, size, type, normalised, 0, 0);
   }
 
-  setPoints(xyz, status) {
+  // `still` are the same points without the sensor's own motion, or nothing.
+  setPoints(xyz, still, status) {
     this.counts.points = xyz.length / 3;
-    this.#attribute("points", this.points, "position", xyz, 3);
-    this.#attribute("points", this.points, "status", status, 1, { type: this.gl.UNSIGNED_BYTE });
+    this.layers = still ? { points: xyz, still } : { points: xyz };
+    for (const [layer, places] of Object.entries(this.layers)) {
+      this.#attribute(layer, this.points, "position", places, 3);
+      this.#attribute(layer, this.points, "status", status, 1, { type: this.gl.UNSIGNED_BYTE });
+    }
   }
 
   setValues(values) {
     // Infinity means that there is none; shaders need not know it.
     const plain = Float32Array.from(values, value => Number.isFinite(value) ? value : 3e38);
-    this.#attribute("points", this.points, "value", plain, 1);
+    for (const layer of Object.keys(this.layers)) this.#attribute(layer, this.points, "value", plain, 1);
   }
 
   setSurface({ vertices, colours, faces }, opaque) {
     const gl = this.gl;
     this.#attribute("surface", this.surface, "position", vertices, 3);
     this.#attribute("surface", this.surface, "tint", colours, 4, { type: gl.UNSIGNED_BYTE, normalised: true });
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    this.buffers.faces ??= gl.createBuffer();
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
     Object.assign(this.counts, { faces: faces.length, opaque });
   }
@@ -121,7 +127,6 @@ class Renderer {
     if (!this.counts.points) return;
     const gl = this.gl, { program, uniforms } = this.points;
     gl.useProgram(program);
-    gl.bindVertexArray(this.arrays.points);
     gl.bindTexture(gl.TEXTURE_2D, this.map);
     gl.uniformMatrix4fv(uniforms.matrix, false, matrix);
     gl.uniform3fv(uniforms.eye, camera.eye);
@@ -131,7 +136,10 @@ class Renderer {
     gl.uniform1i(uniforms.scale, style.scale);
     gl.uniform1ui(uniforms.hidden, style.hidden);
     gl.uniform1i(uniforms.alarms, style.alarms ? 1 : 0);
-    gl.drawArrays(gl.POINTS, 0, this.counts.points);
+    for (const layer of style.layers.filter(name => name in this.layers)) {
+      gl.bindVertexArray(this.arrays[layer]);
+      gl.drawArrays(gl.POINTS, 0, this.counts.points);
+    }
   }
 
   #drawLine(matrix, ends) {

@@ -7,7 +7,7 @@ class Viewer {
     this.renderer = new Renderer(this.canvas);
     this.camera = new Camera(stage.camera);
     this.legend = new Legend(byId("legend"), () => this.recolour());
-    Object.assign(this, { frame: null, number: 0, hidden: 0, selected: -1, pulse: null, settings: {}, frames: new Map() });
+    Object.assign(this, { frame: null, number: 0, hidden: 0, selected: -1, other: -1, pulse: null, settings: {}, frames: new Map() });
     Object.assign(this, { colourBy: "intensity", sun: stage.sun ?? [0, 0, 1] });
     if (stage.arrays.faces) this.renderer.setSurface(stage.arrays, stage.opaque);
     byId("meshes").hidden = !stage.arrays.faces;
@@ -23,30 +23,36 @@ class Viewer {
 
   #listen() {
     const redraw = () => this.redraw();
-    for (const id of ["size", "opacity"]) byId(id).oninput = redraw;
+    for (const id of ["size", "opacity", "raw", "still"]) byId(id).oninput = redraw;
+    for (const place of ["first", "sensor", "top", "side", "fit"]) byId(`go-${place}`).onclick = () => this.go(place);
+    byId("picture").onclick = () => this.savePicture();
+    byId("copy").onclick = () => this.copyCommand();
     byId("field").onchange = event => {
       this.colourBy = event.target.value;
-      this.colour(false);
+      if (this.frame.arrays[this.colourBy] || "xyz".includes(this.colourBy)) this.colour(false);
+      else this.render();
     };
     steer(this.canvas, this.camera, {
       changed: redraw,
-      clicked: (left, top) => this.select(this.pick(left, top)),
+      clicked: (left, top, second) => {
+        if (second && this.selected >= 0) this.measure(this.pick(left, top));
+        else this.select(this.pick(left, top));
+      },
       doubled: (left, top) => {
         const point = this.pick(left, top);
-        if (point >= 0) this.camera.turnAbout([...this.frame.arrays.xyz.subarray(3 * point, 3 * point + 3)]);
+        if (point >= 0) this.camera.turnAbout(this.#place(point));
         this.redraw();
       },
     });
     new ResizeObserver(redraw).observe(this.canvas);
     addEventListener("keydown", event => {
       if (event.key.toLowerCase() === "r" && !["INPUT", "SELECT"].includes(event.target.tagName)) {
-        this.camera.place(this.stage.camera.eye, this.stage.camera.target);
-        this.redraw();
+        this.go("first");
       }
     });
     byId("reset").onclick = () => {
       this.settings = {};
-      this.choices();
+      byId("error").hidden = true;
       this.render(true);
     };
     const { frames } = this.stage;
@@ -56,10 +62,54 @@ class Viewer {
     byId("play").onclick = () => this.play();
   }
 
+  // The camera at the sensor, above, beside, or where all points are seen.
+  go(place) {
+    const { xyz } = this.frame.arrays, aspect = this.canvas.clientWidth / this.canvas.clientHeight;
+    const eye = minus(this.frame.sensor, this.stage.origin);
+    if (place === "first") this.camera.place(this.stage.camera.eye, this.stage.camera.target);
+    else if (place === "sensor") this.camera.look(eye, this.stage.ahead ?? this.#ahead(eye));
+    else if (place === "top") this.camera.fit(xyz, [-0.02, 0, 1], aspect);
+    else if (place === "side") this.camera.fit(xyz, [0, -1, 0.05], aspect);
+    else this.camera.fit(xyz, this.camera.axes.away, aspect);
+    this.redraw();
+  }
+
+  // Where a sensor looks that does not say: to the middle of its points, level.
+  #ahead(eye) {
+    const { xyz } = this.frame.arrays;
+    let [x, y] = [0, 0];
+    for (let i = 0; i < xyz.length; i += 3) [x, y] = [x + xyz[i] - eye[0], y + xyz[i + 1] - eye[1]];
+    const length = Math.hypot(x, y);
+    return length > 0 ? [x / length, y / length, 0] : [1, 0, 0];
+  }
+
+  savePicture() {
+    this.draw();
+    const name = `${this.stage.title.replace(/[^\w.-]+/g, "-") || "lidarscene"}.png`;
+    this.canvas.toBlob(image => {
+      const link = made("a", { href: URL.createObjectURL(image), download: name });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    });
+  }
+
+  async copyCommand() {
+    const command = this.frame.command ?? "";
+    try {
+      await navigator.clipboard.writeText(command);
+      byId("copy").textContent = "copied";
+    } catch {
+      // Without the right to write there, it can be copied by hand.
+      prompt("the command", command);
+    }
+    setTimeout(() => { byId("copy").textContent = "copy as command"; }, 1500);
+  }
+
   choices() {
-    showChoices(this.stage.choices ?? {}, this.settings, (key, value) => {
-      // Numbers of one detector mean nothing to the other.
-      const shared = Object.entries(this.settings).filter(([name]) => /^(sun|laser|optics)\./.test(name));
+    showChoices(this.frame?.choices ?? this.stage.choices ?? {}, this.settings, (key, value) => {
+      // Numbers of one detector mean nothing to the other, and those of one sensor to another.
+      const shared = Object.entries(this.settings).filter(([name]) => key === "sensor"
+        ? /^(sun|weather|run)\./.test(name) : /^(sun|weather|run|laser|optics)\.|^sensor$/.test(name));
       this.settings = { ...Object.fromEntries(shared), [key]: value };
       this.render(true);
     });
@@ -95,18 +145,36 @@ class Viewer {
       this.waiting = false;
       const since = performance.now();
       try {
-        const frame = await blob("render", this.settings);
+        // A budget takes longer than the points: it is asked for where it is seen.
+        const budget = this.pulse || this.ofBudget(this.colourBy) ? 1 : 0;
+        const frame = await blob("render", { ...this.settings, "run.budget": budget });
         byId("error").hidden = true;
+        clearNotes();
+        await this.moveStage(this.settings["run.frame"]);
         this.show(frame, this.newControls);
         this.newControls = false;
         this.milliseconds = performance.now() - since;
         byId("speed").textContent = `render ${(1e3 * frame.seconds).toFixed(0)} ms, `
           + `all ${this.milliseconds.toFixed(0)} ms`;
       } catch (error) {
-        complain(error);
+        if (!tellBeside(error.message)) complain(error);
       }
     }
     this.busy = false;
+  }
+
+  // Surfaces, and the camera with them, as they are when another frame begins.
+  async moveStage(number) {
+    if (!this.stage.moves || this.stageNumber === number) return;
+    const { arrays, camera, opaque } = await blob(number === undefined ? "stage" : `stage?frame=${number}`);
+    if (arrays.faces) this.renderer.setSurface(arrays, opaque);
+    this.camera.target = plus(this.camera.target, minus(camera.target, this.stage.camera.target));
+    this.stage.camera = camera;
+    this.stageNumber = number;
+  }
+
+  ofBudget(name) {
+    return this.fields?.some(field => field.name === name && field.group === "Budget");
   }
 
   show(frame, controls) {
@@ -114,9 +182,14 @@ class Viewer {
     const { xyz, status } = frame.arrays;
     frame.values = name => frame.arrays[name] ?? xyz.filter((_, i) => i % 3 === "xyz".indexOf(name));
     const names = frame.fields.map(field => field.name);
+    // Fields of a budget that was not asked for can be asked for.
+    const left = frame.budget === false ? (this.fields ?? []).filter(field => !names.includes(field.name)) : [];
+    this.fields = [...frame.fields, ...left.filter(field => field.group === "Budget")];
+    const known = this.fields.map(field => field.name);
     if (!names.includes(this.colourBy)) this.colourBy = "range";
-    if (names.join() !== this.names) showFields(frame.fields, frame.groups, this.colourBy);
-    this.names = names.join();
+    if (known.join() !== this.names) showFields(this.fields, frame.groups, this.colourBy);
+    this.names = known.join();
+    byId("layers").hidden = !frame.arrays.still;
     const statuses = frame.fields.find(field => field.name === "status").names;
     const counts = Array(statuses.length).fill(0);
     for (const one of status) counts[one] += 1;
@@ -131,9 +204,10 @@ class Viewer {
         this.settings[key] = value;
         this.render();
       });
+      this.choices();
     }
     this.sun = frame.sun ?? this.sun;
-    this.renderer.setPoints(xyz, status);
+    this.renderer.setPoints(xyz, frame.arrays.still, status);
     this.colour(!controls);
     this.reselect();
   }
@@ -156,21 +230,41 @@ class Viewer {
   }
 
   pick(left, top) {
-    return this.renderer.pick(this.matrix, this.frame.arrays.xyz, left, top, i => this.isShown(i));
+    return this.renderer.pick(this.matrix, this.places, left, top, i => this.isShown(i));
   }
 
   select(index) {
     const { time, channel } = this.frame.arrays;
     this.pulse = index < 0 ? null : { time: time[index], channel: channel[index], azimuth: this.frame.arrays.azimuth[index] };
     this.selected = index;
+    this.other = -1;
+    if (index >= 0 && this.isLive && this.frame.budget === false) this.render();
     this.#card();
     this.redraw();
+  }
+
+  // Another point, whose distance from the selected one is told.
+  measure(index) {
+    this.other = index;
+    this.#card();
+    this.redraw();
+  }
+
+  // What is clicked: the points as they were seen, or deskewed if these alone are shown.
+  get places() {
+    const { xyz, still } = this.frame.arrays;
+    return still && byId("still").checked && !byId("raw").checked ? still : xyz;
+  }
+
+  #place(index) {
+    return [...this.places.subarray(3 * index, 3 * index + 3)];
   }
 
   // The same pulse in another frame: its first point, if it has one.
   reselect() {
     if (!this.pulse) return;
     const { time, channel, azimuth } = this.frame.arrays;
+    this.other = -1;
     this.selected = time.findIndex((value, i) => value === this.pulse.time && channel[i] === this.pulse.channel
       && azimuth[i] === this.pulse.azimuth);
     this.#card();
@@ -183,6 +277,12 @@ class Viewer {
     showCard(this.frame, this.selected, {
       origin: this.stage.origin, closed: () => this.select(-1), missing: "This pulse has no point in this frame.",
     });
+    if (this.other >= 0 && this.selected >= 0) {
+      const apart = minus(this.#place(this.other), this.#place(this.selected));
+      const parts = apart.map((d, k) => `${"xyz"[k]} ${d.toFixed(3)}`).join(", ");
+      const told = `${Math.hypot(...apart).toFixed(3)}\u202fm to the other point: ${parts}`;
+      byId("card").insertBefore(made("p", { id: "distance" }, told), byId("card").children[1]);
+    }
   }
 
   redraw() {
@@ -194,14 +294,17 @@ class Viewer {
   }
 
   draw() {
-    const { xyz } = this.frame.arrays;
     const sensor = minus(this.frame.sensor, this.stage.origin);
-    const point = this.selected < 0 ? null : [...xyz.subarray(3 * this.selected, 3 * this.selected + 3)];
+    const point = this.selected < 0 ? null : this.#place(this.selected);
+    const second = this.other < 0 ? null : this.#place(this.other);
+    const layers = [["raw", "points"], ["still", "still"]].filter(([id]) => byId(id).checked).map(([, name]) => name);
     this.matrix = this.renderer.draw(this.camera, {
       ...this.legend.style, size: Number(byId("size").value), opacity: Number(byId("opacity").value),
-      sun: this.sun, hidden: this.hidden, alarms: this.colourBy !== "status", line: point && [...sensor, ...point],
+      sun: this.sun, hidden: this.hidden, alarms: this.colourBy !== "status", line: point && [...(second ?? sensor), ...point],
+      layers: this.frame.arrays.still ? layers : ["points"],
     });
     this.#mark("ring", point);
+    this.#mark("second", second);
     this.#mark("sensor", sensor);
   }
 

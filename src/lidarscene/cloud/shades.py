@@ -1,0 +1,101 @@
+"""Shades: a column of a cloud in, a colour for each point out; of categories each has one, quantities have a scale."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..formats.columns import COLUMNS, STATUS_NAMES, Cloud
+from ..maths.arrays import Numbers
+from .scales import Scale, scale_of
+
+PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
+           "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
+NO_SURFACE = "#6b7280"
+
+
+def rgb(colour: str) -> Numbers:
+    """(3,) uint8 of "#rrggbb"."""
+    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
+
+
+class NamedCloud(Cloud, Protocol):
+    """A cloud that names what its numbers stand for."""
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Of the bodies."""
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Of their classes."""
+
+    @property
+    def material_names(self) -> tuple[str, ...]:
+        """Of their materials."""
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Of the sensors."""
+
+
+class Shades:
+    """Colour of each point for one column, and the scale that explains it.
+
+    rgb    (n, 3) uint8
+    kinds  (label, colour) of each category, most frequent first; empty for a quantity
+    scale  of a quantity
+    """
+
+    def __init__(self, cloud: NamedCloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
+        self.name = name
+        values = np.asarray(cloud.column(name))
+        units = {c.name: c.unit for c in COLUMNS}
+        unit = cloud.metadata.get(f"{name}_unit", units[name])
+        self.kinds: list[tuple[str, str]] = []
+        self.scale: Scale | None = None
+        if (names := _category_names(cloud, name)) is not None:
+            ranks = self._sort_kinds(values, names)
+            palette = np.array([rgb(colour) for _, colour in self.kinds] or [rgb(NO_SURFACE)])
+            self.rgb = palette[ranks]
+        else:
+            if unit == "rad":
+                values, unit = np.degrees(values), "°"
+            elif name == "pulse_width":
+                values, unit = 1e9 * values, "ns"
+            self.scale = scale_of(name, values, limits=limits)
+            finite = np.isfinite(values)
+            colours = self.scale.rgb(np.where(finite, values, 1.0))
+            self.rgb = np.where(finite[:, None], colours, rgb(NO_SURFACE))
+        self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
+
+    def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
+        """Number the categories by frequency; all beyond the palette share one colour."""
+        found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
+        order = np.argsort(-counts, kind="stable")
+        rank = np.argsort(order, kind="stable")
+        colours = iter(PALETTE)
+        for value in found[order][: len(PALETTE)].tolist():
+            colour = NO_SURFACE if value < 0 else next(colours)
+            self.kinds.append(("none" if value < 0 else names.get(value, str(value)), colour))
+        if len(found) > len(PALETTE):
+            self.kinds.append((f"{len(found) - len(PALETTE)} more", "#e5e7eb"))
+        return np.asarray(np.minimum(rank[inverse], len(PALETTE)), dtype=np.int64)
+
+
+def _category_names(cloud: NamedCloud, name: str) -> dict[int, str] | None:
+    """Names by value for a column of categories, None for a quantity."""
+    tables = {
+        "status": STATUS_NAMES,
+        "in_shadow": ("lit", "in shadow"),
+        "body": cloud.body_names,
+        "sensor_index": cloud.sensor_names,
+    }
+    tables |= {"class": cloud.class_names, "material": cloud.material_names}
+    tables |= {
+        "interactions": ("direct", "after one", "after two", "after three"),
+        "ghost": ("in its place", "ghost"),
+    }
+    tables |= {"return_number": ("none", "first", "second", "third")}
+    return dict(enumerate(tables[name])) if name in tables else None

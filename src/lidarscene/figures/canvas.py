@@ -1,0 +1,154 @@
+"""A canvas: pixels and texts in, a PNG or SVG file out.
+
+matplotlib needs half a second for an empty picture, more than a frame of a lidar. A picture of points has a few texts,
+ticks and bars: these are drawn here, with matplotlib's font and Pillow, which comes with it.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import html
+import io
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..cloud.shades import rgb
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
+
+SMALLEST_PX = 5
+
+
+class _Text(NamedTuple):
+    x: float
+    y: float
+    text: str
+    size: int
+    colour: str
+    anchor: str
+    bold: bool
+    upright: bool
+
+
+class Canvas:
+    """A picture of one colour, on which is drawn; x to the right, y down, in pixels.
+
+    image  (height, width, 3) uint8
+    """
+
+    def __init__(self, size_px: tuple[int, int], colour: str) -> None:
+        width, height = size_px
+        self.image = np.zeros((height, width, 3), np.uint8)
+        self.image[:] = rgb(colour)
+        self._texts: list[_Text] = []
+
+    @property
+    def unit(self) -> float:
+        """A pixel of a picture 1920 pixels wide, as which all sizes are given."""
+        return self.image.shape[1] / 1920
+
+    def show(self, image: Numbers, x: int, y: int) -> None:
+        """Put an image, (h, w, 3) uint8, with its upper left corner here."""
+        self.image[y : y + image.shape[0], x : x + image.shape[1]] = image
+
+    def fill(self, x: float, y: float, width: float, height: float, colour: str) -> None:
+        """A rectangle, at least a pixel wide and high."""
+        left, top = round(x), round(y)
+        self.image[top : max(round(y + height), top + 1), left : max(round(x + width), left + 1)] = rgb(
+            colour
+        )
+
+    def text(
+        self, x: float, y: float, text: str, size: float, colour: str, *, anchor: str = "lm", bold: bool = False,
+        upright: bool = False,
+    ) -> None:  # fmt: skip
+        """A line of text; ``anchor`` is l, m or r and t, m or b: which point of it is here. Upright: from below."""
+        pixels = max(round(size * self.unit), SMALLEST_PX)
+        self._texts.append(_Text(x, y, text, pixels, colour, anchor, bold, upright))
+
+    def length(self, text: str, size: float, *, bold: bool = False) -> float:
+        """Of a line of text."""
+        return float(_font(max(round(size * self.unit), SMALLEST_PX), bold).getlength(text))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the format of the suffix, atomically. Raises InputError, OutputError."""
+        kind = Path(path).suffix.lower().lstrip(".")
+        if kind not in ("png", "svg"):
+            raise InputError(
+                f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg"
+            )
+        data = self._png(with_texts=True) if kind == "png" else self._svg()
+        with atomic_output(path) as temporary:
+            temporary.write_bytes(data)
+
+    def _png(self, *, with_texts: bool) -> bytes:
+        from PIL import Image, ImageDraw
+
+        image = Image.fromarray(self.image)
+        draw = ImageDraw.Draw(image)
+        for one in self._texts if with_texts else ():
+            font = _font(one.size, one.bold)
+            if one.upright:
+                _draw_upright(image, one, font)
+            else:
+                draw.text((one.x, one.y), one.text, fill=one.colour, font=font, anchor=_ANCHORS[one.anchor])
+        out = io.BytesIO()
+        # A higher level saves a tenth of the bytes and takes four times as long.
+        image.save(out, "png", compress_level=2)
+        return out.getvalue()
+
+    def _svg(self) -> bytes:
+        """The pixels as an image, the texts as texts."""
+        height, width = self.image.shape[:2]
+        size = f'width="{width}" height="{height}"'
+        pixels = base64.b64encode(self._png(with_texts=False)).decode("ascii")
+        font = 'font-family="DejaVu Sans, sans-serif"'
+        lines = [
+            f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width} {height}" {font}>',
+            f'<image {size} href="data:image/png;base64,{pixels}"/>',
+        ]
+        for one in self._texts:
+            turned = f' transform="rotate(-90 {one.x:.1f} {one.y:.1f})"' if one.upright else ""
+            weight = ' font-weight="bold"' if one.bold else ""
+            lines.append(
+                f'<text x="{one.x:.1f}" y="{one.y:.1f}" font-size="{one.size}" fill="{one.colour}"{weight} '
+                f'text-anchor="{_SVG_ACROSS[one.anchor[0]]}" dominant-baseline="{_SVG_ALONG[one.anchor[1]]}"{turned}>'
+                f"{html.escape(one.text)}</text>"
+            )
+        return "\n".join([*lines, "</svg>\n"]).encode("utf-8")
+
+
+_ANCHORS = {a + b: a + {"t": "a", "m": "m", "b": "d"}[b] for a in "lmr" for b in "tmb"}
+_SVG_ACROSS = {"l": "start", "m": "middle", "r": "end"}
+_SVG_ALONG = {"t": "hanging", "m": "central", "b": "text-after-edge"}
+
+
+@functools.cache
+def _font(size: int, bold: bool) -> Any:
+    """DejaVu Sans, from matplotlib's files; finding it imports nothing of matplotlib."""
+    from PIL import ImageFont
+
+    found = find_spec("matplotlib")
+    for folder in found.submodule_search_locations or () if found else ():
+        file = Path(folder) / "mpl-data" / "fonts" / "ttf" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"
+        if file.is_file():
+            # Shaping by Raqm would need another library, and no text here asks for it.
+            return ImageFont.truetype(str(file), size, layout_engine=ImageFont.Layout.BASIC)
+    return ImageFont.load_default(size)
+
+
+def _draw_upright(image: Any, one: _Text, font: Any) -> None:
+    """A text read from below, its middle here."""
+    from PIL import Image, ImageDraw
+
+    left, top, right, bottom = font.getbbox(one.text)
+    mask = Image.new("L", (max(right - left, 1), max(bottom - top, 1)), 0)
+    ImageDraw.Draw(mask).text((-left, -top), one.text, fill=255, font=font)
+    mask = mask.transpose(Image.Transpose.ROTATE_90)
+    image.paste(one.colour, (round(one.x - mask.width / 2), round(one.y - mask.height / 2)), mask)

@@ -1,0 +1,48 @@
+"""How far the surfaces are that a camera sees, for the faint ground of a picture: distances alone, panes left out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from ...maths.trajectory import pose_at
+from ..device import transfer
+from ..device.backend import mitsuba
+from ..world.build import World
+
+
+def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: float) -> Numbers:
+    """(n,) float32 distance of the first surface along each ray; infinite where there is none.
+
+    eye_m       (3,) in the world
+    directions  (3, n) unit vectors, world; neighbours should be neighbours in the picture
+    time_s      by the clock of the scene's motions
+    """
+    found = np.full(directions.shape[1], np.inf, np.float32)
+    if world.scene is not None:
+        found = _along(world.scene, eye_m - world.centre_m, directions)
+    for mover in world.movers:
+        if mover.scene is None:
+            continue
+        pose = pose_at(mover.motion, time_s)
+        low, high = mover.box_m
+        to, radius = pose.apply((low + high) / 2.0) - eye_m, float(np.linalg.norm(high - low)) / 2.0
+        along = to.astype(np.float32) @ directions
+        # Few rays pass the sphere around a body.
+        near = np.flatnonzero((to @ to - along * along <= radius * radius) & (along > -radius))
+        if len(near):
+            met = _along(mover.scene, pose.inverse_apply(eye_m), pose.rotation.T @ directions[:, near])
+            found[near] = np.minimum(found[near], met)
+    return found
+
+
+def _along(scene: Any, eye_m: Numbers, directions: Numbers) -> Numbers:
+    import drjit as dr
+
+    mi = mitsuba()
+    start = mi.Point3f(*(transfer.opaque(float(x)) for x in eye_m))
+    way = mi.Vector3f(*(transfer.from_numpy(np.ascontiguousarray(axis, np.float32)) for axis in directions))
+    hit = scene.ray_intersect_preliminary(mi.Ray3f(start, way), coherent=True)
+    return np.array(dr.select(hit.is_valid(), hit.t, dr.inf).numpy(), np.float32)

@@ -1,0 +1,208 @@
+"""Surroundings: one line on a scene and on how the sensor stands in it, and what is odd about that.
+
+A sensor under the road, a mesh in millimetres or a sun of 500 klux renders without complaint, into a cloud that is
+empty or wrong. Boxes and two rays tell most of these mistakes before anything is traced. Each is one line that says
+what to do; none is refused, since a scene may be meant so.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ..errors import OptionWarning
+from ..maths.arrays import Numbers
+from ..maths.trajectory import pose_at
+from ..physics.optics import radiometry
+from ..scene.clearance import Clearance, Surrounding
+from ..scene.model import Ball, Scene
+from ..sensor.model import Sensor
+from .simulator import Simulator
+
+LARGEST_BODY_M = 200.0
+"""A body larger than this in all three directions is a mistake of its unit: terrain is flatter, a tower thinner."""
+
+SMALLEST_BODY_M = 0.01
+"""A body that is smaller than this in all three is one too: a lidar would not see it from a metre."""
+
+SUN_KLUX = 140.0
+"""No sun is brighter: outside of the atmosphere it has 133 klux at the mean distance (Darula, Kittler and Gueymard,
+Solar Energy 79, 2005), 138 at the least."""
+
+CLEAREST_M = 300e3
+"""No air is clearer: molecules alone scatter 0.013 of green light in a km, and 3.912 over that is the visibility."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """A scene around one sensor, as a frame begins.
+
+    scene      its name
+    extent_m   (3,) of all bodies together; None without any
+    bodies     how many there are
+    triangles  of all of them
+    base       whether there is a Mitsuba scene too, whose shapes are not known here
+    around     what is around the sensor
+    doubts     what is odd, a warning each
+    """
+
+    scene: str
+    extent_m: Numbers | None
+    bodies: int
+    triangles: int
+    base: bool
+    around: Surrounding
+    doubts: tuple[OptionWarning, ...]
+
+    @classmethod
+    def of(
+        cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance
+    ) -> Self:
+        """Of a sensor at a place in the world, at a time of the scene's motions; ``clearance`` is the scene's."""
+        around = clearance.around_place(place_m, time_s=time_s)
+        corners = clearance.corners(time_s=time_s)
+        return cls(
+            scene=scene.name,
+            extent_m=np.ptp(corners, axis=0) if len(corners) else None,
+            bodies=len(scene.bodies),
+            triangles=sum(
+                0 if isinstance(part, Ball) else len(part.faces)
+                for body in scene.bodies
+                for part in body.parts
+            ),
+            base=scene.base is not None,
+            around=around,
+            doubts=(
+                *_of_light(scene),
+                *_of_sizes(clearance),
+                *_of_place(sensor, around, place_m, alone=scene.base is None),
+            ),
+        )
+
+    def line(self) -> str:
+        """For people."""
+        parts = [] if self.extent_m is None else [f"{_by(self.extent_m)} m"]
+        parts += [
+            f"{self.bodies:,} {'body' if self.bodies == 1 else 'bodies'}",
+            f"{self.triangles:,} triangles",
+        ]
+        if self.base:
+            parts.append("and those of its Mitsuba scene")
+        near, below = self.around.nearest, self.around.below
+        where = [f"{_m(below.distance_m)} m above '{below.body}'"] if below.body else []
+        if near.body and near.distance_m < 0.99 * below.distance_m:
+            where.append(f"{_m(near.distance_m)} m off '{near.body}'")
+        where += ["the nearest surface"] if near.body else []
+        sensor = f"; sensor {', '.join(where)}" if where else ""
+        return f"{self.scene}: {', '.join(parts)}{sensor}"
+
+    def as_dict(self) -> dict[str, object]:
+        """For machines; None where there is nothing."""
+        near, below = self.around.nearest, self.around.below
+        return {
+            "name": self.scene,
+            "extent_m": None if self.extent_m is None else [round(float(x), 3) for x in self.extent_m],
+            "bodies": self.bodies,
+            "triangles": self.triangles,
+            "height_m": round(below.distance_m, 4) if below.body else None,
+            "above": below.body or None,
+            "nearest_m": round(near.distance_m, 4) if near.body else None,
+            "nearest": near.body or None,
+        }
+
+
+def surroundings_of(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
+    """Of a simulator's scene and sensor, as its first frame begins."""
+    place_m = pose_at(simulator.motion, begin_s).position_m
+    return Surroundings.of(
+        simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance
+    )
+
+
+def warn_of_surroundings(found: Sequence[Surroundings]) -> None:
+    """Each doubt once."""
+    for doubt in {str(doubt): doubt for one in found for doubt in one.doubts}.values():
+        warnings.warn(doubt, stacklevel=3)
+
+
+def _of_light(scene: Scene) -> Iterator[OptionWarning]:
+    """Suns that no sky has, and air that is too clear."""
+    klux, sun = scene.sun.illuminance_klux, scene.sun
+    if klux > SUN_KLUX:
+        yield OptionWarning(
+            "sun.illuminance_klux is {0:g}, and no sun has more than {1:g}: if these are lux, give {scene_overrides} "
+            "sun.illuminance_klux={2:g}",
+            klux, SUN_KLUX, klux / 1e3,
+        )  # fmt: skip
+    if klux > 0.0 and sun.elevation_rad < 0.0:
+        yield OptionWarning(
+            "sun.elevation_deg is {0:.4g}, so that its {1:g} klux come from below the horizon: give an elevation above "
+            "0, or sun.illuminance_klux=0 for night",
+            math.degrees(sun.elevation_rad), klux,
+        )  # fmt: skip
+    if scene.air.visibility_m is not None and scene.air.visibility_m > CLEAREST_M:
+        km = scene.air.visibility_m / 1e3
+        yield OptionWarning(
+            "air.visibility_km is {0:g}, and the clearest air has 300: if these are metres, give {scene_overrides} "
+            "air.visibility_km={1:g}",
+            km, km / 1e3,
+        )  # fmt: skip
+
+
+def _of_sizes(clearance: Clearance) -> Iterator[OptionWarning]:
+    """Bodies a thousand times too large or too small."""
+    sizes = np.ptp(clearance.boxes, axis=1)
+    for wrong, unit, scale in (
+        (sizes.min(axis=1, initial=np.inf) > LARGEST_BODY_M, "the millimetre", 0.001),
+        (sizes.max(axis=1, initial=0.0) < SMALLEST_BODY_M, "the kilometre", 1000.0),
+    ):
+        for number in np.flatnonzero(wrong)[:1]:
+            name, more = clearance.bodies[number].name, int(wrong.sum()) - 1
+            yield OptionWarning(
+                "body '{0}'{1} is {2} m: if the unit of its mesh is {3}, multiply its scale by {4:g} "
+                "({scene_overrides} bodies.{5}.scale=...)",
+                name, f" (and {more} more)" if more else "", _by(sizes[number]), unit, scale, name.partition(".")[0],
+            )  # fmt: skip
+
+
+def _of_place(
+    sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: bool
+) -> Iterator[OptionWarning]:
+    """A sensor inside, below or far from everything; of far and below only if all shapes are known (``alone``)."""
+    at = f"sensor '{sensor.name}' at ({', '.join(f'{x:g}' for x in np.round(place_m, 3) + 0.0)})"
+    if around.within is not None:
+        yield OptionWarning(
+            "{0} is inside '{1}', which is closed all around it: unless that is a room, give {pose} or position_m "
+            "outside",
+            at, around.within,
+        )  # fmt: skip
+    if not alone or not around.nearest.body:
+        return
+    if around.above.body and not around.below.body:
+        yield OptionWarning(
+            "{0} is {1} m below '{2}', with nothing under it: if that is the ground, raise the sensor by {pose} or "
+            "position_m to z above {3:.4g}",
+            at, _m(around.above.distance_m), around.above.body, place_m[2] + around.above.distance_m,
+        )  # fmt: skip
+    reach_m = float(radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.window_s))
+    if around.nearest.distance_m > reach_m:
+        yield OptionWarning(
+            "{0} is {1} m off the nearest surface, '{2}', and listens for {3} m: check the unit of position_m, "
+            "and of the meshes (bodies.*.scale)",
+            at, _m(around.nearest.distance_m), around.nearest.body, _m(reach_m),
+        )  # fmt: skip
+
+
+def _by(sizes: Numbers) -> str:
+    """Lengths of a box."""
+    return " x ".join(map(_m, sizes))
+
+
+def _m(length_m: float) -> str:
+    """To three digits."""
+    return f"{length_m:,.0f}" if length_m >= 100.0 else f"{length_m:.3g}"

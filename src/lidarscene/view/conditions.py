@@ -1,0 +1,91 @@
+"""Conditions: what else of a live scene can be changed: weather, the number of rays, the frame and its seed."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+from ..errors import InputError
+from ..rendering.options import FrameOptions, TraceOptions
+from ..scene.model import Scene
+from ..scene.weather import Weather
+from .controls import Control, Settings, number_of
+
+FOG, RAIN, SNOW = "weather.fog_visibility_km", "weather.rain_mm_h", "weather.snow_mm_h"
+RAYS, SEED, FRAME, BUDGET = "run.rays", "run.seed", "run.frame", "run.budget"
+KEYS = (FOG, RAIN, SNOW, RAYS, SEED, FRAME, BUDGET)
+
+CLEAR_KM = 50.0
+"""The visibility from which on there is no fog here; the largest that a scene file takes."""
+
+
+class Conditions(NamedTuple):
+    """What is rendered under settings; ``budget`` is whether the page shows the points' budgets."""
+
+    scene: Scene
+    trace: TraceOptions
+    frame: FrameOptions
+    budget: bool
+
+
+def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
+    """Their sliders; the values are those of the scene and of the command line."""
+    air = scene.air.weather
+    fog_km = CLEAR_KM if air.fog_visibility_m is None else 1e-3 * air.fog_visibility_m
+    return [
+        Control(key=FOG, label="fog visibility", unit="km", low=0.02, high=CLEAR_KM, value=fog_km, log=True,
+                least=0.005, most=CLEAR_KM),
+        Control(key=RAIN, label="rain", unit="mm/h", low=0.0, high=100.0, value=air.rain_mm_h, least=0.0, most=300.0),
+        Control(key=SNOW, label="snow", unit="mm/h", low=0.0, high=20.0, value=air.snow_mm_h, least=0.0, most=50.0),
+        Control(key=RAYS, label="rays a pulse", unit="", low=1.0, high=64.0, value=1.0, least=1.0, most=1024.0,
+                whole=True),
+        Control(key=FRAME, label="frame", unit="", low=0.0, high=50.0, value=float(asked.number), least=0.0,
+                most=2.0**31 - 1, whole=True),
+        Control(key=SEED, label="seed", unit="", low=0.0, high=100.0, value=float(asked.seed), least=0.0,
+                most=2.0**32 - 1, whole=True),
+    ]  # fmt: skip
+
+
+def conditions(scene: Scene, asked: FrameOptions, settings: Settings) -> Conditions:
+    """The scene in this weather, and how it is rendered. Raises InputError for a number that will not do."""
+    known = {control.key: control for control in controls(scene, asked)}
+    values = {key: number_of(key, settings[key]) for key in KEYS if key in settings}
+    for key, value in values.items():
+        if key in known:
+            known[key].check(value)
+    changes: dict[str, float | None] = {}
+    if FOG in values:
+        fogless = values[FOG] >= CLEAR_KM and scene.air.weather.fog is None
+        changes["fog_visibility_m"] = None if fogless else 1e3 * values[FOG]
+    changes |= {key.partition(".")[2]: values[key] for key in (RAIN, SNOW) if key in values}
+    weather: Weather = dataclasses.replace(scene.air.weather, **changes)  # type: ignore[arg-type]
+    frame = dataclasses.replace(
+        asked, seed=int(values.get(SEED, asked.seed)), number=int(values.get(FRAME, asked.number))
+    )
+    return Conditions(
+        scene=dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=weather)),
+        trace=TraceOptions(rays=int(values.get(RAYS, 1))),
+        frame=frame,
+        budget=bool(values.get(BUDGET, 1)),
+    )
+
+
+def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Settings) -> list[str]:
+    """The words of the command that renders the same. Raises InputError for a choice that no option makes."""
+    if settings.get("detector", "").__class__ is str and settings.get("detector"):
+        raise InputError("no option gives a sensor another's detector: choose that sensor")
+    words = ["lidarscene", "render", scene]
+    frame = int(number_of(FRAME, settings.get(FRAME, 0)))
+    words += ["-o", "out", "--frames", str(frame + 1)] if frame else ["-o", "out.ply"]
+    words += ["--sensor", sensor]
+    for one in overrides:
+        words += ["--set", one]
+    for key, value in settings.items():
+        if key in (RAYS, SEED):
+            words += [f"--{key.partition('.')[2]}", f"{value:g}" if isinstance(value, float) else str(value)]
+        elif key == FOG and number_of(key, value) >= CLEAR_KM:
+            continue
+        elif key not in ("sensor", "detector", FRAME, BUDGET):
+            option = "--scene-set" if key.startswith(("sun.", "weather.")) else "--set"
+            words += [option, f"{key}={value:.6g}" if isinstance(value, float) else f"{key}={value}"]
+    return words

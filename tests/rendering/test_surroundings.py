@@ -1,0 +1,204 @@
+"""Silent physical mistakes: each one line that says what to do, and none about what comes with the package."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.command_line import Run
+
+from lidarscene import Scene, Sun, catalog, load_scene, load_sensor, render
+from lidarscene.errors import OptionWarning
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import pose_at
+from lidarscene.rendering.frame import motion_of
+from lidarscene.rendering.surroundings import Surroundings
+from lidarscene.scene.clearance import Clearance
+from lidarscene.scene.meshes import box_mesh, plane_mesh
+from lidarscene.scene.model import Air, Ball, Body, Part
+
+
+def body(name, mesh, at=(0.0, 0.0, 0.0), **turns):
+    parts = (mesh,) if isinstance(mesh, Ball) else (Part(vertices_m=mesh[0], faces=mesh[1], material="grey"),)
+    return Body(name=name, class_name=name, parts=parts, pose=Pose.from_degrees(position_m=at, **turns))
+
+
+GROUND = body("ground", plane_mesh(size_m=(60.0, 40.0)))
+CAR = body("car", box_mesh(size_m=(4.5, 1.8, 1.5)), (10.0, 0.0, 0.75), yaw_deg=30.0)
+POST = body("post", Ball(radius_m=1.0, material="grey"), (-3.0, 17.0, 3.0))
+SCENE = Scene(name="yard", bodies=(GROUND, CAR))
+
+
+def found(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
+    clearance = Clearance.of(scene)
+    return Surroundings.of(
+        scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance
+    )  # fmt: skip
+
+
+def test_the_line_says_what_is_there():
+    """Reference: by hand; the box is cut into 12 triangles, the plane into 4 x 3 squares of at most 16 m."""
+    around = found()
+    assert around.doubts == ()
+    assert around.line() == (
+        "yard: 60 x 40 x 1.5 m, 2 bodies, 36 triangles; sensor 1.8 m above 'ground', the nearest surface"
+    )
+    high = found(place_m=(10.0, 0.0, 2.5))
+    assert high.line().endswith("sensor 1 m above 'car', the nearest surface")
+    beside = found(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
+    assert beside.line().endswith("sensor 3 m above 'ground', 1 m off 'post', the nearest surface")
+    assert beside.as_dict() == {
+        "name": "yard", "extent_m": [60.0, 40.0, 4.0], "bodies": 2, "triangles": 24, "height_m": 3.0,
+        "above": "ground", "nearest_m": 1.0, "nearest": "post",
+    }  # fmt: skip
+
+
+def scaled(factor):
+    """The car in another unit, which stands clear of the sensor."""
+    return body("car", box_mesh(size_m=(4.5 * factor, 1.8 * factor, 1.5 * factor)), (10.0, -2e3, 0.75))
+
+
+def like(**changes):
+    return {"scene": replace(SCENE, **changes)}
+
+
+SMALL = (scaled(0.001), replace(scaled(0.001), name="two"))
+WRONG = {
+    "inside": (
+        {"place_m": (10.0, 0.0, 0.75)},
+        "is inside 'car', which is closed all around it: unless that is a room, give pose or position_m outside",
+    ),
+    "below": (
+        {"place_m": (0.0, 0.0, -1.2)},
+        (
+            "is 1.2 m below 'ground', with nothing under it: if that is the ground, raise the sensor by pose or "
+            "position_m to z above 0"
+        ),
+    ),
+    "far": (
+        {"place_m": (0.0, 0.0, 1800.0)},
+        (
+            "is 1,799 m off the nearest surface, 'car', and listens for 600 m: check the unit of position_m, and of "
+            "the meshes (bodies.*.scale)"
+        ),
+    ),
+    "millimetres": (
+        like(bodies=(GROUND, scaled(1000.0))),
+        (
+            "body 'car' is 4,500 x 1,800 x 1,500 m: if the unit of its mesh is the millimetre, multiply its scale by "
+            "0.001 (scene_overrides bodies.car.scale=...)"
+        ),
+    ),
+    "kilometres": (
+        like(bodies=(GROUND, *SMALL)),
+        (
+            "body 'car' (and 1 more) is 0.0045 x 0.0018 x 0.0015 m: if the unit of its mesh is the kilometre, multiply "
+            "its scale by 1000"
+        ),
+    ),
+    "lux": (
+        like(sun=Sun(illuminance_klux=500.0)),
+        (
+            "sun.illuminance_klux is 500, and no sun has more than 140: if these are lux, give scene_overrides "
+            "sun.illuminance_klux=0.5"
+        ),
+    ),
+    "low": (
+        like(sun=Sun(elevation_rad=-0.1)),
+        (
+            "sun.elevation_deg is -5.73, so that its 100 klux come from below the horizon: give an elevation above 0, "
+            "or sun.illuminance_klux=0 for night"
+        ),
+    ),
+    "metres": (
+        like(air=Air(visibility_m=500e3)),
+        (
+            "air.visibility_km is 500, and the clearest air has 300: if these are metres, give scene_overrides "
+            "air.visibility_km=0.5"
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_a_fault_is_one_line_that_says_what_to_do(fault):
+    told, line = WRONG[fault]
+    lines = [str(doubt) for doubt in found(**told).doubts]
+    assert len(lines) == 1
+    assert line in lines[0]
+    assert "\n" not in lines[0]
+
+
+def test_what_is_meant_so_is_no_fault():
+    """A night, an open hall, a lonely board below a bridge over it, and a place above everything."""
+    hall = [
+        body(f"wall {x}", plane_mesh(size_m=(9.0, 9.0)), (x, 0.0, 1.0), pitch_deg=90.0) for x in (-4.0, 4.0)
+    ]
+    roof = body("roof", plane_mesh(size_m=(9.0, 9.0)), (0.0, 0.0, 4.0))
+    night = Sun(illuminance_klux=0.0, elevation_rad=-0.3)
+    assert found(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
+    assert found(replace(SCENE, bodies=())).doubts == ()
+    assert found(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
+    assert found(place_m=(0.0, 0.0, 500.0)).doubts == ()
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, id=one) for one in catalog.names("scenes")])
+def test_no_shipped_scene_is_odd(name):
+    scene = load_scene(name)
+    sensor = load_sensor(scene.sensor_name)
+    place_m = pose_at(motion_of(scene, sensor, scene.sensor_pose)).position_m
+    around = Surroundings.of(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of(scene))
+    assert around.doubts == ()
+    assert around.around.nearest.distance_m < 100.0
+
+
+def test_distances_against_every_triangle():
+    """Reference: points spread over each triangle of a turned box and a ball of 0.4 m; none is nearer than found.
+
+    Tolerance: the points of a triangle are 1/40 of its longest side of 2.7 m apart.
+    """
+    rng = np.random.default_rng(3)
+    box = body(
+        "box", box_mesh(size_m=(2.0, 1.0, 1.5)), (3.0, -1.0, 2.0), yaw_deg=20.0, pitch_deg=35.0, roll_deg=50.0
+    )
+    ball = body("ball", Ball(radius_m=0.4, material="grey"), (1.0, 2.0, 1.0))
+    clearance = Clearance.of(Scene(name="", bodies=(box, ball)))
+    grid = np.array([(i, j, 40 - i - j) for i in range(41) for j in range(41 - i)]) / 40.0
+    corners = box.pose.apply(box.parts[0].vertices_m)[box.parts[0].faces]
+    points = np.concatenate([grid @ triangle for triangle in corners])
+    for place_m in rng.uniform(-5.0, 8.0, (40, 3)):
+        near = clearance.around_place(place_m, time_s=0.0).nearest
+        to_box = np.linalg.norm(points - place_m, axis=1).min()
+        to_ball = abs(np.linalg.norm(place_m - ball.pose.position_m) - 0.4)
+        assert near.body == ("box" if to_box < to_ball - 0.07 else near.body)
+        assert -1e-9 <= min(to_box, to_ball) - near.distance_m < 0.07
+
+
+def test_straight_up_and_down_by_hand():
+    """A tilted plane: 1 m of height for each 2 m along x."""
+    slope = body("slope", plane_mesh(size_m=(40.0, 40.0)), pitch_deg=-np.degrees(np.arctan(0.5)))
+    ball = body("ball", Ball(radius_m=0.5, material="grey"), (4.0, 0.0, 9.0))
+    around = Clearance.of(Scene(name="", bodies=(slope, ball))).around_place(
+        np.array([4.0, 0.3, 6.0]), time_s=0.0
+    )
+    z = 2.0 * np.sign(slope.pose.rotation[2, 0])
+    assert around.below.body == "slope"
+    assert around.below.distance_m == pytest.approx(6.0 - z, rel=1e-9)
+    assert around.above.distance_m == pytest.approx(
+        3.0 - 0.4, rel=1e-9
+    )  # sqrt(0.5^2 - 0.3^2) below its middle
+
+
+def test_render_says_it(run: Run, tmp_path: Path) -> None:
+    """On the command line, by its names of options; from Python as a warning."""
+    scene = tmp_path / "s.toml"
+    scene.write_text('[sun]\nilluminance_klux = 300.0\n[[bodies]]\nname = "wall"\nprimitive = "plane"\n'
+                     'size_m = [4, 4]\nmaterial = "concrete"\nposition_m = [10, 0, 0]\npitch_deg = 90\n')  # fmt: skip
+    few = ("--set=scanner.azimuth_step_deg=5", "--set=scanner.elevation_step_deg=5")
+    ran = run("render", str(scene), "-o", str(tmp_path / "o.ply"), *few)
+    assert "note: sun.illuminance_klux is 300" in ran.err
+    assert "give --scene-set sun.illuminance_klux=0.3" in ran.err
+    with pytest.warns(OptionWarning, match="sun.illuminance_klux is 300"):
+        render(scene, overrides=[one.removeprefix("--set=") for one in few])
+    line = "scene         s: 0 x 4 x 4 m, 1 body, 2 triangles; sensor 10 m off 'wall', the nearest surface"
+    assert ran.out.splitlines()[0] == line

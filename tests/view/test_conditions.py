@@ -1,0 +1,150 @@
+"""Weather, rays, frame and seed of a live scene: as files and options would have them, and the command for it."""
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.small_scene import COARSE, SCENE
+
+import lidarscene
+from lidarscene import PointCloud, load_scene
+from lidarscene.cli.main import main
+from lidarscene.errors import InputError
+from lidarscene.rendering.options import FrameOptions
+from lidarscene.view.blob import unpacked
+from lidarscene.view.conditions import (
+    BUDGET,
+    FOG,
+    FRAME,
+    RAIN,
+    RAYS,
+    SEED,
+    SNOW,
+    command,
+    conditions,
+    controls,
+)
+from lidarscene.view.sources import Live
+
+MOVING = (
+    SCENE + "[bodies.motion]\nspeed_m_s = 20.0\n[ego]\nposition_m = [-70.0, 0.5, 0.0]\nspeed_m_s = 15.0\n"
+)
+
+
+@pytest.fixture
+def scene(scene_file: Path) -> Any:
+    return load_scene(scene_file)
+
+
+def test_as_the_files_have_it(scene: Any) -> None:
+    found = conditions(scene, FrameOptions(seed=3), {})
+    assert found.scene.air.weather == scene.air.weather
+    assert (found.frame.seed, found.frame.number, found.trace.rays, found.budget) == (3, 0, 1, True)
+    values = {one.key: one.value for one in controls(scene, FrameOptions(seed=3))}
+    assert values == {FOG: 50.0, RAIN: 0.0, SNOW: 0.0, RAYS: 1.0, FRAME: 0.0, SEED: 3.0}
+
+
+def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -> None:
+    there = load_scene(scene_file, overrides={FOG: 0.2, RAIN: 5.0, SNOW: 1.5})
+    found = conditions(
+        scene, FrameOptions(), {FOG: 0.2, RAIN: 5, SNOW: 1.5, RAYS: 4, SEED: 9, FRAME: 2, BUDGET: 0}
+    )
+    assert found.scene.air.weather == there.air.weather
+    assert (found.frame.seed, found.frame.number, found.trace.rays, found.budget) == (9, 2, 4, False)
+    assert conditions(there, FrameOptions(), {FOG: 50}).scene.air.weather.fog_visibility_m is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({RAYS: 1.5}, "run.rays: must be a whole number, got 1.5"),
+        ({RAYS: 0}, "run.rays: must be >= 1, got 0"),
+        ({SEED: 2.0**32}, "run.seed: must be <= 4.29497e+09, got 4.29497e+09"),
+        ({RAIN: -1}, "weather.rain_mm_h: must be >= 0, got -1"),
+        ({FOG: "thick"}, "weather.fog_visibility_km: must be a number, got 'thick'"),
+    ],
+)
+def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        conditions(scene, FrameOptions(), settings)
+    assert str(caught.value) == told
+
+
+def test_the_command_renders_what_is_shown(
+    mi: Any, scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: copied, run and read again, it gives the points of the page."""
+    monkeypatch.chdir(tmp_path)
+    live = Live(load_scene(scene_file), overrides=COARSE, named=str(scene_file))
+    settings = {"sun.elevation_deg": 20.0, "laser.peak_power_w": 30.0, RAIN: 8.0, RAYS: 2, SEED: 5}
+    header, arrays = unpacked(live.rendered(settings))
+    words = shlex.split(header["command"])
+    assert words[:3] == ["lidarscene", "render", str(scene_file)]
+    assert main(words[1:]) == 0
+    cloud = PointCloud.load("out.ply")
+    np.testing.assert_array_equal(cloud.range_m, arrays["range"])
+    np.testing.assert_array_equal(cloud.snr, arrays["snr"])
+    assert command("car", "vlp-16", (), {FRAME: 3}) == [
+        "lidarscene", "render", "car", "-o", "out", "--frames", "4", "--sensor", "vlp-16"
+    ]  # fmt: skip
+    assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == [
+        "--sensor",
+        "vlp-16",
+    ]
+    assert unpacked(live.rendered({"detector": "SiPM of Table 1"}))[0]["command"].startswith("# no option")
+
+
+def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) -> None:
+    live = Live(load_scene(scene_file), overrides=COARSE)
+    with_budget, without = (unpacked(live.rendered({BUDGET: wanted})) for wanted in (1, 0))
+    assert "echo_power" in with_budget[1]
+    assert "echo_power" not in without[1]
+    np.testing.assert_array_equal(with_budget[1]["snr"], without[1]["snr"])
+    header, arrays = unpacked(live.rendered({"sensor": "vlp-16", BUDGET: 0}))
+    cloud = lidarscene.render(scene_file, "vlp-16")
+    np.testing.assert_array_equal(arrays["range"], cloud.range_m)
+    assert header["choices"]["sensor"][0] == "table1-apd"
+    with pytest.raises(InputError, match="sensor: must be one of table1-apd, "):
+        live.rendered({"sensor": "eye"})
+
+
+def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
+    """The view rides on the vehicle, 70 m off the world's origin; surfaces stand as the frame begins.
+
+    The second frame begins 4.62 ms later: 231 pulses at 50 kHz, in which the vehicle drives 69.3 mm.
+    """
+    (tmp_path / "m.toml").write_text(MOVING)
+    live = Live(load_scene(tmp_path / "m.toml"), overrides=COARSE)
+    header, arrays = unpacked(live.stage())
+    assert header["camera"]["eye"] == pytest.approx([-74.0, -2.5, 4.8])
+    later, moved = unpacked(live.stage(1))
+    assert later["camera"]["eye"][0] - header["camera"]["eye"][0] == pytest.approx(15.0 * 231 / 50e3)
+    apart = (moved["vertices"] - arrays["vertices"]).reshape(-1, 3)
+    assert apart.max() == pytest.approx(20.0 * 231 / 50e3, abs=1e-5)
+    assert (np.abs(apart).max(axis=1) == 0.0).any()
+
+
+def test_raw_and_deskewed_are_two_layers(mi: Any, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MOVING.replace("-70.0", "0.0"))
+    scene = load_scene(tmp_path / "m.toml")
+    _, arrays = unpacked(Live(scene, overrides=COARSE).frame(0))
+    simulator = lidarscene.Simulator(scene, lidarscene.load_sensor("table1-apd", overrides=COARSE))
+    cloud = simulator.render()
+    still = lidarscene.deskewed(cloud, simulator.motion, length_s=simulator.sensor.scanner.frame_s)
+    np.testing.assert_allclose(arrays["still"].reshape(-1, 3), still.xyz_m, atol=1e-5)
+    assert np.abs(still.xyz_m - cloud.xyz_m).max() > 0.01
+    (tmp_path / "s.toml").write_text(SCENE)
+    assert "still" not in unpacked(Live(load_scene(tmp_path / "s.toml"), overrides=COARSE).frame(0))[1]
+
+
+def test_the_camera_stays_in_the_room(mi: Any, tmp_path: Path) -> None:
+    """A closed room of 12 x 8 x 3 m around the sensor, without a view of its own: the eye is within the walls."""
+    (tmp_path / "room.toml").write_text(
+        '[sensor]\nposition_m = [-4.0, 0.0, 1.6]\n[[bodies]]\nname = "room"\nprimitive = "box"\n'
+        'size_m = [12.0, 8.0, 3.0]\nposition_m = [0.0, 0.0, 1.5]\nmaterial = "concrete"\n'
+    )
+    header, _ = unpacked(Live(load_scene(tmp_path / "room.toml"), overrides=COARSE).stage())
+    eye = np.array(header["camera"]["eye"])
+    assert (np.abs(eye - [0.0, 0.0, 1.5]) < [6.0, 4.0, 1.5]).all()

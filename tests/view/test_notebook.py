@@ -1,0 +1,78 @@
+"""Clouds and scenes in a notebook: the page in a frame of its own, by a method too."""
+
+import html
+import re
+
+import pytest
+from helpers.clouds import small_cloud
+from helpers.drawn_street import street
+from helpers.small_scene import COARSE, SCENE
+
+import lidarscene
+from lidarscene.errors import InputError, OptionWarning
+from lidarscene.view import notebook, page
+from lidarscene.view.sources import Clouds
+
+
+def inner(shown: object) -> str:
+    """The page in the frame."""
+    found = re.fullmatch(
+        r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', shown._repr_html_()
+    )
+    assert found, "must be one frame"
+    return html.unescape(found[1])
+
+
+def test_a_cloud_is_a_page_in_a_frame(tmp_path):
+    cloud = street(step_deg=3.0)
+    shown = cloud.show(height_px=400)
+    text = inner(shown)
+    assert text.startswith("<!DOCTYPE html>")
+    assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', text))
+    assert 'height="400"' in shown._repr_html_()
+    assert inner(lidarscene.show(cloud)) == text
+    shown.save(tmp_path / "a.html")
+    assert (tmp_path / "a.html").read_text() == text
+    assert re.match(r"Shown\(.*: [0-9.]+ MB; ", repr(shown))
+
+
+def test_a_large_page_is_not_put_into_a_notebook(monkeypatch):
+    monkeypatch.setattr(notebook, "LARGE_BYTES", 1000)
+    told = small_cloud().show()._repr_html_()
+    assert "<iframe" not in told
+    assert "save it" in told
+
+
+def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
+    """Of a coarse one: the page of a whole frame is tested by `view --save`."""
+    (tmp_path / "s.toml").write_text(SCENE)
+    live = notebook.Live
+    monkeypatch.setattr(notebook, "Live", lambda scene, sensor: live(scene, sensor=sensor, overrides=COARSE))
+    assert "blob-frame-0" in inner(lidarscene.load_scene(tmp_path / "s.toml").show())
+
+
+@pytest.mark.parametrize(
+    ("what", "options", "told"),
+    [
+        (3, {}, "show: must be a PointCloud or a Scene, got int"),
+        ("car", {"scene": "car"}, "show: scene goes with a cloud"),
+        (
+            "car",
+            {"sensor": lidarscene.load_sensor("table1-apd")},
+            "show: sensor: must be a catalogue name or a file",
+        ),
+    ],
+)
+def test_what_cannot_be_shown(what, options, told):
+    with pytest.raises(InputError, match=re.escape(told)):
+        lidarscene.show(what, **options)
+
+
+def test_a_large_page_is_warned_of(tmp_path, monkeypatch):
+    small_cloud(9).save(tmp_path / "a.ply")
+    monkeypatch.setattr(page, "LARGE_BYTES", 1000)
+    with pytest.warns(
+        OptionWarning, match=r"save .*a\.html: the page has 0 MB, and browsers take long to open it"
+    ):
+        page.save(Clouds([tmp_path / "a.ply"]), tmp_path / "a.html")
+    assert (tmp_path / "a.html").exists()
