@@ -141,7 +141,7 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
     few = ("--frames", "3", "--begin", "0.05", *COARSE)
     ran = run("render", wall, "-o", "drive.mcap", *few)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.splitlines()[-1] == "wrote         drive.mcap"
+    assert ran.out.splitlines()[-1] == "wrote         3 frames in drive.mcap"
     assert run("render", wall, "-o", "apart", *few).code == 0
     clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

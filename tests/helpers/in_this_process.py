@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lidarscene.files.png import encoded
+from lidarscene.files.encodings.png import encoded
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main

@@ -14,7 +14,7 @@ from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.frame import motion_of
 from lidarscene.rendering.surroundings import Surroundings
 from lidarscene.scene.clearance import Clearance
-from lidarscene.scene.meshes import box_mesh, plane_mesh
+from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.model import Air, Ball, Body, Part
 
 

@@ -172,7 +172,7 @@ def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHisto
 
     one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
     shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
-    if len(done.files) == 1 or len(done.clouds) == 1:
+    if len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
     profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)
     return report.as_text(done.summary, shown, done.surroundings[0]) + profile
