@@ -31,6 +31,9 @@ from lidarscene.scene.model import Scene
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
+    "lidarscene render drive --sensor os0-128":
+        "tests/outputs/test_captures.py::test_ousters_metadata_and_background_are_there",
+    "lidarscene view out/os0.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
     "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_options.py::test_compare_real",
     "lidarscene sensor --from": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
@@ -39,7 +42,7 @@ PARSED_ONLY = {
     "lidarscene fit os2.pcap": "tests/studies/fit/test_study.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
     "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",
-}
+}  # fmt: skip
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
 COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning": "vlp-16"}

@@ -152,24 +152,23 @@ def send_frames(
     """
     clock = clock or RealClock()
     slowness = 1.0 if rate_hz is None else 1.0 / (rate_hz * frame_s)
-    queue, ended = _Queue(clock), ""
-    first = next(frames)
-    # The kernels are compiled by now. Packets bear the times at which they leave.
-    lead_s = (AHEAD - 1) * frame_s * slowness
+    queue, ended = _Queue(clock), list[str]()
+    frames = _until_motion_ends(frames, ended)
+    # The first ones take longest, since kernels are compiled: they are there before the clock starts.
+    ready = list(itertools.islice(frames, AHEAD))
+    lead_s = frame_s * slowness
+    # Packets bear the times at which they leave.
     epoch_s = clock.epoch_s() + lead_s
     pacer = Pacer(send, clock, begin_s=clock.now_s() + lead_s, first_s=epoch_s, slowness=slowness)
-    later_s = epoch_s - float(first.time_s[0])
+    later_s = epoch_s - float(ready[0].time_s[0])
     sender = threading.Thread(target=_send, args=(queue, pacer, clock, told), daemon=True)
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     sender.start()
     try:
-        try:
-            for one in itertools.chain([first], frames):
-                if not queue.put(maker.packets(replace(one, time_s=one.time_s + later_s))):
-                    break
-        except MotionEnded as error:
-            ended = str(error)
+        for one in itertools.chain(ready, frames):
+            if not queue.put(maker.packets(replace(one, time_s=one.time_s + later_s))):
+                break
         queue.put(_Rest(maker.rest()))
     except BaseException as error:
         clock.stop()
@@ -186,7 +185,15 @@ def send_frames(
         sys.setswitchinterval(switch_s)
     if queue.failed is not None:
         raise queue.failed
-    return Sent(packets=pacer.packets, late_s=tuple(pacer.late_s), ended=ended)
+    return Sent(packets=pacer.packets, late_s=tuple(pacer.late_s), ended="".join(ended))
+
+
+def _until_motion_ends(frames: Iterator[Firings], ended: list[str]) -> Iterator[Firings]:
+    """The frames; why there are no more is added to ``ended``, if a motion is."""
+    try:
+        yield from frames
+    except MotionEnded as error:
+        ended.append(str(error))
 
 
 def _send(queue: _Queue, pacer: Pacer, clock: Clock, told: Callable[[str], object]) -> None:
