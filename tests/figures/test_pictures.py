@@ -78,7 +78,7 @@ def test_colours_answer_to_the_column(
 
 
 def test_every_column_can_be_drawn(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
-    """Its colours and their scale; the axes of angles are the same for all."""
+    """Its colours and their scale, and the scale of one value; the axes of angles are the same for all."""
     show = pictures._show
 
     def without_axes(*args: Any, **options: Any) -> Any:
@@ -90,7 +90,17 @@ def test_every_column_can_be_drawn(cloud: PointCloud, monkeypatch: Any, tmp_path
     few = cloud.select(slice(0, None, 40))
     for column in few.columns:
         range_image(few, tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
-        range_image(few.select([0]), tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
+    for name in (
+        "x",
+        "range",
+        "intensity",
+        "detection_probability",
+        "azimuth",
+        "pulse_width",
+        "class",
+        "body",
+    ):
+        range_image(few.select([0]), tmp_path / "a.png", colour_by=name, size_px=(160, 80))
 
 
 def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> None:
