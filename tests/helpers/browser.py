@@ -18,12 +18,21 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Chromium]:
-    """A headless Chromium; without one the test is skipped, or fails with LIDARSCENE_REQUIRE_CHROMIUM=1."""
+@pytest.fixture(scope="module")
+def _chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    """Started once for all tests of a file, which takes longer than most of them."""
     if executable() is None:
         if os.environ.get("LIDARSCENE_REQUIRE_CHROMIUM") == "1":
             pytest.fail("LIDARSCENE_REQUIRE_CHROMIUM=1, and there is no Chromium")
         pytest.skip("no Chromium on this machine: apt-get install chromium")
-    with Chromium(tmp_path / "profile") as chromium:
+    with Chromium(tmp_path_factory.mktemp("chromium")) as chromium:
         yield chromium
+
+
+@pytest.fixture
+def browser(_chromium: Chromium) -> Chromium:
+    """A headless Chromium on an empty page; without one the test is skipped, or fails with
+    LIDARSCENE_REQUIRE_CHROMIUM=1.
+    """
+    _chromium.leave()
+    return _chromium

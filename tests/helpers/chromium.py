@@ -84,6 +84,12 @@ class Chromium:
         self.navigate(url)
         self.until("(viewer && viewer.matrix) || !document.getElementById('error').hidden")
 
+    def leave(self) -> None:
+        """Go to an empty page, and forget what the one before said."""
+        self._send("Page.navigate", url="about:blank")
+        self.until("location.href == 'about:blank'")
+        self.messages.clear()
+
     def value(self, script: str) -> Any:
         """What an expression is, promises awaited."""
         told = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)

@@ -2,9 +2,9 @@
 
 They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
 fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts and pictures that are not drawn, a
-job of four frames for twelve on one worker, the view written by `--save` instead of served. A scene of `scenes/` is
-compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its like. Of two
-commands of which one has more options than the other only that one is run.
+job of four frames for twelve on a thread of this process, the view written by `--save` instead of served. A scene of
+`scenes/` is compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its
+like. Of two commands of which one has more options than the other only that one is run.
 """
 
 import re
@@ -19,7 +19,9 @@ import trimesh
 
 from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
 from helpers.in_this_process import draw_nothing, draw_roughly
+from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
+from lidarscene.batch import cluster
 from lidarscene.cli import main
 from lidarscene.kernel.world.build import World
 from lidarscene.outputs import record
@@ -78,6 +80,12 @@ COARSE_JOB = {
 
 OF_STUDIES = ("compare.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
+
+
+def use_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`batch` on a thread of this process: tests/batch starts processes."""
+    monkeypatch.setattr(cluster, "local_client", threads_of_this_process)
+    use_no_worlds_of_others(monkeypatch)
 
 
 def pages(*, of_studies: bool) -> list[Path]:
@@ -166,6 +174,7 @@ class Reader:
         make_workplace(self.folder, page, monkeypatch)
         draw_roughly(monkeypatch)
         draw_nothing(monkeypatch)
+        use_threads(monkeypatch)
         self._keep_worlds(monkeypatch)
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():

@@ -61,9 +61,14 @@ def client(mi: Any) -> Iterator[Any]:
 @pytest.fixture
 def threads(mi: Any, monkeypatch: pytest.MonkeyPatch) -> Connect:
     """A scheduler and one worker that are threads of this process, where no process of a worker matters."""
+    use_no_worlds_of_others(monkeypatch)
+    return threads_of_this_process
+
+
+def use_no_worlds_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that a worker keeps goes from test to test, nor stays after it."""
     for name in ("_scenes", "_sensors", "_worlds"):
         monkeypatch.setattr(work, name, work._Kept())
-    return threads_of_this_process
 
 
 @contextmanager

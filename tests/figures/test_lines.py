@@ -1,0 +1,57 @@
+"""Line charts and bars: nothing that they say is cut off at the edge of the picture."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene.figures import lines
+from lidarscene.figures.lines import Chart, Level, Line, Mark
+
+
+@pytest.fixture
+def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The figures as they are when they are written."""
+    from matplotlib.figure import Figure
+
+    figures: list[Any] = []
+    whole = Figure.savefig
+
+    def noted(figure: Figure, *args: Any, **options: Any) -> None:
+        figures.append(figure)
+        whole(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", noted)
+    return figures
+
+
+def test_a_chart_is_whole_in_its_picture(saved: list[Any], tmp_path: Path) -> None:
+    """Labels, title, legend and numbers, with a tall label at the left that needs room."""
+    x = np.linspace(0.0, 1.0, 5)
+    chart = Chart(
+        lines=(Line(label="one", x=x, y=1e5 * x), Line(label="two", x=x, y=x, colour=1)), x_label="below",
+        y_label="left,\nin three\nlines", title="it fits, " * 30, marks=(Mark(x=0.5, y=5e4, text="here"),),
+        levels=(Level(y=2e4, text="level"),),
+    )  # fmt: skip
+    lines.save(chart, [tmp_path / "a.png", tmp_path / "a.svg"])
+    assert len(saved) == 2
+    whole_in_its_picture(saved[0])
+
+
+def test_bars_are_whole_in_their_picture(saved: list[Any], tmp_path: Path) -> None:
+    """Names along the left edge are the widest that there is."""
+    bars = [("a name that is as long as a key of a sensor file", 0.5), ("short", -0.25)]
+    lines.tornado([tmp_path / "a.png"], bars=bars, title="title", label="exponent")
+    whole_in_its_picture(saved[0])
+
+
+def whole_in_its_picture(figure: Any) -> None:
+    width, height = figure.get_size_inches()
+    box = figure.get_tightbbox()
+    assert box.x0 >= 0.0
+    assert box.y0 >= 0.0
+    assert box.x1 <= width
+    assert box.y1 <= height
+    (axes,) = figure.axes
+    assert axes.get_position().width > 0.5  # and the curves have most of it
