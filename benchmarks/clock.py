@@ -9,16 +9,27 @@ import numpy as np
 
 Seconds = dict[str, np.ndarray]
 
+WALL, CPU = time.perf_counter, time.process_time
 
-def in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: int = 2) -> Seconds:
-    """Seconds of each task in each round: A B C, A B C, ... What a task returns is freed off the clock."""
+
+def in_turns(
+    tasks: Mapping[str, Callable[[], Any]],
+    *,
+    rounds: int,
+    warm_up: int = 2,
+    clock: Callable[[], float] = WALL,
+) -> Seconds:
+    """Seconds of each task in each round: A B C, A B C, ... What a task returns is freed off the clock.
+
+    clock  `WALL`, or `CPU` for the time of all threads of this process
+    """
     seconds: dict[str, list[float]] = {name: [] for name in tasks}
     for number in range(warm_up + rounds):
         for name, task in tasks.items():
             gc.collect()
-            since = time.perf_counter()
+            since = clock()
             result = task()
-            spent = time.perf_counter() - since
+            spent = clock() - since
             del result
             if number >= warm_up:
                 seconds[name].append(spent)

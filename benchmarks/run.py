@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import bare
 import batch
 import chain
 import machine
@@ -26,6 +27,7 @@ from lidarscene.errors import LidarSceneError
 ROOT = Path(__file__).parents[1]
 STREET_DEG = 0.0548  # a million beams
 SIZES = {"65k": 0.2145, "262k": 0.1072, "1M": STREET_DEG}
+BARE_SIZES = {"30k": 0.316, "65k": 0.2145, "131k": 0.1515, "1M": STREET_DEG}
 LARGER = {"10M": 0.0173}
 SYNTHETIC = (1_000_000, 10_000_000)
 
@@ -53,7 +55,7 @@ def main() -> int:
     return 0
 
 
-PARTS = ("chain", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
+PARTS = ("chain", "bare", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
 
 
 def full_parts(*, large: bool) -> Parts:
@@ -62,6 +64,7 @@ def full_parts(*, large: bool) -> Parts:
     sizes = SIZES | (LARGER if large else {})
     return {
         "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
+        "bare": lambda: [bare.measure(street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1:], rounds=9)],
         "receivers": lambda: [receivers.measure(street, step_deg=STREET_DEG, rounds=9)],
         "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
         "rays": lambda: [
@@ -79,6 +82,7 @@ def quick_parts() -> Parts:
     car = ROOT / "scenes" / "car.toml"
     return {
         "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
+        "bare": lambda: [bare.measure(car, sizes={"12k": 0.5}, triangles=(2_000,), rounds=2)],
         "receivers": lambda: [receivers.measure(car, step_deg=0.5, rounds=2)],
         "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
         "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],

@@ -35,6 +35,9 @@ SECTIONS = {
             "device, returns",
         )
     ],
+    "Against bare Embree": [
+        f"{scene}, 12k beams: lidarscene / bare Embree" for scene in ("car.toml", "2,000 triangles")
+    ],
     "Receivers": [
         f"{receiver} / table1-apd"
         for receiver in (

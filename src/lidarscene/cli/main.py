@@ -7,6 +7,8 @@ line and an exit code.
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -32,6 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is 0, 2 for usage, input and output mistakes, 3 without a back end."""
     if argv is None:
         end_cleanly()
+        # The end of a process need not look for garbage among all that was ever imported: 0.15 s.
+        atexit.register(gc.freeze)
     try:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         with notes():

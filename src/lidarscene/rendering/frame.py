@@ -18,7 +18,7 @@ from ..kernel.world.build import World, at_rest, boxes_of, on_device
 from ..maths.arrays import Lanes, Numbers
 from ..maths.paths import Moving, Paths, Placement
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, Motion, Riding, pose_at
+from ..maths.trajectory import Course, Riding, pose_at
 from ..scan import Scanner
 from ..scene.model import Scene
 from ..sensor.model import Sensor
@@ -73,7 +73,8 @@ class Frame:
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=asked.begin_s)
         start_s = asked.begin_s + scanner_s
         riding = motion_of(scene, sensor, asked.pose or scene.sensor_pose)
-        place = pose_at(riding, start_s)
+        # Where nothing carries the sensor, it is where it is: half a millisecond of a small frame.
+        place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.paths`).
         paths = None
@@ -84,7 +85,7 @@ class Frame:
             )  # fmt: skip
         return cls(
             number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
-            place=place, vehicle=pose_at(scene.ego or Course(), start_s),
+            place=place, vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
             origin=at_rest(place, world.centre_m),
             paths=None if paths is None else on_device(paths),
             moves=scene.ego is not None, _scanner=sensor.scanner,
@@ -129,7 +130,7 @@ def placements(
     return paths.at(times, 0) if moves else origin, movers
 
 
-def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Motion:
+def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:
     """The sensor's own: it rides on the ego vehicle, at a pose there that its mounting is added to."""
     return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
 
@@ -153,7 +154,8 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
 
 
 def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
-    motions = [("ego", scene.ego), *((f"body '{body.name}'", body.motion) for body in scene.bodies)]
+    moving = [body for body in scene.bodies if body.motion is not None]
+    motions = [("ego", scene.ego), *((f"body '{body.name}'", body.motion) for body in moving)]
     for name, motion in motions:
         if motion is None:
             continue

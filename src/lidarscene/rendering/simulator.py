@@ -18,7 +18,7 @@ import numpy as np
 from ..cloud.builder import CloudBuilder
 from ..cloud.points import NotANumber, PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
-from ..kernel.device import transfer
+from ..kernel.device import blocks, transfer
 from ..kernel.rays import columns as collect
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
@@ -255,6 +255,7 @@ class Simulator:
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
+            blocks.share_out(count * self.trace.rays)
             order = self.order_of(count)
             if order is None:
                 pulse, numbers = transfer.counter(first, count), numbered(first, count)

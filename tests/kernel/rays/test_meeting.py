@@ -52,7 +52,7 @@ def test_surface_is_mitsubas():
     zero = transfer.opaque_uint32(0)
     met = [
         Moment(
-            world=one, moving=[], sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)
+            world=one, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)
         ).meet(ray)
         for one in (world, dataclasses.replace(world, face_normal=None))
     ]  # fmt: skip

@@ -7,6 +7,7 @@ backend    choose a Mitsuba variant that works
 llvm       find an LLVM library that Dr.Jit can use
 transfer   numbers to the device, results back
 replay     record stages once, launch them again
+blocks     small frames on all cores
 gradients  derivatives of formulas
 profile    count kernels, measure memory
 """

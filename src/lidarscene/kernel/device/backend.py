@@ -206,12 +206,42 @@ def _with_variant(name: str) -> ModuleType:
         raise BackendError(f"no such variant; known are {choices}")
     _require_backend(name)
     try:
-        mi.set_variant(name)
+        with _syntax_on_demand():
+            mi.set_variant(name)
         if name.startswith("cuda"):  # a driver without OptiX is found out only now
             trace_one_ray(mi)
     except Exception as error:
         raise BackendError(" ".join(str(error).split())) from error
     return mi
+
+
+@contextlib.contextmanager
+def _syntax_on_demand() -> Iterator[None]:
+    """Let functions that are marked with `drjit.syntax` be rewritten at their first call, within the block."""
+    # Mitsuba imports its integrators when a variant is set, and `syntax` parses the source of each: 0.13 s of every
+    # start, for functions that nobody calls here.
+    import drjit as dr
+
+    rewritten = dr.syntax
+
+    def on_demand(function: Any = None, **options: Any) -> Any:
+        if function is None:
+            return functools.partial(on_demand, **options)
+        made: list[Any] = []
+
+        @functools.wraps(function)
+        def call(*arguments: Any, **keywords: Any) -> Any:
+            if not made:
+                made.append(rewritten(function, **options))
+            return made[0](*arguments, **keywords)
+
+        return call
+
+    dr.syntax = on_demand
+    try:
+        yield
+    finally:
+        dr.syntax = rewritten
 
 
 def _users_own(mi: ModuleType, current: str) -> ModuleType:

@@ -27,7 +27,7 @@ from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
 from ..world.build import World
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby import MOST, Box, passed
+from .nearby import MOST, Box, around, passed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,22 +55,28 @@ class Meeting:
 
     def outside(self, point: DeviceVector) -> Any:
         """Transform points from the frame of the body that was met to the traced frame."""
+        import drjit as dr
+
         if self.place is None:
             return point
-        return _where(self.moved, mitsuba().Point3f(*self.place.point(components(point))), point)
+        return dr.select(self.moved, mitsuba().Point3f(*self.place.point(components(point))), point)
 
     def turned(self, direction: DeviceVector) -> Any:
         """Transform directions from the frame of the body that was met to the traced frame."""
+        import drjit as dr
+
         if self.place is None:
             return direction
-        return _where(self.moved, mitsuba().Vector3f(*self.place.vector(components(direction))), direction)
+        return dr.select(self.moved, mitsuba().Vector3f(*self.place.vector(components(direction))), direction)
 
     def receding(self, point: DeviceVector, along: DeviceVector) -> Any:
         """Velocity of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""
+        import drjit as dr
+
         if self.place is None:
             return None
         speed = sum(v * d for v, d in zip(self.place.velocity_at(components(point)), along, strict=True))
-        return _where(self.moved, speed, 0.0)
+        return dr.select(self.moved, speed, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,11 +143,10 @@ class Moment:
             # code through a table; it is made once, of the nearest hit.
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         met = mi.Int32(-1)
-        for group in self._groups(moving):
+        for group, near in self._near(ray, active, moving):
             transfer.apart(first)
-            near = _near(ray, active, self.boxes[group.first : group.first + group.count])
             _, first, met = dr.while_loop(
-                (near, first, met), _any_left, partial(self._nearer, ray, group), label="bodies that move"
+                (near, first, met), _any_left, partial(self._nearer, ray, group), mode="symbolic"
             )
         self._apart(first)
         found = first.is_valid() if active is True else first.is_valid() & active
@@ -165,16 +170,15 @@ class Moment:
         moving = self.moving
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
-        def round_(todo: Any, *_: object) -> tuple[Any, ...]:
-            there = moving.at(met)
-            carried = _carried(ray, there)
+        def there(todo: Any, *_: object) -> tuple[Any, ...]:
+            place = moving.at(met)
+            carried = _carried(ray, place)
             own = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(met), todo)
-            towards = mi.Vector3f(*there.vector_within(self.sun))
-            return mi.Bool(False), carried.o, carried.d, towards, own, _numbers(there)
+            towards = mi.Vector3f(*place.vector_within(self.sun))
+            return mi.Bool(False), carried.o, carried.d, towards, own, _numbers(place)
 
-        nothing = [mi.Float(0.0) for _ in range(_NUMBERS)]
-        state = met >= 0, ray.o, ray.d, to_sun, shift, nothing
-        _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, round_, label="seen")
+        state = met >= 0, ray.o, ray.d, to_sun, shift, [mi.Float(0.0) for _ in range(_NUMBERS)]
+        _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, there, mode="symbolic")
         return _ray(o, d, ray.maxt), to_sun, shift, _placement(numbers)
 
     def _nearer(self, ray: Ray, group: _Group, near: Any, first: Any, met: Any) -> tuple[Any, Any, Any]:
@@ -195,6 +199,14 @@ class Moment:
         assert self.moving is not None
         which = mitsuba().Int32(dr.tzcnt(near) + group.first)
         return which, near & (near - 1), self.moving.at(which)
+
+    def _near(self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]) -> list[tuple[_Group, Any]]:
+        """Return groups of movers, and for each which of them the rays come near: bit i says so of its body i."""
+        groups = self._groups(scenes)
+        if not groups:
+            return []
+        boxes = [self.boxes[group.first : group.first + group.count] for group in groups]
+        return list(zip(groups, passed(ray, boxes, around(self.boxes), active), strict=True))
 
     def _groups(self, scenes: Sequence[TracedScene | None]) -> list[_Group]:
         """Return the movers that share a scene, as many at a time as `passed` has bits; empty scenes left out."""
@@ -242,11 +254,10 @@ class Moment:
         met = mi.Bool(False)
         if still is not None:
             met = still.ray_test(ray, coherent=self.coherent, active=active)
-        for group in self._groups(moving):
+        for group, near in self._near(ray, active & ~met, moving):
             transfer.apart(met)
-            near = _near(ray, active & ~met, self.boxes[group.first : group.first + group.count])
             _, met = dr.while_loop(
-                (near, met), _any_left, partial(self._blocking, ray, group), label="moving bodies"
+                (near, met), _any_left, partial(self._blocking, ray, group), mode="symbolic"
             )
         self._apart(met)
         return met
@@ -279,14 +290,6 @@ def _any_left(near: Any, *_: object) -> Any:
     return near != 0
 
 
-def _near(ray: Ray, active: Mask, boxes: Sequence[Box]) -> Any:
-    """Return `passed` of the active rays; 0 of others."""
-    import drjit as dr
-
-    near = passed(ray, boxes)
-    return near if active is True else dr.select(active, near, 0)
-
-
 def _carried(ray: Ray, place: Placement) -> Any:
     """Transform rays from the traced frame to that of a body."""
     mi = mitsuba()
@@ -317,12 +320,6 @@ def _placement(numbers: Sequence[Any]) -> Placement:
     return Placement(
         origin_m=(x, y, z), rotation=rotation, velocity_m_s=(vx, vy, vz), turning_rad_s=(wx, wy, wz)
     )
-
-
-def _where(moved: Mask, inside: Any, outside: Any) -> Any:
-    import drjit as dr
-
-    return dr.select(moved, inside, outside)
 
 
 def _shorter(ray: Ray, before: Lanes | None) -> Any:

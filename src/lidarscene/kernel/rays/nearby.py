@@ -7,11 +7,13 @@ same for all rays, and is made of six numbers.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...maths.arrays import Array, Lanes
+from ...maths.arrays import Array, Lanes, Mask, xp
 from ..device.backend import mitsuba
 from ..device.types import Ray, components
 
@@ -45,20 +47,50 @@ def boxes_of(numbers: Array) -> tuple[Box, ...]:
     )
 
 
-def passed(ray: Ray, boxes: Sequence[Box]) -> Any:
-    """Return UInt32 whose bit i says whether the ray passes box i; at most `MOST` boxes."""
+def around(boxes: Sequence[Box]) -> Box:
+    """Return the box around all of these."""
+    import drjit as dr
+
+    ops = xp(boxes[0].low[0])
+    low, high = (
+        tuple(functools.reduce(shrink, corner) for corner in zip(*corners, strict=True))
+        for corners, shrink in (
+            ([one.low for one in boxes], ops.minimum),
+            ([one.high for one in boxes], ops.maximum),
+        )
+    )
+    dr.eval(low, high)
+    return Box(low=low, high=high)
+
+
+def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) -> tuple[Any, ...]:
+    """Return of each group of boxes a UInt32 whose bit i says whether an active ray passes box i.
+
+    groups  at most `MOST` boxes in each
+    whole   the box around them all: rays that do not pass it are asked no more
+    """
     import drjit as dr
 
     mi = mitsuba()
-    met = mi.UInt32(0)
+    ops = xp(ray.maxt)
     origin = components(ray.o)
-    # The slab method: the ray is between the two planes of each axis from `near` to `far`.
     inverse = [dr.rcp(dr.select(dr.abs(d) < _LEAST, _LEAST, d)) for d in components(ray.d)]
-    for number, box in enumerate(boxes):
+
+    def passes(box: Box) -> Any:
+        """The slab method: the ray is between the two planes of each axis from `near` to `far`."""
         near: Lanes = mi.Float(0.0)
         far: Lanes = ray.maxt
         for o, i, low, high in zip(origin, inverse, box.low, box.high, strict=True):
             one, other = (low - o) * i, (high - o) * i
-            near, far = dr.maximum(near, dr.minimum(one, other)), dr.minimum(far, dr.maximum(one, other))
-        met |= dr.select(near <= far, mi.UInt32(1 << number), 0)
-    return met
+            near, far = ops.maximum(near, ops.minimum(one, other)), ops.minimum(far, ops.maximum(one, other))
+        return near <= far
+
+    def bits() -> tuple[Any, ...]:
+        flags = [
+            [dr.select(passes(box), mi.UInt32(1 << number), 0) for number, box in enumerate(group)]
+            for group in groups
+        ]
+        return tuple(functools.reduce(operator.or_, group) for group in flags)
+
+    nothing = tuple(mi.UInt32(0) for _ in groups)
+    return ops.where_any(active & passes(whole), bits, nothing)

@@ -1,0 +1,145 @@
+"""The chain against a C++ program on bare Embree: what no change to the chain can ever beat.
+
+The program (`bare.cpp`) is compiled where there is a C++ compiler, with the Embree that comes with Mitsuba, or that of
+libembree-dev.
+"""
+
+import ctypes
+import functools
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import chain
+import clock
+import numpy as np
+from table import Row, Section, verdict
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.errors import LidarSceneError
+from lidarscene.kernel.device.backend import drjit, mitsuba
+from lidarscene.kernel.rays.onward import START_OFFSET_M
+from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.scene.model import Scene
+
+OURS, BARE, OPEN3D = "lidarscene", "bare Embree", "Open3D"
+MOST = {"30k": 1.8}
+
+TEXT = """`bare Embree` is a C++ program that asks for the same closest hits and shadow rays of the same triangles, in
+the same order and in packets of 16, with as many threads and with Mitsuba's own Embree, and does nothing else.
+`lidarscene` is the whole chain of `table1-apd` with beams that end at the first surface; `Open3D` has its rays ready.
+CPU is the ratio of the time of all threads, which other programs on the machine lengthen less."""
+
+
+def measure(scene_file: Path, *, sizes: dict[str, float], triangles: tuple[int, ...], rounds: int) -> Section:
+    """Rows of a scene with each size, and of grounds of so many triangles with the last of them."""
+    import peers
+
+    scene = load_scene(scene_file)
+    library = compiled()
+    rows = []
+    for number, (beams, step_deg) in enumerate(sizes.items()):
+        seen = {scene_file.name: scene}
+        if number == len(sizes) - 1:
+            seen |= {f"{count:,} triangles": peers.ground(scene, count) for count in triangles}
+        for name, one in seen.items():
+            rows += _rows(library, one, f"{name}, {beams} beams", step_deg, MOST.get(beams), rounds)
+    return Section("Against bare Embree", TEXT, rows)
+
+
+def _rows(
+    library: Any | None, scene: Scene, case: str, step_deg: float, most: float | None, rounds: int
+) -> list[Row]:
+    if library is None:
+        return [Row(f"{case}: {OURS} / {BARE}", "-", "", "not measured: no C++ compiler with Embree")]
+    steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
+    simulator = Simulator(scene, load_sensor("table1-apd", overrides=steps), interactions=0)
+    tasks: dict[str, Callable[[], Any]] = {OURS: simulator.render, BARE: task(library, simulator)}
+    try:
+        tasks[OPEN3D] = chain.open3d_tasks(simulator)[OPEN3D]
+    except LidarSceneError:
+        pass
+    seconds, busy = (
+        clock.in_turns(tasks, rounds=rounds),
+        clock.in_turns(tasks, rounds=rounds, clock=clock.CPU),
+    )
+    counted = Summary()
+    simulator.render(summary=counted)
+    hits = int(np.isfinite(tasks[BARE]()[0]).sum())
+    if abs(hits - counted.hits) > 1e-3 * counted.beams:  # a ray that grazes an edge may miss it
+        raise SystemExit(f"benchmarks: {case}: bare Embree finds {hits:,} hits, lidarscene {counted.hits:,}")
+    rows = []
+    for slow, fast in ((OURS, BARE), (OPEN3D, BARE), (OPEN3D, OURS)):
+        if slow not in tasks:
+            continue
+        median, low, high = clock.ratio(seconds, slow, fast)
+        cpu, *_ = clock.ratio(busy, slow, fast)
+        goal = (
+            ""
+            if most is None or fast != BARE or slow != OURS
+            else verdict(f"at most {most:g}", median <= most)
+        )
+        note = f"CPU {cpu:.2f}; {1e3 * np.median(seconds[fast]):.1f} ms"
+        rows.append(Row(f"{case}: {slow} / {fast}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", note, goal))
+    return rows
+
+
+@functools.cache
+def compiled() -> Any:
+    """`bare.cpp` as a library; None without a C++ compiler."""
+    compiler = next((found for name in ("c++", "g++", "clang++") if (found := shutil.which(name))), None)
+    if compiler is None:
+        return None
+    embree = Path(str(mitsuba().__file__)).parent
+    folder = Path(tempfile.mkdtemp(prefix="bare-"))
+    target = folder / "bare.so"
+    own = [f"-I{embree / 'include'}", f"-L{embree}", f"-Wl,-rpath,{embree}"] if _has_embree(embree) else []
+    command = [
+        compiler, "-O3", "-march=native", "-std=c++17", "-shared", "-fPIC", "-pthread", *own,
+        str(Path(__file__).with_name("bare.cpp")), "-o", str(target), "-lembree3",
+    ]  # fmt: skip
+    try:
+        subprocess.run(command, check=True, capture_output=True, timeout=300)
+        library = ctypes.CDLL(str(target))
+    except (subprocess.CalledProcessError, OSError):
+        return None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    library.bare_scene.argtypes, library.bare_scene.restype = [pointer, size, pointer, size], pointer
+    library.bare_trace.argtypes = [
+        pointer, pointer, pointer, pointer, pointer, size, pointer, ctypes.c_float, ctypes.c_int, pointer, pointer,
+    ]  # fmt: skip
+    library.bare_trace.restype = None
+    return library
+
+
+def _has_embree(folder: Path) -> bool:
+    return (folder / "include" / "embree3" / "rtcore.h").is_file() and (folder / "libembree3.so").is_file()
+
+
+def task(library: Any, simulator: Simulator) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
+    """Distances (n,), infinite for none, and whether the sun is seen (n,), by lane."""
+    vertices, faces = (np.ascontiguousarray(array) for array in chain.triangles(simulator))
+    scene = library.bare_scene(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
+    pulses = simulator.sensor.scanner.pulses
+    order = simulator.order_of(pulses)
+    lanes = np.arange(pulses) if order is None else order.pulse
+    rays = chain.beam_rays(simulator)[lanes]
+    origin = np.array(chain.origin(simulator), np.float32)
+    axes = [np.ascontiguousarray(rays[:, 3 + axis]) for axis in range(3)]
+    sun = np.asarray(simulator.scene.sun.direction, np.float32)
+    threads = drjit().thread_count()
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        t, lit = np.empty(pulses, np.float32), np.empty(pulses, np.uint8)
+        library.bare_trace(
+            scene, origin.ctypes.data, *(axis.ctypes.data for axis in axes), pulses, sun.ctypes.data, START_OFFSET_M,
+            threads, t.ctypes.data, lit.ctypes.data,
+        )  # fmt: skip
+        return t, lit
+
+    return run

@@ -1,0 +1,57 @@
+"""Blocks of lanes: how large they are, that Dr.Jit takes the size, and that results do not depend on it."""
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain
+from helpers.traffic import SENSOR, traffic
+
+from lidarscene.kernel.device import blocks
+from lidarscene.kernel.device.backend import drjit, is_cuda
+from lidarscene.rendering.simulator import Simulator
+
+
+@pytest.mark.parametrize(
+    ("lanes", "threads", "size"),
+    [
+        (1_000_000, 2, 16_384),  # Dr.Jit's own where it is small enough
+        (65_520, 2, 4_096),
+        (30_400, 2, 2_048),
+        (20_000, 2, 2_048),  # a Livox frame: ten blocks, where there were two
+        (20_000, 16, 1_024),
+        (231, 64, 1_024),
+    ],
+)
+def test_blocks_for_every_thread(lanes: int, threads: int, size: int) -> None:
+    assert blocks.block_of(lanes, threads) == size
+    assert size in (blocks.LEAST, blocks.LARGEST) or lanes / size >= blocks.BLOCKS * threads > lanes / (
+        2 * size
+    )
+
+
+@pytest.mark.usefixtures("mi")
+def test_the_library_takes_the_size() -> None:
+    """Its own answer, in lanes."""
+    if is_cuda():
+        pytest.skip("blocks are of CPUs")
+    (path,) = Path(str(drjit().__file__)).parent.glob("libdrjit-core.*")
+    asked = ctypes.CDLL(str(path))._Z19jit_llvm_block_sizev
+    asked.restype = ctypes.c_uint32
+    for lanes in (20_000, 1_000_000):
+        blocks.share_out(lanes)
+        assert asked() == blocks.block_of(lanes, drjit().thread_count())
+
+
+@pytest.mark.usefixtures("mi")
+def test_results_do_not_depend_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulator = Simulator(traffic(), chain.sensor("table1-apd", *SENSOR))
+    clouds = []
+    for least in (16, blocks.LARGEST):
+        monkeypatch.setattr(blocks, "LEAST", least)
+        monkeypatch.setattr(blocks, "BLOCKS", 10_000)
+        clouds.append(simulator.render(seed=3))
+    assert len(clouds[0]) > 10_000
+    for name in ("time_s", "range_m", "snr", "body", "in_shadow"):
+        np.testing.assert_array_equal(getattr(clouds[0], name), getattr(clouds[1], name), err_msg=name)
