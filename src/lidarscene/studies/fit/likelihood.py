@@ -146,7 +146,7 @@ def fit_known(
             active = left
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
-    scores = np.column_stack([np.bincount(block, step.each[:, row]) for row in rows])
+    scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
     solved = Solved(
         value=np.array([values[name] for name in active]), slope=step.matrix[np.ix_(rows, rows)], scores=scores,
         evaluations=evaluations,
