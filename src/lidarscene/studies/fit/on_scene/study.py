@@ -14,6 +14,7 @@ from ....files.atomic import atomic_output, require_writable
 from ....maths.pose import Pose
 from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
+from ....recordings.packets import json_beside
 from ....recordings.sweep import Sweep
 from ....scene.file import load_scene
 from ....scene.poses import read_poses
@@ -79,7 +80,7 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
     world = load_scene(given.scene)
     named = world.sensor_name if given.sensor is None else given.sensor
     where = f"--sensor {named}"
-    beside = given.recordings[0].with_suffix(".json")
+    beside = json_beside(given.recordings[0])
     unit = given.metadata if given.metadata is not None else beside if beside.is_file() else None
     text = base_text(named, unit)
     sensor = sensor_of(text, where)
