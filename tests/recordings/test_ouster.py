@@ -43,6 +43,14 @@ def test_one_packet_is_sixteen_columns(core: Any) -> None:
     assert (sweep.pose, sweep.knows_lost) == (None, True)
 
 
+def test_metadata_of_newer_tools_are_found_too(tmp_path: Path, core: Any) -> None:
+    """NAME_0.json, for the first of several sensors."""
+    path = Path(shutil.copy(OUSTER, tmp_path / "a.pcap"))
+    shutil.copy(OUSTER.with_suffix(".json"), tmp_path / "a_0.json")
+    with open_recording(path) as recording:
+        assert recording[0].recorded.sum() == 32 * 16
+
+
 def test_points_are_those_of_the_makers_table(core: Any) -> None:
     """Rationale: the recording's own beams, to 2 um: half a unit of float64 differences over a kilometre is less."""
     sdk_info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())

@@ -51,9 +51,9 @@ def _ouster(path: Path, metadata: Path | None) -> Recording:
 def _packets(path: Path, metadata: Path | None) -> Recording:
     """Of the maker whose packets are there; json, given or beside it, means Ouster."""
     from . import hesai, pandar64, velodyne
-    from .packets import packets_of
+    from .packets import json_beside, packets_of
 
-    described = metadata or path.with_suffix(".json")
+    described = metadata or json_beside(path)
     if described.suffix.lower() == ".json" and described.is_file():
         return _ouster(path, metadata)
     with reading(path):

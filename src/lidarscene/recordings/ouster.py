@@ -15,7 +15,7 @@ from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from .packets import mapped, records_of
+from .packets import json_beside, mapped, records_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -101,7 +101,7 @@ def _description(path: Path, metadata: Path | None) -> Path:
         if not metadata.is_file():
             raise InputError(f"{metadata}: no such metadata file")
         return metadata
-    beside = path.with_suffix(".json")
+    beside = json_beside(path)
     if not beside.is_file():
         raise InputError(
             f"{path}: must have the sensor's metadata as {beside.name} beside it, or --metadata F"

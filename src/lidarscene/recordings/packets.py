@@ -74,6 +74,13 @@ def packets_of(path: Path, wanted: Callable[[bytes], bool] = lambda _: True) -> 
     return Packets(data, *(np.array(one) for one in (stamps, starts, stops)))
 
 
+def json_beside(path: Path) -> Path:
+    """Where an Ouster's metadata are, beside a recording: NAME.json, or NAME_0.json of the maker's newer tools."""
+    newer = path.with_name(f"{path.stem}_0.json")
+    plain = path.with_suffix(".json")
+    return newer if newer.is_file() and not plain.is_file() else plain
+
+
 def mapped(path: Path) -> mmap.mmap:
     """A file's bytes, read as they are asked for; ValueError for an empty one."""
     with open(path, "rb") as file:

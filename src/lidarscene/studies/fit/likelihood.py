@@ -97,12 +97,13 @@ class _Step:
 
 def fit_known(
     scene: Scene, reported: Reported, names: Sequence[str] = PARAMETERS, *, reflectivity_sigma: float = np.inf,
-    start: KnownFit | None = None,
+    start: KnownFit | None = None, most: int = MOST_EVALUATIONS,
 ) -> KnownFit:  # fmt: skip
     """Find the parameters of these names.
 
     reflectivity_sigma  how well the logarithms of the reflectivities are known beforehand; inf: not at all
     start               what was found before, with another texture; None: the scene's sensor
+    most                evaluations of the likelihood
     """
     weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
     active, values = list(names), dict.fromkeys(names, 0.0)
@@ -114,7 +115,7 @@ def fit_known(
     held: list[str] = []
     null: list[str] = []
     active, held, null = _told_apart(step, names, active, held, null)
-    while evaluations < MOST_EVALUATIONS - 1:
+    while evaluations < most:
         rows = [list(names).index(name) for name in active]
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
@@ -145,7 +146,7 @@ def fit_known(
             active = left
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
-    scores = np.column_stack([np.bincount(block, step.each[:, row]) for row in rows])
+    scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
     solved = Solved(
         value=np.array([values[name] for name in active]), slope=step.matrix[np.ix_(rows, rows)], scores=scores,
         evaluations=evaluations,

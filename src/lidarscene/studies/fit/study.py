@@ -10,6 +10,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...files.atomic import atomic_output, require_writable
 from ...recordings.opening import open_recording
+from ...recordings.packets import json_beside
 from ...recordings.sweep import Sweep
 from .near_field import fit_near_field
 from .products import QUANTITIES, products_of
@@ -36,7 +37,7 @@ def fit_recordings(
     require_writable(output)
     for name in (PAGE, NUMBERS):
         require_writable(report / name)
-    beside = recordings[0].with_suffix(".json")
+    beside = json_beside(recordings[0])
     unit = metadata if metadata is not None else beside if beside.is_file() else None
     base = base_text(sensor, unit)
     where = f"--sensor {sensor}"

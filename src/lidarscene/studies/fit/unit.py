@@ -93,6 +93,10 @@ def fitted_text(
         ):
             text = put(text, "optics", key, moved * value, source)
         # The law is that of one lens, focused at infinity, on the laser's axis.
+        if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
+            notes += (
+                "optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",
+            )
         text = without(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
         if re.search(r"(?m)^exit_diameter_mm", text):
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)

@@ -21,6 +21,7 @@ from ...errors import InputError
 from ...files.atomic import atomic_output, require_writable
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
+from ...recordings.packets import json_beside
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...recordings.units.written import unit_from, write_unit
@@ -158,7 +159,7 @@ def _sensor_file(
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, path)
         return f"wrote {path}: as {sensor}"
-    described = metadata or recording.path.with_suffix(".json")
+    described = metadata or json_beside(recording.path)
     if not described.is_file():
         raise InputError(
             f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"

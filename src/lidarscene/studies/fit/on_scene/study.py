@@ -14,12 +14,14 @@ from ....files.atomic import atomic_output, require_writable
 from ....maths.pose import Pose
 from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
+from ....recordings.packets import json_beside
 from ....recordings.sweep import Sweep
 from ....scene.file import load_scene
 from ....scene.poses import read_poses
 from ....sensor.model import Sensor
 from ...twin.build import ABOUT, COLUMNS, about, place_of
 from ...twin.planes import of_columns
+from ..estimates import MOST_EVALUATIONS
 from ..known_scene import LEAST_FLOOR_M, PARAMETERS, expected
 from ..likelihood import KnownFit, fit_known
 from ..report import NUMBERS, PAGE
@@ -78,7 +80,7 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
     world = load_scene(given.scene)
     named = world.sensor_name if given.sensor is None else given.sensor
     where = f"--sensor {named}"
-    beside = given.recordings[0].with_suffix(".json")
+    beside = json_beside(given.recordings[0])
     unit = given.metadata if given.metadata is not None else beside if beside.is_file() else None
     text = base_text(named, unit)
     sensor = sensor_of(text, where)
@@ -123,9 +125,13 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
         fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
     texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
     known: KnownFit | None = None
-    for _ in range(ROUNDS if twin else 1):
+    rounds = ROUNDS if twin else 1
+    for _ in range(rounds):
         scene = replace(fitted.scene, texture=texture, strangers=strangers)
-        known = fit_known(scene, fitted.reported, names, reflectivity_sigma=REFLECTIVITY_SIGMA, start=known)
+        known = fit_known(
+            scene, fitted.reported, names, reflectivity_sigma=REFLECTIVITY_SIGMA, start=known,
+            most=MOST_EVALUATIONS // rounds,
+        )  # fmt: skip
         evaluations += known.solved.evaluations
         if twin:
             texture, strangers = _unexplained(replace(fitted, scene=scene), known)
