@@ -304,16 +304,14 @@ def test_a_mistake_stands_beside_its_field(browser: Chromium, mi: Any, scene_fil
     })"""
     with served(scene_file, *SETS) as view:
         browser.open(view.url)
-        asked = len(browser.messages)
         assert browser.value(f"{typed}('rays a pulse', '2.5')") == [True, "must be a whole number"]
         assert browser.value(f"{typed}('rain', '-3')") == [True, "must be >= 0 mm/h"]
         assert browser.value(f"{typed}('laser power', '')") == [True, "must be a number"]
-        assert len(browser.messages) == asked
+        assert not any(text.endswith("/render") for text in browser.messages)
         browser.value(f"{typed}('laser power', '-5')")
         browser.until("!viewer.busy")
-        assert browser.value("document.getElementById('note-laser.peak_power_w').textContent") == (
-            "must be >= 1e-06, got -5"
-        )
+        told = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
+        assert told.startswith("must be >= 1e-06, got -5")
         assert browser.value("document.getElementById('error').hidden")
         assert browser.value(f"{typed}('laser power', '30')") == [False, ""]
         browser.until("!viewer.busy")
