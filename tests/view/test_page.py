@@ -244,8 +244,11 @@ def test_live_controls_render_in_place(browser: Chromium, mi: Any, scene_file: P
         assert browser.value("viewer.frame.count") == len(cloud)
 
         browser.value("viewer.settings['detector.pde'] = 2, viewer.render(), 0")
+        browser.until("!document.getElementById('note-detector.pde').hidden")
+        assert "must be" in browser.value("document.getElementById('note-detector.pde').textContent")
+        browser.value("viewer.settings['detector.eye'] = 2, viewer.render(), 0")
         browser.until("!document.getElementById('error').hidden")
-        assert "detector.pde" in browser.value("document.getElementById('error').textContent")
+        assert "detector.eye" in browser.value("document.getElementById('error').textContent")
 
 
 def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None:
@@ -257,6 +260,112 @@ def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None
     browser.value("dispatchEvent(new KeyboardEvent('keydown', { key: 'r' }))")
     browser.until("!viewer.drawn")
     np.testing.assert_allclose(places(browser), before, atol=0.05)
+
+
+def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud) -> None:
+    """At the sensor the eye is the sensor's; from above, beside and in the fit nearly all points are in the window."""
+    browser.open(saved.as_uri())
+    browser.value("document.getElementById('go-sensor').click()")
+    np.testing.assert_allclose(browser.value("viewer.camera.eye"), cloud.sensor_position_m, atol=1e-4)
+    left, top, width, height = browser.value(
+        "(({left, top, width, height}) => [left, top, width, height])(viewer.canvas.getBoundingClientRect())"
+    )
+    for place, axis in (("top", 2), ("side", 1), ("fit", None)):
+        browser.value(f"document.getElementById('go-{place}').click(), viewer.draw()")
+        x, y, depth = places(browser).T
+        inside = (depth > 0) & (x > left) & (x < left + width) & (y > top) & (y < top + height)
+        assert inside.mean() > 0.9, place
+        if axis is not None:
+            away = browser.value("viewer.camera.axes.away")
+            assert abs(away[axis]) > 0.99, place
+    browser.value("document.getElementById('go-first').click()")
+    assert browser.value("viewer.camera.eye") == pytest.approx(browser.value("viewer.stage.camera.eye"))
+
+
+def test_distance_between_two_points(browser: Chromium, saved: Path, cloud: PointCloud) -> None:
+    """Reference: the cloud's own positions; to a millimetre."""
+    browser.open(saved.as_uri())
+    first, second = np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[[5, 40]].tolist()
+    browser.value(f"viewer.select({first}), viewer.measure({second})")
+    told = browser.value("document.getElementById('distance').textContent")
+    apart = float(np.linalg.norm(cloud.xyz_m[first] - cloud.xyz_m[second]))
+    assert float(told.split("\u202f")[0]) == pytest.approx(apart, abs=6e-4)
+    browser.value(f"viewer.select({second})")
+    assert browser.value("document.getElementById('distance')") is None
+
+
+def test_a_mistake_stands_beside_its_field(browser: Chromium, mi: Any, scene_file: Path) -> None:
+    """What the page knows is told at once and not sent; what the server refuses is told there too."""
+    typed = """((label, value) => {
+        const box = document.querySelector(`#controls input[type=number][aria-label="${label}"]`);
+        box.value = value;
+        box.dispatchEvent(new Event('change'));
+        return [box.classList.contains('wrong'), box.closest('.control').querySelector('p').textContent];
+    })"""
+    with served(scene_file, *SETS) as view:
+        browser.open(view.url)
+        assert browser.value(f"{typed}('rays a pulse', '2.5')") == [True, "must be a whole number"]
+        assert browser.value(f"{typed}('rain', '-3')") == [True, "must be >= 0 mm/h"]
+        assert browser.value(f"{typed}('laser power', '')") == [True, "must be a number"]
+        assert not any(text.endswith("/render") for text in browser.messages)
+        browser.value(f"{typed}('laser power', '-5')")
+        browser.until("!viewer.busy")
+        told = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
+        assert told.startswith("must be >= 1e-06, got -5")
+        assert browser.value("document.getElementById('error').hidden")
+        assert browser.value(f"{typed}('laser power', '30')") == [False, ""]
+        browser.until("!viewer.busy")
+        assert browser.value("viewer.frame.command").endswith("--set laser.peak_power_w=30")
+
+
+def test_budgets_come_when_they_are_looked_at(browser: Chromium, mi: Any, scene_file: Path) -> None:
+    """A slider asks for points alone; a click, or a colour by the budget, asks for it."""
+    with served(scene_file, *SETS) as view:
+        browser.open(view.url)
+        browser.value("viewer.settings['sun.illuminance_klux'] = 50, viewer.render(), 0")
+        browser.until("!viewer.busy && viewer.frame.budget === false")
+        assert browser.value("viewer.frame.arrays.echo_power === undefined")
+        assert browser.value(
+            "[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')"
+        )
+        browser.value("viewer.select(3)")
+        browser.until("!viewer.busy && viewer.frame.budget === true")
+        assert "echo power" in card(browser)
+        browser.value("viewer.select(-1), viewer.render(), 0")
+        browser.until("!viewer.busy && viewer.frame.budget === false")
+        browser.value("""(() => {
+            const field = document.getElementById('field');
+            field.value = 'echo_power';
+            field.dispatchEvent(new Event('change'));
+        })()""")
+        browser.until("!viewer.busy && viewer.frame.budget === true")
+        assert browser.value("viewer.legend.low > 0")
+
+
+def test_shadows_follow_the_sun(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
+    """A post on a plane, the sun at 45 degrees on either side: the ground beside it is dark away from the sun alone.
+
+    Two places 1 m to the left and right of a post 2 m high; those in the sun are twice as bright as those in shadow.
+    """
+    (tmp_path / "post.toml").write_text(
+        '[[bodies]]\nname = "ground"\nprimitive = "plane"\nsize_m = [30, 30]\nmaterial = "concrete"\n'
+        '[[bodies]]\nname = "post"\nprimitive = "box"\nsize_m = [0.6, 0.6, 2.0]\nmaterial = "concrete"\n'
+        "position_m = [8.0, 0.0, 1.0]\n[picture]\neye_m = [0.0, 0.0, 6.0]\ntarget_m = [8.0, 0.0, 0.0]\n"
+    )
+    cloud.select(slice(0, 1)).save(tmp_path / "one.ply")
+    page = tmp_path / "post.html"
+    assert main(["view", str(tmp_path / "one.ply"), str(tmp_path / "post.toml"), "--save", str(page)]) == 0
+    browser.open(page.as_uri())
+    seen = {}
+    for sun in (1, -1):
+        browser.value(f"viewer.sun = [0, {sun} * Math.SQRT1_2, Math.SQRT1_2], viewer.draw(), 0")
+        picture = shown(browser, tmp_path)
+        for side in (1, -1):
+            x, y, _ = browser.value(f"viewer.renderer.project(viewer.matrix, 8.0, {side}, 0.0)")
+            left = browser.value("viewer.canvas.getBoundingClientRect().left")
+            seen[sun, side] = float(picture[int(y), int(x + left)].mean())
+    assert seen[1, 1] > 1.5 * seen[1, -1]
+    assert seen[-1, -1] > 1.5 * seen[-1, 1]
 
 
 def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:

@@ -32,7 +32,8 @@ OF_BUDGET = (
 class Field:
     """A quantity of the points, as the page shows it.
 
-    names  of the values of a category; None for a number
+    names     of the values of a category; None for a number
+    computed  whether it is there only with a budget
     """
 
     name: str
@@ -40,13 +41,14 @@ class Field:
     unit: str
     meaning: str
     names: tuple[str, ...] | None = None
+    computed: bool = False
 
     def header(self) -> dict[str, Any]:
         """For the page."""
         return {
             "name": self.name, "label": self.name.replace("_", " "), "symbol": SYMBOLS.get(self.name, ""),
             "group": self.group, "unit": self.unit, "meaning": self.meaning, "names": self.names,
-            "log": self.name in LOGARITHMIC,
+            "log": self.name in LOGARITHMIC, "computed": self.computed,
         }  # fmt: skip
 
 
@@ -139,7 +141,10 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
         ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
         ("threshold", budget.threshold, unit, "level of the comparator"),
     )
-    return [(Field(name, BUDGET, its, meaning), _plain(values)) for name, values, its, meaning in shown]
+    return [
+        (Field(name, BUDGET, its, meaning, computed=True), _plain(values))
+        for name, values, its, meaning in shown
+    ]
 
 
 def _plain(values: Numbers) -> Numbers:

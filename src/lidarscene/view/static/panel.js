@@ -61,7 +61,7 @@ function tell(box, note, text) {
 // The server's complaint beside the field that it names; false if it names none.
 function tellBeside(message) {
   const notes = [...document.querySelectorAll("#controls p")];
-  const note = notes.find(one => message.includes(one.id.slice("note-".length)));
+  const note = notes.find(one => message.includes(`${one.id.slice("note-".length)}: `));
   if (note) tell(note.parentElement.querySelector("input[type=number]"), note, message.split(": ").slice(-1)[0]);
   return Boolean(note);
 }

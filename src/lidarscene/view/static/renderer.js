@@ -1,5 +1,19 @@
 // Renderer: arrays in, a picture on a canvas out.
 
+const SHADOW_PIXELS = 2048;
+
+// Where most of the points are: the middle, and how far they reach.
+function around(xyz) {
+  const count = xyz.length / 3, sum = [0, 0, 0];
+  if (!count) return { centre: sum, radius: 40 };
+  for (let i = 0; i < xyz.length; i++) sum[i % 3] += xyz[i];
+  const centre = sum.map(one => Math.round(one / count));
+  let square = 0;
+  for (let i = 0; i < xyz.length; i++) square += (xyz[i] - centre[i % 3]) ** 2;
+  // Steps of ten metres: the shadows of one sweep do not shimmer in the next.
+  return { centre, radius: Math.max(20, Math.min(120, 10 * Math.ceil(0.2 * Math.sqrt(square / count)))) };
+}
+
 class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
@@ -10,9 +24,48 @@ class Renderer {
     this.surface = this.#program(SURFACE_SHADER);
     this.line = this.#program(LINE_SHADER);
     this.buffers = {};
-    this.arrays = Object.fromEntries(["points", "still", "surface", "line"].map(name => [name, this.gl.createVertexArray()]));
+    this.arrays = Object.fromEntries(["points", "still", "surface", "caster", "line"].map(name => [name, this.gl.createVertexArray()]));
     this.map = this.gl.createTexture();
     this.counts = { points: 0, faces: 0, opaque: 0 };
+    this.shadow = this.#shadowMap();
+  }
+
+  // Depths as the sun sees them; what compares itself with them knows whether it is lit.
+  #shadowMap() {
+    const gl = this.gl, texture = gl.createTexture(), frame = gl.createFramebuffer();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADOW_PIXELS, SHADOW_PIXELS);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_COMPARE_MODE, gl.COMPARE_REF_TO_TEXTURE);
+    for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, key, gl.CLAMP_TO_EDGE);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.LINEAR);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
+    gl.drawBuffers([gl.NONE]);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    return { texture, frame, matrix: new Float32Array(16), of: "" };
+  }
+
+  // Drawn anew when the sun, the surfaces or the points have moved.
+  #castShadows(sun) {
+    const gl = this.gl, { faces, opaque } = this.counts, { centre, radius } = this.around;
+    const of = [sun, centre, radius, this.surfaces].join();
+    if (!opaque || !faces || sun[2] <= 0 || this.shadow.of === of) return;
+    this.shadow.of = of;
+    const level = Math.hypot(sun[0], sun[1]);
+    const x = level > 1e-3 ? [-sun[1] / level, sun[0] / level, 0] : [1, 0, 0], y = cross(sun, x);
+    // What stands beside the points throws shadows on them too: deeper than wide.
+    const deep = 3 * radius;
+    const column = i => [x[i] / radius, y[i] / radius, -sun[i] / deep, 0];
+    this.shadow.matrix = new Float32Array([...column(0), ...column(1), ...column(2),
+      -dot(x, centre) / radius, -dot(y, centre) / radius, dot(sun, centre) / deep, 1]);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow.frame);
+    gl.viewport(0, 0, SHADOW_PIXELS, SHADOW_PIXELS);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.useProgram(this.line.program);
+    gl.bindVertexArray(this.arrays.caster);
+    gl.uniformMatrix4fv(this.line.uniforms.matrix, false, this.shadow.matrix);
+    gl.drawElements(gl.TRIANGLES, opaque, gl.UNSIGNED_INT, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
   #program([vertex, fragment]) {
@@ -48,6 +101,7 @@ class Renderer {
   // `still` are the same points without the sensor's own motion, or nothing.
   setPoints(xyz, still, status) {
     this.counts.points = xyz.length / 3;
+    this.around = around(xyz);
     this.layers = still ? { points: xyz, still } : { points: xyz };
     for (const [layer, places] of Object.entries(this.layers)) {
       this.#attribute(layer, this.points, "position", places, 3);
@@ -68,6 +122,9 @@ class Renderer {
     this.buffers.faces ??= gl.createBuffer();
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+    this.#attribute("caster", this.line, "position", vertices, 3);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
+    this.surfaces = (this.surfaces ?? 0) + 1;
     Object.assign(this.counts, { faces: faces.length, opaque });
   }
 
@@ -83,10 +140,11 @@ class Renderer {
     const gl = this.gl, ratio = Math.min(devicePixelRatio, 2);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map(n => Math.max(1, Math.round(n * ratio)));
     if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+    gl.enable(gl.DEPTH_TEST);
+    this.#castShadows(style.sun);
     gl.viewport(0, 0, width, height);
     gl.clearColor(0.043, 0.055, 0.078, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.enable(gl.DEPTH_TEST);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     const matrix = camera.matrix(width / height);
     this.#drawSurface(matrix, camera, style, false);
@@ -107,6 +165,11 @@ class Renderer {
     gl.uniform3fv(uniforms.eye, camera.eye);
     gl.uniform3fv(uniforms.sun, sun);
     gl.uniform1f(uniforms.opacity, opacity);
+    gl.uniformMatrix4fv(uniforms.toSun, false, this.shadow.matrix);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, this.shadow.texture);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.uniform1i(uniforms.shadow, 1);
     // Points lie on surfaces: these draw back a little.
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(2, 4);

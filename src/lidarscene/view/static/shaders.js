@@ -58,13 +58,28 @@ in vec3 place;
 in vec4 colour;
 uniform vec3 eye, sun;
 uniform float opacity;
+uniform mat4 toSun;
+uniform highp sampler2DShadow shadow;
 out vec4 pixel;
+
+// How much of the sun is seen: the mean of nine places of the map around this one.
+float lit(vec3 normal) {
+  vec3 at = (toSun * vec4(place + 0.06 * normal, 1.0)).xyz * 0.5 + 0.5;
+  if (any(lessThan(at, vec3(0.0))) || any(greaterThan(at, vec3(1.0)))) return 1.0;
+  vec2 texel = 1.0 / vec2(textureSize(shadow, 0));
+  float sum = 0.0;
+  for (int i = -1; i <= 1; i++) for (int j = -1; j <= 1; j++)
+    sum += texture(shadow, vec3(at.xy + texel * vec2(i, j), at.z - 0.0007));
+  return sum / 9.0;
+}
 
 void main() {
   vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
   vec3 towards = normalize(eye - place);
   normal *= sign(dot(normal, towards));
-  float light = 0.24 + 0.42 * max(dot(normal, sun), 0.0) + 0.18 * dot(normal, towards);
+  float sunlit = sun.z > 0.0 ? max(dot(normal, sun), 0.0) : 0.0;
+  if (sunlit > 0.0) sunlit *= lit(normal);
+  float light = 0.24 + 0.42 * sunlit + 0.18 * dot(normal, towards);
   float haze = exp(-length(eye - place) / 220.0);
   pixel = vec4(mix(vec3(0.043, 0.055, 0.078), colour.rgb * light, haze), colour.a * opacity);
 }`];

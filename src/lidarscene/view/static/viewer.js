@@ -174,7 +174,7 @@ class Viewer {
   }
 
   ofBudget(name) {
-    return this.fields?.some(field => field.name === name && field.group === "Budget");
+    return this.fields?.some(field => field.name === name && field.computed);
   }
 
   show(frame, controls) {
@@ -184,7 +184,7 @@ class Viewer {
     const names = frame.fields.map(field => field.name);
     // Fields of a budget that was not asked for can be asked for.
     const left = frame.budget === false ? (this.fields ?? []).filter(field => !names.includes(field.name)) : [];
-    this.fields = [...frame.fields, ...left.filter(field => field.group === "Budget")];
+    this.fields = [...frame.fields, ...left.filter(field => field.computed)];
     const known = this.fields.map(field => field.name);
     if (!names.includes(this.colourBy)) this.colourBy = "range";
     if (known.join() !== this.names) showFields(this.fields, frame.groups, this.colourBy);
