@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lidarscene.files.encodings.png import encoded
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
 from lidarscene.figures import lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
+from lidarscene.files.encodings.png import encoded
 
 
 @pytest.fixture
