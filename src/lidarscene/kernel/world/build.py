@@ -128,7 +128,7 @@ def build_world(
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
-    bsdfs: dict[str, Any] = {}
+    bsdfs: dict[str, object] = {}
     shapes = _own_shapes(still, centre, resolved, bsdfs)
     moving = _moving(scene.bodies, resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
@@ -193,7 +193,7 @@ def _own_shapes(
     bodies: Mapping[int, Body],
     centre: Numbers,
     resolved: dict[str, dict[str, object]],
-    bsdfs: dict[str, Any],
+    bsdfs: dict[str, object],
 ) -> list[PlacedShape]:
     """Return one mesh for each material and image, over all these bodies where they stand, and a shape for each exact
     sphere.
@@ -224,7 +224,7 @@ def _own_shapes(
 
 
 def _moving(
-    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, Any]
+    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
 ) -> list[_Moving]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
@@ -247,7 +247,7 @@ def _merged(
     material: str,
     pieces: Sequence[tuple[int, Numbers, Part]],
     values: dict[str, object],
-    bsdf: Any,
+    bsdf: object,
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
