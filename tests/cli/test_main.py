@@ -353,3 +353,37 @@ def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest
     monkeypatch.setattr("lidarscene.cli.catalogue.schema_text", broken)
     done = run("schema", "scene")
     assert (done.code, done.out, done.err) == (143, "", "")
+
+
+FIRST_CLOUD = """
+import json, sys
+from lidarscene.kernel.device.backend import drjit
+dr = drjit()
+from drjit import ast
+from lidarscene.cli.main import main
+with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+    code = main(["render", {scene!r}, "-o", {path!r}])
+    kernels = {{one["hash"] for one in dr.kernel_history((dr.KernelType.JIT,))}}
+print(json.dumps([code, ast._syntax_counter, len(kernels), sorted(sys.modules)]))
+"""
+
+NOT_FOR_A_CLOUD = (
+    "scipy", "matplotlib", "PIL", "pandas", "pyarrow", "laspy", "dask", "distributed", "open3d", "http.server",
+    "numpy.ma", "unittest", "asyncio", "mitsuba.test",
+)  # fmt: skip
+
+
+def test_the_first_cloud_takes_no_more_than_it_needs(tmp_path: Path, run_python) -> None:
+    """What a start costs, by construction: no library that a PLY does not need, no integrator of Mitsuba rewritten, and
+    not many kernels to compile where none is cached. A scene without mesh files: the first read of one takes trimesh.
+    """
+    done = run_python(
+        FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply"))
+    )
+    assert done.returncode == 0, done.stderr
+    code, rewritten, kernels, modules = json.loads(done.stdout.splitlines()[-1])
+    assert code == 0
+    assert (tmp_path / "edges.ply").is_file()
+    assert rewritten == 0
+    assert 5 <= kernels <= 24
+    assert [name for name in NOT_FOR_A_CLOUD if name in modules] == []

@@ -218,8 +218,8 @@ def _with_variant(name: str) -> ModuleType:
 @contextlib.contextmanager
 def _syntax_on_demand() -> Iterator[None]:
     """Let functions that are marked with `drjit.syntax` be rewritten at their first call, within the block."""
-    # Mitsuba imports its integrators when a variant is set, and `syntax` parses the source of each: 0.13 s of every
-    # start, for functions that nobody calls here.
+    # Mitsuba imports its integrators, some when a variant is set, and `syntax` parses the source of each: 0.13 s of
+    # every start, for functions that nobody calls here.
     import drjit as dr
 
     rewritten = dr.syntax
@@ -264,7 +264,9 @@ def _imported() -> Any:
             llvm.use()
     try:
         import drjit as dr
-        import mitsuba as mi
+
+        with _syntax_on_demand():
+            import mitsuba as mi
     except ImportError as error:
         raise BackendError(f"Mitsuba cannot be imported ({error}); try: pip install mitsuba") from error
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
