@@ -122,7 +122,7 @@ def test_readme_summary(
 
     make_workplace(tmp_path, README, monkeypatch)
     assert main.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
-    excerpt = next(re.finditer(r"```text\n(beams .*?)```", text_of(README), re.DOTALL))[1]
+    excerpt = next(re.finditer(r"```text\n(scene .*?)```", text_of(README), re.DOTALL))[1]
     came, told = lines(capsys.readouterr().out), lines(excerpt)
     assert [words for words, _ in came] == [words for words, _ in told]
     assert came[0] == told[0]
