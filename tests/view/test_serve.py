@@ -28,7 +28,8 @@ def test_a_live_scene_is_what_render_gives(mi: Any, scene_file: Path) -> None:
         assert b"<canvas" in page
         stage, meshes = unpacked(view.get("stage")[1])
         assert stage["live"]
-        assert stage["choices"] == {"detector": ["APD, its own", "SiPM of Table 1"]}
+        assert stage["choices"]["detector"] == ["APD, its own", "SiPM of Table 1"]
+        assert stage["choices"]["sensor"][0] == "table1-apd"
         assert len(meshes["faces"]) % 3 == 0
         for settings, sensor, sets in (
             ({}, "table1-apd", ()),
