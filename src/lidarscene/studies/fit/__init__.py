@@ -12,4 +12,5 @@ products    which products of a sensor file's numbers are known, and which direc
 unit        the sensor file
 report      page, JSON, text
 study       all of it
+on_scene    a recording before a twin, or any scene that is known
 """

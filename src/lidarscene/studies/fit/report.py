@@ -145,7 +145,7 @@ def write_report(fit: Fit, folder: Path) -> None:
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses:,} pulses of {fit.frames} frame(s). Three of four blocks of columns were fitted, the fourth "
-        "judges the fit. Sigma is the larger one of the Fisher matrix and of a bootstrap of the blocks."
+        "judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as much."
     )
     page.heading("Pass or fail")
     page.table(
