@@ -195,7 +195,7 @@ def _quaternion(rotation: Numbers) -> Numbers:
     is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
     """
     r = rotation
-    k = np.empty((len(r), 4, 4))
+    k = np.zeros((len(r), 4, 4))
     k[:, 0, 0] = 1.0 + r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
     for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         k[:, 1 + i, 1 + i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, m, m]
