@@ -134,7 +134,7 @@ def task(library: Any, simulator: Simulator) -> Callable[[], tuple[np.ndarray, n
     threads = drjit().thread_count()
 
     def run() -> tuple[np.ndarray, np.ndarray]:
-        t, lit = np.empty(pulses, np.float32), np.empty(pulses, np.uint8)
+        t, lit = np.zeros(pulses, np.float32), np.zeros(pulses, np.uint8)
         library.bare_trace(
             scene, origin.ctypes.data, *(axis.ctypes.data for axis in axes), pulses, sun.ctypes.data, START_OFFSET_M,
             threads, t.ctypes.data, lit.ctypes.data,
