@@ -72,7 +72,7 @@ def verdict(comparison: Comparison) -> str:
         found = f"{best} finds most, {_percent(most.rate)} of {comparison.of}{more}; {told}"
     else:
         alike = f"{best} and {second} find equally many of {comparison.of}, within chance"
-        found = f"{alike}: {_percent(most.rate)} and {told}"
+        found = f"{alike}: {best} {_percent(most.rate)}, {told}"
     spread = [(errors[0].sigma_m, one.name) for one in comparison.everything if (errors := range_errors(one))]
     if len(spread) < len(shares):
         return f"{found}."
