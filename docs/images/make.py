@@ -4,10 +4,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+import charts
 import counting
 import effects
 import leaves
+import looks
 import numpy as np
+import patterns
 import recorded
 import response
 import retro
@@ -154,6 +157,22 @@ PICTURES = {
     "twin": recorded.twin,
     "fit": recorded.fit,
     "view": view,
+    "range": charts.range_,
+    "own_sensor": charts.own_sensor,
+    "sun": charts.sun,
+    "sipm": charts.sipm,
+    "eye_safety": charts.eye_safety,
+    "scaling": charts.scaling,
+    "batch": charts.batch,
+    "sensors": charts.sensors,
+    "paper": charts.paper,
+    "patterns": patterns.patterns,
+    "scanners": patterns.scanners,
+    "lights": looks.lights,
+    "hut": looks.hut,
+    "mesh": looks.mesh,
+    "ouster": looks.ouster,
+    "classes": looks.classes,
 }
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ from lidarscene.formats.columns import COLUMNS
 CONVENTIONS, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )
+KEYS = tuple(ROOT / "docs" / f"{name}_files.md" for name in ("scene", "sensor", "material", "job"))
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -321,8 +322,9 @@ def keys_table(name: str) -> str:
 
 def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
     """Default, values and meaning of each key, as the page has them."""
-    table = re.search(keys_table(name), text_of(CONVENTIONS), re.DOTALL)
-    assert table, f"no table of {name} in {CONVENTIONS.name}"
+    found = [table for page in KEYS if (table := re.search(keys_table(name), text_of(page), re.DOTALL))]
+    assert len(found) == 1, f"{len(found)} tables of {name} in {', '.join(page.name for page in KEYS)}"
+    (table,) = found
     rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[2].splitlines()]
     return {row[0].strip("`"): (row[1], row[2], row[3]) for row in rows}
 
@@ -362,17 +364,22 @@ def test_limits_of_keys(name: str) -> None:
 
 def refresh() -> None:
     """Write what is generated: the tables of columns and keys, and what the examples of the theory print."""
-    text = text_of(CONVENTIONS)
+    texts = {page: text_of(page) for page in KEYS}
     for name in MODELS:
         words = {key: meaning for key, (*_, meaning) in keys_of(name).items()}
         known = declared(name)
         order = [*(key for key in words if key in known), *(key for key in known if key not in words)]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
         rows += [f"| `{key}` | {' | '.join(known[key])} | {words.get(key, '')} |" for key in order]
-        text = re.sub(keys_table(name), lambda found: found[1] + "\n".join(rows), text, flags=re.DOTALL)  # noqa: B023
+        new = "\n".join(rows)
+        for page, text in texts.items():
+            texts[page] = re.sub(keys_table(name), lambda found: found[1] + new, text, flags=re.DOTALL)  # noqa: B023
+    for page, text in texts.items():
+        page.write_text(text, encoding="utf-8")
     table = f"<!-- columns -->\n{columns_table()}\n\n"
     pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
-    CONVENTIONS.write_text(re.sub(pattern, lambda _: table, text, flags=re.DOTALL), encoding="utf-8")
+    text = re.sub(pattern, lambda _: table, text_of(CONVENTIONS), flags=re.DOTALL)
+    CONVENTIONS.write_text(text, encoding="utf-8")
     for page in THEORY:
         text = text_of(page)
         for block in blocks(page, "python"):

@@ -173,11 +173,11 @@ def test_conventions() -> None:
     says("conventions.md", "text of more than {} characters", ply.LONGEST_TEXT)
     says("conventions.md", "In text files infinity is {}.", float(ply.LARGEST))
     says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
-    says("conventions.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
-    says("conventions.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
-    says("conventions.md", "listening time after each pulse; 4 us is {} m", 0.5 * 4e-6 * 299_792_458.0)
-    says("conventions.md", "to {} in four", readout.MOST_SAMPLES)
-    says("conventions.md", "for eye safety; up to {} it is a point", 1e3 * eye_safety.SMALLEST_SOURCE_RAD)
+    says("sensor_files.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
+    says("sensor_files.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
+    says("sensor_files.md", "listening time after each pulse; 4 us is {} m", 0.5 * 4e-6 * 299_792_458.0)
+    says("sensor_files.md", "to {} in four", readout.MOST_SAMPLES)
+    says("sensor_files.md", "for eye safety; up to {} it is a point", 1e3 * eye_safety.SMALLEST_SOURCE_RAD)
 
 
 def test_formats() -> None:
