@@ -8,7 +8,7 @@ DATA = Path(__file__).parents[1] / "recordings" / "data"
 OUSTER = DATA / "os0-32-one-packet.pcap"
 """The first packet of a recording of an OS0-32-U1: 16 of 1024 columns, dual returns."""
 
-VLP16 = 0x22
+VLP16, VLS128 = 0x22, 0xA1
 STRONGEST = 0x37
 DISTANCE_M = 0.002
 """A unit of a VLP-16's distances."""
@@ -40,6 +40,16 @@ def turns(packets: int, *, lost: tuple[int, int] = (-1, -1), start: int = 0) -> 
         ]
         made.append(velodyne_packet(azimuths, distances, stamp_us=1327 * number))
     return made
+
+
+def vls_packet(azimuth: int, step: int, stamp_us: int) -> bytes:
+    """A packet of a VLS-128: 3 firings of 128 lasers in 4 blocks each, every one at 20 m (unit 4 mm)."""
+    blocks = b"".join(
+        struct.pack("<HH", group, (azimuth + firing * step) % 36_000) + struct.pack("<HB", 5000, 50) * 32
+        for firing in range(3)
+        for group in (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
+    )
+    return blocks + struct.pack("<IBB", stamp_us, STRONGEST, VLS128)
 
 
 def hesai_packet(azimuth: int, distance: int) -> bytes:

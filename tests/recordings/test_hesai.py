@@ -37,8 +37,13 @@ def test_points_turned_to_x_forward(tmp_path: Path) -> None:
     assert 0.0 <= sweep.time_s.min() <= sweep.time_s.max() < 1e-3
 
 
-def test_other_models_are_told(tmp_path: Path) -> None:
-    other = bytearray(hesai_packet(0, 2500))
-    other[2:4] = bytes([3, 1])
-    with pytest.raises(InputError, match=r"must be of a PandarXT-32 or OT128 .*, got protocol 3.1"):
-        open_recording(pcap(tmp_path / "qt.pcap", [bytes(other)]))
+@pytest.mark.parametrize(
+    ("protocol", "lasers", "blocks"), [((3, 1), 32, 8), ((6, 1), 16, 8), ((6, 1), 32, 6)]
+)
+def test_other_models_are_told(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
+    """Rationale: PandarXT-16 and XT-32M have the XT-32's protocol and shorter packets, and gave struct's own message."""
+    other = bytearray(hesai_packet(0, 2500))[: 12 + blocks * (2 + 4 * lasers) + 28]
+    other[2:4], other[6:8] = bytes(protocol), bytes([lasers, blocks])
+    got = f"got protocol {protocol[0]}.{protocol[1]}, {lasers} lasers, {blocks} blocks"
+    with pytest.raises(InputError, match=rf"must be packets of a PandarXT-32 .* or OT128 .*, {got}"):
+        open_recording(pcap(tmp_path / "other.pcap", [bytes(other)]))

@@ -21,8 +21,8 @@ from .recording import Recording
 from .sweep import Sweep
 
 START = b"\xee\xff"
-MODELS = {(6, 1): "PandarXT32", (1, 4): "PandarOT128"}
-"""Decoder of hydra4 by the version of the packets' protocol."""
+MODELS = {(6, 1, 32, 8): "PandarXT32", (1, 4, 128, 2): "PandarOT128"}
+"""Decoder of hydra4 by the version of the packets' protocol, lasers and blocks: all PandarXT share a version."""
 
 LEAST_M, LARGEST_M = 0.0, 1000.0
 AZIMUTH_AT = 12
@@ -43,13 +43,15 @@ def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> 
 def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """A frame of each of these runs of packets."""
     with reading(path, folder=True):
-        version = tuple(scans[0][0].payload[2:4])
-        if version not in MODELS:
+        first = scans[0][0].payload
+        packed = (*first[2:4], *first[6:8])
+        if packed not in MODELS:
             raise ValueError(
-                f"must be of a PandarXT-32 or OT128 (protocols 6.1 and 1.4), got protocol {version[0]}.{version[1]}"
+                "must be packets of a PandarXT-32 (protocol 6.1, 32 lasers, 8 blocks) or OT128 (1.4, 128, 2), "
+                f"got protocol {packed[0]}.{packed[1]}, {packed[2]} lasers, {packed[3]} blocks"
             )
         hydra = optional("hydra4.decoders", extra="hesai")
-        model = MODELS[version]
+        model = MODELS[packed]
         table = Path(hydra.__file__).parents[1] / "calibrations" / f"{_file_name(model)}.csv"
         make = getattr(hydra, model)
     with reading(metadata or table):

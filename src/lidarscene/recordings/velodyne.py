@@ -27,6 +27,9 @@ X, Y, Z, INTENSITY, TIME, COLUMN, RING, RETURN = range(8)
 STRONGEST, LAST, BOTH = 1, 2, 3
 """Values of its column RETURN."""
 
+BEFORE = 2
+"""Packets before a frame that tell the decoder how fast the sensor turns, and how long a packet lasts."""
+
 CHANNELS = (16, 32, 64, 128)
 """Of all models, since the highest channels may see nothing but sky."""
 
@@ -58,7 +61,10 @@ def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]
 
     def read(frame: int) -> Sweep:
         with reading(path, folder=True):
-            start_s, points = _decoded(decoder, decoder.ScanDecoder(config), scans[frame])
+            scan = decoder.ScanDecoder(config)
+            if frame:  # so that a frame is the same whether it is read after the one before or sought
+                _decoded(decoder, scan, scans[frame - 1][-BEFORE:])
+            start_s, points = _decoded(decoder, scan, scans[frame])
             return sweep_of_points(points, start_s=start_s, metadata=about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=about)
