@@ -130,7 +130,7 @@ def test_no_two_beams_cross_fog_at_one_place():
     """Noise moves every crossing. Single precision has some 80,000 places in the 0.3 m in which 70,000 beams cross, so
     a few of them share one; a search that stops where it began puts all of them there.
     """
-    bright = ["laser.peak_power_w=1000", "laser.pulse_fwhm_ns=2", "tdc.walk='raw'"]
+    bright = ["laser.peak_power_w=1000", "laser.pulse_fwhm_ns=3", "tdc.walk='raw'"]
     cloud = render(SCENE, overrides=bright)
     crossed = cloud.range_m[np.asarray(cloud.status) == Status.WEATHER]
     places, beams = np.unique(crossed, return_counts=True)

@@ -30,7 +30,6 @@ class _Text(NamedTuple):
     y: float
     text: str
     size: int
-    colour: str
     anchor: str
     bold: bool
     upright: bool
@@ -40,10 +39,12 @@ class Canvas:
     """A picture of one colour, on which is drawn; x to the right, y down, in pixels.
 
     image  (height, width, 3) uint8
+    ink    colour of texts
     """
 
-    def __init__(self, size_px: tuple[int, int], colour: str) -> None:
+    def __init__(self, size_px: tuple[int, int], colour: str, ink: str) -> None:
         width, height = size_px
+        self.ink = ink
         self.image = np.zeros((height, width, 3), np.uint8)
         self.image[:] = rgb(colour)
         self._texts: list[_Text] = []
@@ -65,12 +66,12 @@ class Canvas:
         )
 
     def text(
-        self, x: float, y: float, text: str, size: float, colour: str, *, anchor: str = "lm", bold: bool = False,
+        self, x: float, y: float, text: str, size: float, *, anchor: str = "lm", bold: bool = False,
         upright: bool = False,
     ) -> None:  # fmt: skip
         """A line of text; ``anchor`` is l, m or r and t, m or b: which point of it is here. Upright: from below."""
         pixels = max(round(size * self.unit), SMALLEST_PX)
-        self._texts.append(_Text(x, y, text, pixels, colour, anchor, bold, upright))
+        self._texts.append(_Text(x, y, text, pixels, anchor, bold, upright))
 
     def length(self, text: str, size: float, *, bold: bool = False) -> float:
         """Of a line of text."""
@@ -95,9 +96,9 @@ class Canvas:
         for one in self._texts if with_texts else ():
             font = _font(one.size, one.bold)
             if one.upright:
-                _draw_upright(image, one, font)
+                _draw_upright(image, one, font, self.ink)
             else:
-                draw.text((one.x, one.y), one.text, fill=one.colour, font=font, anchor=_ANCHORS[one.anchor])
+                draw.text((one.x, one.y), one.text, fill=self.ink, font=font, anchor=_ANCHORS[one.anchor])
         out = io.BytesIO()
         # A higher level saves a few per cent of the bytes and takes several times as long.
         image.save(out, "png", compress_level=1)
@@ -117,7 +118,7 @@ class Canvas:
             turned = f' transform="rotate(-90 {one.x:.1f} {one.y:.1f})"' if one.upright else ""
             weight = ' font-weight="bold"' if one.bold else ""
             lines.append(
-                f'<text x="{one.x:.1f}" y="{one.y:.1f}" font-size="{one.size}" fill="{one.colour}"{weight} '
+                f'<text x="{one.x:.1f}" y="{one.y:.1f}" font-size="{one.size}" fill="{self.ink}"{weight} '
                 f'text-anchor="{_SVG_ACROSS[one.anchor[0]]}" dominant-baseline="{_SVG_ALONG[one.anchor[1]]}"{turned}>'
                 f"{html.escape(one.text)}</text>"
             )
@@ -143,7 +144,7 @@ def _font(size: int, bold: bool) -> Any:
     return ImageFont.load_default(size)
 
 
-def _draw_upright(image: Any, one: _Text, font: Any) -> None:
+def _draw_upright(image: Any, one: _Text, font: Any, ink: str) -> None:
     """A text read from below, its middle here."""
     from PIL import Image, ImageDraw
 
@@ -151,4 +152,4 @@ def _draw_upright(image: Any, one: _Text, font: Any) -> None:
     mask = Image.new("L", (max(right - left, 1), max(bottom - top, 1)), 0)
     ImageDraw.Draw(mask).text((-left, -top), one.text, fill=255, font=font)
     mask = mask.transpose(Image.Transpose.ROTATE_90)
-    image.paste(one.colour, (round(one.x - mask.width / 2), round(one.y - mask.height / 2)), mask)
+    image.paste(ink, (round(one.x - mask.width / 2), round(one.y - mask.height / 2)), mask)

@@ -52,7 +52,7 @@ def perspective_picture(
     view   without one: from above and behind the sensor, towards what is near
     scale  lowest and highest value of the colours (`common_scale`); None: those of this cloud
     """
-    canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of(cloud)
     cloud = whole.cloud()
     shades = Shades(cloud, colour_by, limits=scale)
     head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
@@ -69,7 +69,7 @@ def range_image(
     size_px: tuple[int, int] = (1920, 640),
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
-    canvas, whole = Canvas(size_px, BACKGROUND), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of(cloud)
     cloud = whole.cloud()
     shades, unit = Shades(cloud, colour_by), canvas.unit
     head = _head(canvas, whole, None, alarms=False)
@@ -99,7 +99,7 @@ def frame_picture(
     images = [(cloud, name, "") for name in strips] if len(parts) < 2 else [
         (part, "range", label) for label, part in parts[:MOST_STRIPS]
     ]  # fmt: skip
-    canvas = Canvas(size_px, BACKGROUND)
+    canvas = Canvas(size_px, BACKGROUND, INK)
     width, height = size_px
     strip, foot = STRIP / 1600 * height, FOOT * canvas.unit if images else 0.0
     shades = Shades(cloud, colour_by)
@@ -162,7 +162,7 @@ def _draw_perspective(
         image = surfaces_behind(image, ~np.isfinite(nearest(depth_m, SUPERSAMPLING)), camera, surfaces)
     canvas.show(image, left, top)
     if not len(cloud):
-        canvas.text(left + width / 2, top + height / 2, "no points", 44.0, INK, anchor="mm")
+        canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
 
 
 def _draw_range_image(
@@ -176,30 +176,28 @@ def _draw_range_image(
     for value in _ticks(float(y[0]), float(y[-1]), max(round(height / (44 * unit)), 2)):
         at = top + height * (y[-1] - value) / (y[-1] - y[0])
         canvas.fill(left - 6 * unit, at, 6 * unit, unit, INK)
-        canvas.text(
-            left - 10 * unit, at, f"{value:g}".replace("-", "\N{MINUS SIGN}"), SMALL, INK, anchor="rm"
-        )
+        canvas.text(left - 10 * unit, at, f"{value:g}".replace("-", "\N{MINUS SIGN}"), SMALL, anchor="rm")
     for value in _ticks(float(x[0]), float(x[-1]), 8):
         at = left + width * (x[-1] - value) / (x[-1] - x[0])
         canvas.fill(at, top + height, unit, 6 * unit, INK)
         if labels:
             told = f"{value:g}".replace("-", "\N{MINUS SIGN}")
-            canvas.text(at, top + height + 20 * unit, told, SMALL, INK, anchor="mm")
+            canvas.text(at, top + height + 20 * unit, told, SMALL, anchor="mm")
     if labels:
         below = top + height + 50 * unit
-        canvas.text(left + width / 2, below, "azimuth [°]  (left is positive)", SMALL, INK, anchor="mm")
+        canvas.text(left + width / 2, below, "azimuth [°]  (left is positive)", SMALL, anchor="mm")
     middle = top + height / 2
     if name:
-        canvas.text(20 * unit, middle, name, SMALL, INK, anchor="mm", upright=True)
-    canvas.text((48 if name else 34) * unit, middle, "elevation [°]", SMALL, INK, anchor="mm", upright=True)
+        canvas.text(20 * unit, middle, name, SMALL, anchor="mm", upright=True)
+    canvas.text((48 if name else 34) * unit, middle, "elevation [°]", SMALL, anchor="mm", upright=True)
     if not len(shades.rgb):
-        canvas.text(left + width / 2, middle, "no points", 25.0, INK, anchor="mm")
+        canvas.text(left + width / 2, middle, "no points", 25.0, anchor="mm")
     elif shades.scale is None:
         line = 24 * unit
         for i, (label, colour) in enumerate(shades.kinds[: max(int(height / line), 1)]):
             at = top + (i + 0.5) * line
             canvas.fill(left + width + 12 * unit, at - 5 * unit, 10 * unit, 10 * unit, colour)
-            canvas.text(left + width + 28 * unit, at, _short(label, 10), SMALL, INK)
+            canvas.text(left + width + 28 * unit, at, _short(label, 10), SMALL)
     else:
         bar = left + width + 18 * unit
         parts = (np.arange(height)[::-1] + 0.5) / height
@@ -208,8 +206,8 @@ def _draw_range_image(
         )
         for value, told in shades.scale.ticks(max(round(height / (40 * unit)), 2)):
             at = top + height * (1.0 - shades.scale.part(value))
-            canvas.text(bar + 24 * unit, at, told, SMALL, INK)
-        canvas.text(left + width + 128 * unit, middle, shades.label, SMALL, INK, anchor="mm", upright=True)
+            canvas.text(bar + 24 * unit, at, told, SMALL)
+        canvas.text(left + width + 128 * unit, middle, shades.label, SMALL, anchor="mm", upright=True)
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
@@ -231,7 +229,7 @@ def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
     named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
     title = "  ·  ".join(filter(None, named)) or "lidarscene"
-    canvas.text(30 * unit, 28 * unit, title, LARGE, INK, bold=True)
+    canvas.text(30 * unit, 28 * unit, title, LARGE, bold=True)
     numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}
     at = 30 * unit
     for name, count in numbers.items():
@@ -241,10 +239,10 @@ def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool
             canvas.fill(at, 56 * unit, 11 * unit, 11 * unit, ALARM)
             at += 20 * unit
         told = f"{count:,} {name if count != 1 else name.replace('alarms', 'alarm')}".replace(",", "\u202f")
-        canvas.text(at, 62 * unit, told, MEDIUM, INK)
+        canvas.text(at, 62 * unit, told, MEDIUM)
         at += canvas.length(told, MEDIUM) + 28 * unit
     if whole.step > 1:
-        canvas.text(at, 62 * unit, f"1 in {whole.step} drawn", MEDIUM, INK)
+        canvas.text(at, 62 * unit, f"1 in {whole.step} drawn", MEDIUM)
         at += canvas.length(f"1 in {whole.step} drawn", MEDIUM) + 28 * unit
     at = max(at, 30 * unit + canvas.length(title, LARGE, bold=True) + 28 * unit)
     if shades is not None and shades.scale is not None and len(shades.rgb):
@@ -261,11 +259,11 @@ def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
     left, top = width - long - round(50 * unit), round(20 * unit)
     parts = (np.arange(long) + 0.5) / long
     canvas.show(np.repeat(scale.table(parts)[None], max(round(16 * unit), 1), axis=0), left, top)
-    canvas.text(left - 16 * unit, top + 8 * unit, label, MEDIUM, INK, anchor="rm")
+    canvas.text(left - 16 * unit, top + 8 * unit, label, MEDIUM, anchor="rm")
     for value, told in scale.ticks(7):
         at = left + long * scale.part(value)
         canvas.fill(at, top + 17 * unit, unit, 6 * unit, INK)
-        canvas.text(at, top + 36 * unit, told, SMALL, INK, anchor="mm")
+        canvas.text(at, top + 36 * unit, told, SMALL, anchor="mm")
 
 
 def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> None:
@@ -282,4 +280,4 @@ def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> No
         x = width - 20 * unit - (used - number // 3) * wide
         y = (20 + 23 * (number % 3)) * unit
         canvas.fill(x, y - 6 * unit, 12 * unit, 12 * unit, colour)
-        canvas.text(x + 20 * unit, y, label, SMALL, INK)
+        canvas.text(x + 20 * unit, y, label, SMALL)

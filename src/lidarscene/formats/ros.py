@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -92,9 +92,20 @@ def ros_frames(
         try:
             yield append
         finally:
-            with library_errors(path):
+            with library_errors(path), _let_go(writer):
                 writer.close()
         os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
+
+
+@contextmanager
+def _let_go(writer: Any) -> Iterator[None]:
+    """Close the file if the block fails: without room, rosbags leaves it open."""
+    try:
+        yield
+    except Exception:
+        with suppress(Exception):
+            writer.storage.bio.close()
+        raise
 
 
 def _appending(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:

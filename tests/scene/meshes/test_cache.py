@@ -92,6 +92,18 @@ def test_an_obj_file_is_kept_with_its_materials(cache: Path, tmp_path: Path) -> 
     assert len(list(cache.iterdir())) == 3
 
 
+def test_a_copy_has_the_pieces_of_its_own_name(cache: Path, tmp_path: Path) -> None:
+    """Rationale: a piece without a name is called as its file is, and materials go by that."""
+    for name in ("a.obj", "b.obj", "a.ply", "b.ply"):
+        trimesh.creation.box().export(tmp_path / name)
+        for _ in range(2):
+            assert meshes_of(tmp_path / name) == [name]
+
+
+def meshes_of(path: Path) -> list[str]:
+    return [piece.keys[0] for piece in reading.read_mesh(path)]
+
+
 def test_what_was_not_used_for_longest_goes_first(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -224,13 +224,13 @@ def _syntax_on_demand() -> Iterator[None]:
 
     rewritten = dr.syntax
 
-    def on_demand(function: Any = None, **options: Any) -> Any:
+    def on_demand(function: Any = None, **options: object) -> Any:
         if function is None:
             return functools.partial(on_demand, **options)
         made: list[Any] = []
 
         @functools.wraps(function)
-        def call(*arguments: Any, **keywords: Any) -> Any:
+        def call(*arguments: object, **keywords: object) -> Any:
             if not made:
                 made.append(rewritten(function, **options))
             return made[0](*arguments, **keywords)

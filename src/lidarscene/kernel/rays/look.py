@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...maths.arrays import Numbers
 from ...maths.trajectory import pose_at
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.types import TracedScene
 from ..world.build import World
 
 
@@ -38,11 +37,11 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     return found
 
 
-def _along(scene: Any, eye_m: Numbers, directions: Numbers) -> Numbers:
+def _along(scene: TracedScene, eye_m: Numbers, directions: Numbers) -> Numbers:
     import drjit as dr
 
     mi = mitsuba()
     start = mi.Point3f(*(transfer.opaque(float(x)) for x in eye_m))
     way = mi.Vector3f(*(transfer.from_numpy(np.ascontiguousarray(axis, np.float32)) for axis in directions))
-    hit = scene.ray_intersect_preliminary(mi.Ray3f(start, way), coherent=True)
+    hit = scene.ray_intersect_preliminary(mi.Ray3f(start, way), coherent=True, active=True)
     return np.array(dr.select(hit.is_valid(), hit.t, dr.inf).numpy(), np.float32)

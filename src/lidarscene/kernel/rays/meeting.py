@@ -170,7 +170,7 @@ class Moment:
         moving = self.moving
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
-        def there(todo: Any, *_: object) -> tuple[Any, ...]:
+        def there(todo: Array, *_: object) -> tuple[Any, ...]:
             place = moving.at(met)
             carried = _carried(ray, place)
             own = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(met), todo)
@@ -181,7 +181,7 @@ class Moment:
         _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, there, mode="symbolic")
         return _ray(o, d, ray.maxt), to_sun, shift, _placement(numbers)
 
-    def _nearer(self, ray: Ray, group: _Group, near: Any, first: Any, met: Any) -> tuple[Any, Any, Any]:
+    def _nearer(self, ray: Ray, group: _Group, near: Array, first: Hit, met: Array) -> tuple[Any, Any, Any]:
         """Ask one more body of a group; the state of the loop in `_nearest`."""
         import drjit as dr
 
@@ -262,7 +262,7 @@ class Moment:
         self._apart(met)
         return met
 
-    def _blocking(self, ray: Ray, group: _Group, near: Any, met: Any) -> tuple[Any, Any]:
+    def _blocking(self, ray: Ray, group: _Group, near: Array, met: Array) -> tuple[Any, Any]:
         """Ask one more body of a group; the state of the loop in `_any`."""
         import drjit as dr
 
@@ -285,7 +285,7 @@ class _Group:
     count: int
 
 
-def _any_left(near: Any, *_: object) -> Any:
+def _any_left(near: Array, *_: object) -> Any:
     """Whether a loop over bodies goes on."""
     return near != 0
 
@@ -313,7 +313,7 @@ def _numbers(place: Placement) -> list[Any]:
     return [mitsuba().Float(number) for part in parts if part is not None for number in part]
 
 
-def _placement(numbers: Sequence[Any]) -> Placement:
+def _placement(numbers: Sequence[Array]) -> Placement:
     """Return the placement of these `_numbers`."""
     (x, y, z), rotation = numbers[:3], tuple(numbers[3:12])
     (vx, vy, vz), (wx, wy, wz) = numbers[12:15], numbers[15:]

@@ -1,7 +1,7 @@
 """Mesh cache: the pieces of a mesh file as plain arrays, so that the next start needs no mesh library.
 
 Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
-content, the way it is read and the version of trimesh, so it is never out of date. Only files that refer to no others
+name and content and the version of trimesh, so it is never out of date. Only files that refer to no others
 are cached, and OBJ files, whose materials' files are hashed with them. Beyond `LARGEST_BYTES` those entries go that
 were not used for longest. `files.cache` says where the cache is. Any failure of the cache means that the mesh is read
 from its file.
@@ -78,7 +78,8 @@ def _entry(path: Path) -> Path | None:
         content = path.read_bytes()
         if suffix == ".glb" and b'"uri"' in content:  # refers to another file
             return None
-        how = hashlib.sha256(f"{_LAYOUT} {metadata.version('trimesh')} {suffix}".encode())
+        # With the file's name: a piece without a name of its own gets that.
+        how = hashlib.sha256(f"{_LAYOUT} {metadata.version('trimesh')} {path.name}".encode())
         for one in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
             how.update(hashlib.sha256(one).digest())
     except OSError:
