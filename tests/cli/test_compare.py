@@ -95,9 +95,9 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 @pytest.mark.parametrize(
     ("found", "told"),
     [
-        ((90, 60), "a finds most, 90.00 % of the pulses, 30 points more; b 60.00 %."),
+        ((90, 60), "a finds most, 90.00 % of the pulses, 30 percentage points more; b 60.00 %."),
         ((60, 60), "a and b find equally many of the pulses, within chance: a 60.00 %, b 60.00 %."),
-        ((50, 60), "b finds most, 60.00 % of the pulses, 10 points more; a 50.00 %."),
+        ((50, 60), "b finds most, 60.00 % of the pulses, 10 percentage points more; a 50.00 %."),
     ],
 )
 def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:

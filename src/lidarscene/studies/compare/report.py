@@ -68,7 +68,7 @@ def verdict(comparison: Comparison) -> str:
     (best, most), (second, less), *_ = order
     told = ", ".join(f"{name} {_percent(one.rate)}" for name, one in order[1:])
     if _differ(comparison, best, second):
-        more = f", {100.0 * (most.rate - less.rate):.3g} points more" if len(order) == 2 else ""
+        more = f", {100.0 * (most.rate - less.rate):.3g} percentage points more" if len(order) == 2 else ""
         found = f"{best} finds most, {_percent(most.rate)} of {comparison.of}{more}; {told}"
     else:
         alike = f"{best} and {second} find equally many of {comparison.of}, within chance"
