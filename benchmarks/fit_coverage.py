@@ -2,9 +2,9 @@
 
     python benchmarks/fit_coverage.py [seeds per unit]
 
-First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted. Then with a known
-one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit in a street, ray by ray
-(docs/fit.md has the results).
+First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted, also the near field
+of two lenses. Then with a known one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit
+in a street, ray by ray (docs/fit.md has the results).
 """
 
 import math
@@ -16,13 +16,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from helpers.drawn_recordings import drawn_sweep, drawn_truth
+from helpers.drawn_recordings import drawn_sweep, drawn_truth, two_lenses
 from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published, unit_of
 
 from lidarscene import load_scene
 from lidarscene.rendering.simulator import Simulator
+from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.fit.known_scene import Reported, Scene, expected
 from lidarscene.studies.fit.likelihood import fit_known
+from lidarscene.studies.fit.near_field import fit_near_field
 from lidarscene.studies.fit.pulses import pulses_of
 from lidarscene.studies.fit.study import fit_pulses
 
@@ -43,6 +45,21 @@ def without_scene(seeds: int) -> None:
                 off.setdefault(one.key, []).append((one.value - asdict(truth)[one.key]) / one.sigma)
     told(off)
     print(f"{held} of {UNITS * seeds} pass on what was not fitted")
+
+
+def with_two_lenses(seeds: int) -> None:
+    off: dict[str, list[float]] = {}
+    sensor = load_sensor("os1-128")
+    for unit in range(UNITS):
+        truth, curve = two_lenses(unit, sensor)
+        for seed in range(seeds):
+            near = fit_near_field(pulses_of([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
+            assert near is not None
+            for one in near.estimates:
+                off.setdefault(f"{one.key}, two lenses", []).append(
+                    (one.value - asdict(truth)[one.key]) / one.sigma
+                )
+    told(off)
 
 
 def with_scene(seeds: int) -> None:
@@ -106,5 +123,6 @@ def told(off: dict[str, list[float]]) -> None:
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     without_scene(count)
+    with_two_lenses(count)
     with_scene(count)
     rendered()

@@ -1,11 +1,13 @@
 """Recordings drawn from known laws: what the fit must find again. Also for `benchmarks/fit_coverage.py`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.studies.fit.near_field import share
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.fit.near_field import Curve, own_curve, share
+from lidarscene.studies.fit.products import near_field_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +39,21 @@ def drawn_truth(seed: int) -> Truth:
     )  # fmt: skip
 
 
-def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000) -> Sweep:
-    """One frame of walls, smooth or rough, and sky, each 20 columns wide and some rows high, under a changing light."""
+def two_lenses(seed: int, sensor: Sensor) -> tuple[Truth, Curve]:
+    """A unit whose near field is that of the sensor's two lenses, stretched by up to 35 %."""
+    stretch = float(np.exp(np.random.default_rng([seed, 6]).uniform(-0.3, 0.3)))
+    curve = own_curve(sensor)
+    assert curve is not None
+    return replace(drawn_truth(seed), near_field_m=stretch * near_field_m(sensor)), curve
+
+
+def drawn_sweep(
+    truth: Truth, seed: int, rows: int = 32, columns: int = 1000, curve: Curve | None = None
+) -> Sweep:
+    """One frame of walls, smooth or rough, and sky, each 20 columns wide and some rows high, under a changing light.
+
+    curve  of two lenses, whose near field ends four times as far out; None: one lens
+    """
     random = np.random.default_rng([seed, 2])
     tall, wide = 8, 20
     shape = (rows // tall, columns // wide)
@@ -47,14 +62,16 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000) ->
         return np.repeat(np.repeat(values, tall, axis=0), wide, axis=1)
 
     place = np.linspace(-1.0, 1.0, wide)
-    near_m = np.exp(
-        random.uniform(np.log(0.25 * truth.near_field_m), np.log(6.0 * truth.near_field_m), shape)
-    )
+    knee_m = truth.near_field_m * (1.0 if curve is None else 4.0)
+    near_m = np.exp(random.uniform(np.log(0.25 * knee_m), np.log(6.0 * knee_m), shape))
     slant = 1.0 + np.tile(place, (rows, shape[1])) * spread(random.uniform(-0.05, 0.05, shape))
     range_m = spread(near_m) * slant
     rough = spread(random.random(shape) < 0.3) * 0.05 * random.standard_normal((rows, columns))
     white = spread(np.exp(random.uniform(np.log(0.05), np.log(0.9), shape)))
-    light = truth.white_m2 * share(range_m / truth.near_field_m, truth.spot_over_field) / range_m**2
+    ratio = range_m / truth.near_field_m
+    light = (
+        truth.white_m2 * (share(ratio, truth.spot_over_field) if curve is None else curve(ratio)) / range_m**2
+    )
     sky = spread(random.random(shape) < 0.25)
     # Some surfaces so dark that they are found now and then.
     dim = spread(random.random(shape) < 0.3)

@@ -98,6 +98,16 @@ def test_osf_frames_losses_and_poses(tmp_path: Path, core: Any, library: Callabl
     assert hashlib.sha256(path.read_bytes()).hexdigest() == before  # recordings are read only
 
 
+def test_a_damaged_osf_says_which_frame(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
+    """Rationale: one wrong byte in the frames, and the sdk said 'Indexed past the end of the frame set source'."""
+    path = osf(tmp_path, core, library)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(bytes(content))
+    with open_recording(path) as recording, pytest.raises(InputError, match=r"a.osf: .*frame 0 is damaged"):
+        recording[0]
+
+
 def test_an_osf_without_index_is_copied_first(
     tmp_path: Path, core: Any, library: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

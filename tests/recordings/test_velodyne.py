@@ -56,7 +56,7 @@ def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
 
 
 def test_a_vls_128_turns_from_its_first_packet_on(tmp_path: Path, library: Callable[[str], Any]) -> None:
-    """Rationale: lasers of a firing fire one after the other, by which a decoder turns them on at the rate of the packet
+    """Rationale: lasers of a firing fire one after the other, and a decoder turns them on at the rate of the packet
     before. Without one, the first three firings of a turn were up to 0.1 degrees behind.
     """
     library("velodyne_decoder")

@@ -58,7 +58,11 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
 
     def read(frame: int) -> Sweep:
         with reading(path):
-            return _sweep(source[frame][0], info, (direction, origin_m), about | {"frame": str(frame)})
+            try:
+                found = source[frame][0]
+            except IndexError:  # of ouster-sdk, where the file's checksum does not fit
+                raise ValueError(f"frame {frame} is damaged") from None
+            return _sweep(found, info, (direction, origin_m), about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(source), read=read, close_file=kept_open.close, metadata=about)
 

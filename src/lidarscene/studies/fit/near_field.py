@@ -4,11 +4,13 @@ An Ouster reports SIGNAL, the photons of a return, and REFLECTIVITY, which its m
 field. So SIGNAL R^2 100 / REFLECTIVITY is K share(R), K being the photons of a white wall times the square of its
 range, far away. The share is that of T18 with the lens focused at infinity: the blur has the radius r_A / R, the
 detector r_PD / f, and below R0 = r_A f / r_PD the blur is the larger one. The laser's spot makes the knee at R0 round.
+A sensor whose file has two lenses, or a focus, has a curve of its own: that one is stretched over the range.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,13 +19,15 @@ import numpy as np
 from ...maths.arrays import Lanes, Numbers
 from ...maths.special import expm1
 from ...physics.optics import receiver
+from ...sensor.model import Sensor
 from .estimates import Estimate, Solved, least_squares
+from .products import FAR, near_field_m
 from .pulses import Pulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
 """Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
 
-LEAST_SIGNAL = 20.0
+LEAST_SIGNAL = 12.0
 """Photons are whole numbers, too."""
 
 STEP = 0.03
@@ -43,6 +47,17 @@ HUBER = 1.5
 SPOTS = (0.1, 2.0)
 """Least and largest radius of the laser's spot (1/e^2) over that of the field of view: beyond them none can be told."""
 
+SAME_LAW = 0.01
+"""Most difference of a sensor's near field from the law of one lens for it to be that law."""
+
+LONGEST_STRETCH = 1.5
+"""Logarithm of how far a sensor's own curve is stretched, at most."""
+
+LEAST_SHARE = 1e-6
+
+Curve = Callable[[Numbers], Numbers]
+"""Share of the light on the detector over that at `FAR`, by range over R0."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NearField:
@@ -51,7 +66,8 @@ class NearField:
     range_m, white_m2   (n,) of the bins: K share
     sigma               (n,) of ln white_m2
     misfit              what the law misses, of ln white_m2 (standard deviation)
-    solved              ln K, ln R0, ln of the spot's radius over the field's
+    own                 curve of the sensor's own optics; None: that of one lens
+    solved              ln K, ln R0; of one lens, ln of the spot's radius over the field's
     check_range_m, check_white_m2  of the blocks that were not fitted
     """
 
@@ -59,27 +75,30 @@ class NearField:
     white_m2: Numbers
     sigma: Numbers
     misfit: float
+    own: Curve | None
     solved: Solved
     check_range_m: Numbers
     check_white_m2: Numbers
 
     def law(self, range_m: Numbers) -> Numbers:
         """White_m2 at these ranges, of the fit."""
-        return np.asarray(np.exp(_law(self.solved.value, np.log(range_m))))
+        return np.asarray(np.exp(_law(self.own, self.solved.value, np.log(range_m))))
 
     @property
     def error(self) -> float:
-        """Mean absolute error of the blocks that were not fitted, relative."""
-        return float(np.mean(np.abs(self.check_white_m2 / self.law(self.check_range_m) - 1.0)))
+        """Mean absolute error of the law against the blocks that were not fitted, over what these recorded."""
+        return float(np.mean(np.abs(self.law(self.check_range_m) / self.check_white_m2 - 1.0)))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """K, R0, spot over field of view."""
-        return (
+        """K, R0, and of one lens spot over field of view."""
+        both = (
             self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
             self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
-            self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])),
         )
+        if self.own is not None:
+            return both
+        return (*both, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
 
 
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
@@ -91,16 +110,51 @@ def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
     return near / far
 
 
-def _law(p: Numbers, x: Numbers) -> Numbers:
-    return np.asarray(p[0] + np.log(share(np.exp(x - p[1]), np.exp(p[2]))))
+def spot_over_field(sensor: Sensor) -> float | None:
+    """Radius of the spot over that of the field of view, if it has a width and the near field is that of one lens."""
+    ratio = _spot(sensor)
+    return ratio if SPOTS[0] < ratio < SPOTS[1] and sensor.optics.overlap and _one_lens(sensor) else None
 
 
-def _residuals(root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
-    return np.asarray((y - _law(p, x)) * root)
+def own_curve(sensor: Sensor) -> Curve | None:
+    """The near field of a sensor whose optics are more than one lens, focused at infinity, on the laser's axis."""
+    overlap, r0_m = sensor.optics.overlap, near_field_m(sensor)
+    if overlap is None or _one_lens(sensor):
+        return None
+    far = float(overlap.share(FAR * r0_m))
+    return lambda ratio: np.maximum(np.asarray(overlap.share(r0_m * ratio)) / far, LEAST_SHARE)
 
 
-def fit_near_field(pulses: Pulses) -> NearField | None:
-    """From the pulses of a recording; None if it lacks a field, or has too few ranges."""
+def _spot(sensor: Sensor) -> float:
+    return (
+        0.5
+        * sensor.laser.mean_divergence_rad
+        * float(sensor.optics.focal_length_m / sensor.detector.radius_m)
+    )
+
+
+def _one_lens(sensor: Sensor) -> bool:
+    overlap, places = sensor.optics.overlap, np.geomspace(0.1, 10.0, 40)
+    assert overlap is not None
+    own = np.asarray(overlap.share(places * near_field_m(sensor)))
+    law = np.asarray(share(places, float(np.clip(_spot(sensor), *SPOTS))))
+    return bool(np.abs(own / own[-1] * law[-1] - law).max() < SAME_LAW)
+
+
+def _law(own: Curve | None, p: Numbers, x: Numbers) -> Numbers:
+    ratio = np.exp(x - p[1])
+    return np.asarray(p[0] + np.log(share(ratio, np.exp(p[2])) if own is None else own(ratio)))
+
+
+def _residuals(own: Curve | None, root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
+    return np.asarray((y - _law(own, p, x)) * root)
+
+
+def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | None:
+    """From the pulses of a recording; None if it lacks a field, or has too few ranges.
+
+    sensor  whose optics are the law, if they are more than one lens; None: one lens
+    """
     if pulses.signal is None or pulses.reflectivity is None:
         return None
     fitted = pulses.part(pulses.fitted)
@@ -114,23 +168,30 @@ def fit_near_field(pulses: Pulses) -> NearField | None:
     far = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     knee = float(x[np.argmin(np.abs(y - far + math.log(2.0)))])
     start, misfit, evaluations = np.array([far, knee, math.log(0.35)]), 0.05, 0
+    own = None if sensor is None else own_curve(sensor)
+    if sensor is not None and own is not None:
+        knee = math.log(near_field_m(sensor))
+        start = np.array([far, knee])
+        low, high = (
+            np.array([one[0], knee + way]) for one, way in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH))
+        )
     weight = np.ones_like(y)
-    value, slope = start, np.zeros((len(y), 3))
+    value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
         root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-        value, slope, count = least_squares(partial(_residuals, root, x, y), value, low, high)
+        value, slope, count = least_squares(partial(_residuals, own, root, x, y), value, low, high)
         evaluations = max(evaluations, count)
-        residual = y - _law(value, x)
+        residual = y - _law(own, value, x)
         excess = np.median(np.abs(residual)) * 1.4826
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
         weight = np.minimum(1.0, HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Each block's part of the mean of a bin, times the bin's slope: its score.
-    apart = np.divide(sums - counts * _law(value, x), counts.sum(axis=0))
+    apart = np.divide(sums - counts * _law(own, value, x), counts.sum(axis=0))
     scores = (apart * root) @ -slope
     solved = Solved(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
     return NearField(
-        range_m=np.exp(x), white_m2=np.exp(y), sigma=sigma, misfit=misfit, solved=solved,
+        range_m=np.exp(x), white_m2=np.exp(y), sigma=sigma, misfit=misfit, own=own, solved=solved,
         check_range_m=np.exp(check[0]), check_white_m2=np.exp(check[1]),
     )  # fmt: skip
 

@@ -276,7 +276,13 @@ def _rows(rows: RowGains) -> tuple[str, str, Chart, Table]:
 def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
     found: list[tuple[str, tuple[str, ...], Solved]] = []
     if fit.near_field is not None:
-        found.append(("near field", ("ln white_m2", "ln R0", "ln spot"), fit.near_field.solved))
+        found.append(
+            (
+                "near field",
+                ("ln white_m2", "ln R0", "ln spot")[: len(fit.near_field.solved.value)],
+                fit.near_field.solved,
+            )
+        )
     if fit.threshold is not None:
         found.append(("threshold", ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved))
     if fit.scatter is not None:

@@ -12,6 +12,7 @@ from ...files.atomic import atomic_output, require_writable
 from ...recordings.opening import open_recording
 from ...recordings.packets import json_beside
 from ...recordings.sweep import Sweep
+from ...sensor.model import Sensor
 from .near_field import fit_near_field
 from .products import QUANTITIES, products_of
 from .pulses import Pulses, pulses_of
@@ -43,7 +44,9 @@ def fit_recordings(
     where = f"--sensor {sensor}"
     before = sensor_of(base, where)
     pulses = _pulses(recordings, metadata)
-    fit = fit_pulses(pulses, recording=", ".join(one.name for one in recordings), sensor=sensor)
+    fit = fit_pulses(
+        pulses, recording=", ".join(one.name for one in recordings), sensor=sensor, optics=before
+    )
     if before.histogram is not None:
         known = [one.key for one in fit.estimates if one.known and one.key in QUANTITIES]
         fit = replace(fit, products=products_of(before, known) if known else None)
@@ -60,11 +63,14 @@ def fit_recordings(
     return printed, fit.passed
 
 
-def fit_pulses(pulses: Pulses, *, recording: str, sensor: str) -> Fit:
-    """The laws of these pulses. Raises InputError if they tell of none."""
+def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> Fit:
+    """The laws of these pulses. Raises InputError if they tell of none.
+
+    optics  the sensor whose near field it is, if its file has more than one lens; None: one lens
+    """
     fit = Fit(
         recording=recording, sensor=sensor, pulses=int(pulses.recorded.sum()), frames=pulses.frames,
-        near_field=fit_near_field(pulses), threshold=fit_threshold(pulses), scatter=fit_scatter(pulses),
+        near_field=fit_near_field(pulses, optics), threshold=fit_threshold(pulses), scatter=fit_scatter(pulses),
         rows=fit_rows(pulses),
     )  # fmt: skip
     if not fit.estimates and fit.rows is None:

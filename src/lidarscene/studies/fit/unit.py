@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from ... import catalog
 from ...errors import InputError
@@ -32,6 +33,18 @@ FITTED = {
     "threshold_slope": "histogram.threshold_slope",
 }
 """What of the file follows from which estimate."""
+
+WHOLE = ("detector.spads",)
+"""Keys whose numbers are whole."""
+
+STRETCHED = {
+    "optics.aperture_radius_mm": 0.5, "optics.focal_length_mm": 0.5, "laser.peak_power_w": -1.0,
+    "optics.overlap.transmitter_offset_mm": 0.5, "optics.overlap.parallax_free_at_m": 1.0,
+    "optics.overlap.focus_at_m": 1.0, "laser.exit_diameter_mm": 0.5, "laser.divergence_mrad": -0.5,
+    "laser.divergence_elevation_mrad": -0.5,
+}  # fmt: skip
+"""Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
+angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
 
 
 def base_text(sensor: str, metadata: Path | None) -> str:
@@ -84,7 +97,15 @@ def fitted_text(
         one = estimates[key]
         return f"fitted: {one.value:.4g} +/- {one.sigma:.2g} {one.unit}, {recording}{also}".replace(" ,", ",")
 
-    if "near_field_m" in known:
+    if "near_field_m" in known and "spot_over_field" not in estimates:
+        # The law was the file's own curve.
+        factor = known["near_field_m"].value / near_field_m(sensor)
+        source = told(
+            "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
+        )
+        for key, value in grown(text, {key: factor**power for key, power in STRETCHED.items()}).items():
+            text = put_at(text, key, value, source)
+    elif "near_field_m" in known:
         moved = math.sqrt(known["near_field_m"].value / near_field_m(sensor))
         source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
         for key, value in (
@@ -141,6 +162,27 @@ def fitted_text(
 
 def _why(one: Estimate | None) -> str:
     return "not recorded" if one is None else f"{one.value:.3g} +/- {one.sigma:.2g} {one.unit}".rstrip()
+
+
+def grown(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
+    """By key of the file, its value times its factor; keys that the file does not have are left out."""
+    tables = tomllib.loads(text)
+    values: dict[str, float | list[float]] = {}
+    for key, factor in factors.items():
+        here: Any = tables
+        for name in key.split("."):
+            here = here.get(name) if isinstance(here, Mapping) else None
+        if isinstance(here, list):
+            values[key] = [float(one) * factor for one in here]
+        elif here is not None:
+            values[key] = round(here * factor) if key in WHOLE else float(here) * factor
+    return values
+
+
+def put_at(text: str, key: str, value: float | Sequence[float], source: str) -> str:
+    """`put` with table and key as one."""
+    table, _, name = key.rpartition(".")
+    return put(text, table, name, value, source)
 
 
 def put(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.studies.fit.on_scene.laid import _power_w, spot_over_field
+from lidarscene.studies.fit.near_field import spot_over_field
+from lidarscene.studies.fit.on_scene.laid import _power_w
 
 ONE_LENS = ("optics.overlap.transmitter_offset_mm=[0, 0]", "optics.overlap.focus_at_m=1e6")
 

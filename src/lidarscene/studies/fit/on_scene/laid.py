@@ -23,8 +23,7 @@ from ...twin.pulses import from_exit, matched
 from ...twin.reflect import dropped
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
 from ..known_scene import Reported, Scene
-from ..near_field import SPOTS, share
-from ..products import near_field_m
+from ..near_field import spot_over_field
 from ..pulses import BLOCK, HELD_OUT
 
 ROWS = 8
@@ -35,9 +34,6 @@ POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
 
 SAME_M = 1e-4
 """Two ranges that differ by less are of one surface."""
-
-SAME_LAW = 0.01
-"""Most difference of the sensor's near field from the law of defocus for it to be that law."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,19 +144,6 @@ def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
     """Background that is expected to count so much; none below the dark counts."""
     counts = np.asarray(sensor.background_counts(POWERS_W)[0]) * float(sensor.tdc.ambient_s)
     return np.interp(near_ir, counts, POWERS_W, left=0.0)
-
-
-def spot_over_field(sensor: Sensor) -> float | None:
-    """Radius of the spot over that of the field of view, if the sensor's near field is plain defocus."""
-    overlap = sensor.optics.overlap
-    ratio = 0.5 * sensor.laser.mean_divergence_rad
-    ratio *= float(sensor.optics.focal_length_m / sensor.detector.radius_m)
-    if overlap is None or not SPOTS[0] < ratio < SPOTS[1]:
-        return None
-    far = np.geomspace(0.1, 10.0, 40)
-    own = np.asarray(overlap.share(far * near_field_m(sensor)))
-    law = np.asarray(share(far, ratio))
-    return ratio if np.abs(own / own[-1] * law[-1] - law).max() < SAME_LAW else None
 
 
 def _some(values: Any, mask: Numbers) -> Any:

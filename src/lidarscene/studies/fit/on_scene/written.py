@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from typing import Any
 
 from ....errors import InputError
 from ..estimates import Estimate
-from ..unit import WRITTEN, put, sensor_of
+from ..unit import STRETCHED, WRITTEN, grown, put_at, sensor_of
 
 PLAIN = (
     "laser.peak_power_w", "laser.pulse_fwhm_ns", "optics.sun_irradiance_w_m2", "detector.spads", "detector.pde",
     "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
 )  # fmt: skip
 """Keys that are multiplied by what was found."""
-
-STRETCHED = {
-    "optics.aperture_radius_mm": 0.5, "optics.focal_length_mm": 0.5, "laser.peak_power_w": -1.0,
-    "optics.overlap.transmitter_offset_mm": 0.5, "optics.overlap.parallax_free_at_m": 1.0,
-    "optics.overlap.focus_at_m": 1.0, "laser.exit_diameter_mm": 0.5, "laser.divergence_mrad": -0.5,
-    "laser.divergence_elevation_mrad": -0.5,
-}  # fmt: skip
-"""Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
-angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
 
 
 def written_text(
@@ -48,24 +37,20 @@ def written_text(
         for key in ("laser.divergence_mrad", "laser.divergence_elevation_mrad"):
             factors[key] = factors.get(key, 1.0) * spot.value
             source[key] = _source("spot_over_field", spot, recording)
-    tables = tomllib.loads(text)
-    values: dict[str, Any] = {}
-    for key, factor in factors.items():
-        before = _found(tables, key)
-        if before is not None:
-            several = isinstance(before, list)
-            value = [float(one) * factor for one in before] if several else float(before) * factor
-            values[key] = round(value) if isinstance(before, int) else value  # type: ignore[arg-type]
-        elif key in known:
-            notes.append(f"{key} is left as it was: it is not a number of the file")
+    values = grown(text, factors)
+    notes += [
+        f"{key} is left as it was: it is not a number of the file"
+        for key in factors
+        if key in known and key not in values
+    ]
     whole = text
     for key, value in values.items():
-        whole = _put(whole, key, value, source[key])
+        whole = put_at(whole, key, value, source[key])
     try:
         sensor_of(whole, where)
     except InputError:  # one of them does not go with the others: those that do are put in
         for key, value in values.items():
-            changed = _put(text, key, value, source[key])
+            changed = put_at(text, key, value, source[key])
             try:
                 sensor_of(changed, where)
             except InputError as error:
@@ -76,17 +61,5 @@ def written_text(
     return whole, tuple(notes)
 
 
-def _put(text: str, key: str, value: float | list[float], source: str) -> str:
-    table, _, name = key.rpartition(".")
-    return put(text, table, name, value, source)
-
-
 def _source(key: str, one: Estimate, recording: str) -> str:
     return f"fitted with a scene: {key} {one.value:.4g} +/- {one.sigma:.2g} times what it was, {recording}"
-
-
-def _found(tables: Mapping[str, Any], key: str) -> Any:
-    here: Any = tables
-    for name in key.split("."):
-        here = here.get(name) if isinstance(here, Mapping) else None
-    return here
