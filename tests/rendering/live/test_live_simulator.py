@@ -14,6 +14,7 @@ from lidarscene.formats.columns import COLUMNS
 from lidarscene.labels.boxes import boxes
 from lidarscene.labels.points import point_labels
 from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Riding
 from lidarscene.scene.model import Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -241,6 +242,23 @@ def test_labels_and_boxes_are_of_what_is_there() -> None:
         assert len(set(instance[own])) == 1
 
 
+def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
+    """A mast 5 m ahead on the ego vehicle is seen at the same places, wherever that stands and drives."""
+    ego = Course(start=pose(1, 0, 0))
+    mast = dataclasses.replace(
+        chain.box(at=(0, 0, 0), size_m=(0.3, 0.3, 3.0)),
+        name="mast", motion=Riding(carrier=ego, pose=pose(5, 0, 0)),
+    )  # fmt: skip
+    live = LiveSimulator(dataclasses.replace(chain.scene(mast), ego=ego), sensor())
+    before = live.render(coordinates="sensor")
+    for velocity in ((0.0, 0.0, 0.0), (20.0, 3.0, 0.0)):
+        live.move_ego((30.0, -7.0, 1.0, 50.0, 3.0), velocity_m_s=velocity)
+        cloud = live.render(coordinates="sensor")
+        assert on(cloud, "mast") == on(before, "mast") > 20
+        ranges = [one.true_range_m[one.status == 0] for one in (cloud, before)]
+        np.testing.assert_allclose(*ranges, atol=1e-4)  # some ten roundings at 30 m
+
+
 def test_the_callers_clock() -> None:
     """Frames are given when they are over; within one a body goes evenly from pose to pose, and then it stays."""
     live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
@@ -262,6 +280,28 @@ def test_the_callers_clock() -> None:
         clouds[1].radial_velocity_m_s[car],
         drives.render(number=1).radial_velocity_m_s[car], atol=1e-3,
     )  # fmt: skip
+
+
+def test_a_physics_engine_owns_the_clock() -> None:
+    """A box that MuJoCo lets fall: at the mean time of its points it is where the engine's own poses say."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><option timestep='0.002'/><worldbody><body name='car' pos='15 0 1'><freejoint/>"
+        "<geom type='box' size='1.5 .9 .7' mass='1'/></body></worldbody></mujoco>"
+    )
+    data, live = mujoco.MjData(model), LiveSimulator(street(), sensor(), movable=["car"])
+    heights, clouds = [], []
+    while not clouds:
+        mujoco.mj_step(model, data)
+        body = data.body("car")
+        heights.append((data.time, float(body.xpos[2])))
+        here = Pose(position_m=body.xpos.copy(), rotation=body.xmat.reshape(3, 3).copy())
+        clouds = live.advance(data.time, {"car": here})
+    found = {box.name: box for box in boxes(clouds[0], live.scene)}["car"]
+    own = (clouds[0].body == clouds[0].body_names.index("car")) & (clouds[0].status == 0)
+    expected = np.interp(clouds[0].time_s[own].mean(), *zip(*heights, strict=True))
+    assert found.pose.position_m[2] == pytest.approx(expected, abs=1e-6)
+    assert found.velocity_m_s[2] == pytest.approx(-9.81 * clouds[0].time_s[own].mean(), abs=0.05)
 
 
 def live() -> LiveSimulator:
