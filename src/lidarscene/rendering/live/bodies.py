@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -35,11 +36,11 @@ def live_scene(scene: Scene, movable: Iterable[str], spares: Mapping[str, int]) 
 
 
 def spare_names(name: str, count: int, taken: Iterable[str]) -> list[str]:
-    """Names of copies of a body that no other body has: "car.1", "car.2", ..."""
+    """Names of copies of a body "car" or "car.0" that no other body has: "car.1", "car.2", ..."""
     found: list[str] = []
-    number, taken = 1, set(taken)
+    number, taken, base = 1, set(taken), re.sub(r"\.\d+$", "", name)
     while len(found) < count:
-        if (one := f"{name}.{number}") not in taken:
+        if (one := f"{base}.{number}") not in taken:
             found.append(one)
         number += 1
     return found
