@@ -14,8 +14,10 @@ _SHOWN = 8
 """Names in an error, at most."""
 
 
-def live_scene(scene: Scene, movable: Iterable[str], spares: Mapping[str, int]) -> Scene:
-    """The scene with an ego vehicle, bodies that can be placed, and spare ones that are away.
+def live_scene(
+    scene: Scene, movable: Iterable[str], spares: Mapping[str, int]
+) -> tuple[Scene, dict[str, tuple[str, ...]]]:
+    """The scene with an ego vehicle, bodies that can be placed, and spare ones that are away; and a body's copies.
 
     What can be placed has a motion: at first one that rests, where it has none of its own. Spare bodies come last, so
     that the others keep their numbers. Raises InputError for a name that is no body, or a number that is none.
@@ -26,13 +28,15 @@ def live_scene(scene: Scene, movable: Iterable[str], spares: Mapping[str, int]) 
     for name in (*movable, *spares):
         if (body := known(bodies, name)).motion is None:
             bodies[name] = replace(body, motion=Course(start=body.pose))
+    pools: dict[str, tuple[str, ...]] = {}
     for name, count in spares.items():
         if not isinstance(count, int) or isinstance(count, bool) or count < 0:
             raise InputError(f"spares: '{name}': must be a whole number >= 0, got {count!r}")
-        for spare in spare_names(name, count, bodies):
+        pools[name] = (name, *spare_names(name, count, bodies))
+        for spare in pools[name][1:]:
             # The same parts: they share what is compiled.
             bodies[spare] = replace(bodies[name], name=spare, away=True)
-    return replace(scene, bodies=tuple(bodies.values()), ego=scene.ego or Course())
+    return replace(scene, bodies=tuple(bodies.values()), ego=scene.ego or Course()), pools
 
 
 def spare_names(name: str, count: int, taken: Iterable[str]) -> list[str]:

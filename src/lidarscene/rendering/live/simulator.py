@@ -26,7 +26,7 @@ from ...sensor.model import Sensor
 from ..frame import TOLERANCE_S, frame_edges
 from ..options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, placed
 from ..simulator import Simulator
-from .bodies import known, live_scene, spare_names
+from .bodies import known, live_scene
 from .tracks import Track
 
 ROTATION_ERROR = 1e-5
@@ -71,11 +71,8 @@ class LiveSimulator(Simulator):
                  scene has none
         Raises InputError for a name that is no body of the scene.
         """
-        loaded, spares = load_scene(scene), dict(spares or {})
-        built = live_scene(loaded, movable, spares)
+        built, self._pools = live_scene(load_scene(scene), movable, spares or {})
         super().__init__(built, sensor, trace, pose=pose, **options)
-        own = [body.name for body in loaded.bodies]
-        self._pools = {name: (name, *spare_names(name, count, own)) for name, count in spares.items()}
         self._number = {body.name: number for number, body in enumerate(built.bodies)}
         there = [replace(body, away=False) for body in built.bodies]
         self._everywhere = Clearance.of(replace(built, bodies=tuple(there)))
