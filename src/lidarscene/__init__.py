@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .rendering.api import render as render
     from .rendering.api import render_frames as render_frames
     from .rendering.simulator import Simulator as Simulator
+    from .rendering.live.simulator import LiveSimulator as LiveSimulator
     from .rendering.options import TraceOptions as TraceOptions
     from .rendering.options import FrameOptions as FrameOptions
     from .rendering.options import Observers as Observers
@@ -78,6 +79,7 @@ _HOME = {
     "render": "rendering.api",
     "render_frames": "rendering.api",
     "Simulator": "rendering.simulator",
+    "LiveSimulator": "rendering.live.simulator",
     "TraceOptions": "rendering.options",
     "FrameOptions": "rendering.options",
     "Observers": "rendering.options",

@@ -9,7 +9,7 @@ from helpers.motions import BEND, MOTIONS, SPLINE, START
 from scipy.spatial.transform import Rotation
 
 from lidarscene.kernel.device import transfer
-from lidarscene.maths.paths import STEP_S, Paths, Placement, _quaternion
+from lidarscene.maths.paths import NOWHERE, STEP_S, Paths, Placement, _quaternion
 from lidarscene.maths.trajectory import Course, Motion
 
 FRAME_S = 0.1
@@ -138,6 +138,15 @@ def test_boxes_hold_all_that_is_carried(name: str) -> None:
     assert (low < points.min(axis=0)).all()
     assert (high > points.max(axis=0)).all()
     np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], atol=0.1)
+
+
+def test_what_carries_nothing_has_a_box_that_nothing_is_in() -> None:
+    carried = np.array([np.broadcast_to(np.reshape(NOWHERE, (2, 3)), (2, 3)), [[-1.0] * 3, [1.0] * 3]])
+    paths = Paths.of([BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried)
+    empty, other = np.asarray(paths.boxes_m).reshape(2, 2, 3)
+    assert (empty == NOWHERE).all()
+    alone = Paths.of([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
+    np.testing.assert_allclose(other.ravel(), alone.boxes_m, atol=1e-3)  # room for the rounding of all
 
 
 def test_a_straight_motion_has_two_instants() -> None:

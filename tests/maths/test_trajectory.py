@@ -1,6 +1,8 @@
 """Trajectories: closed forms, finite differences, and SciPy's rotations."""
 
+import itertools
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, Spline, States, _exp, _log, pose_at
+from lidarscene.maths.trajectory import Course, Held, Spline, States, _exp, _log, pose_at
 
 STEP_S = 1e-4
 
@@ -48,6 +50,44 @@ def test_a_course_is_an_arc() -> None:
     np.testing.assert_allclose(states.rotation, expected.as_matrix(), atol=1e-14)
     moved = BEND.at(time_s).position_m - states.position_m
     np.testing.assert_allclose(moved, time_s[:, None] * [0.5, -0.25, 0.125], atol=1e-13)
+
+
+def test_a_course_may_start_later() -> None:
+    """The same states, so much later; one that does not move rests."""
+    time_s = np.linspace(-1.0, 2.0, 7)
+    later = replace(BEND, since_s=1.5).at(time_s + 1.5)
+    for field in fields(States):
+        np.testing.assert_allclose(
+            getattr(later, field.name), getattr(BEND.at(time_s), field.name), atol=1e-14
+        )
+    assert Course(start=START, since_s=3.0).rests
+    assert not any(
+        Course(**one).rests
+        for one in ({"speed_m_s": 1.0}, {"yaw_rate_rad_s": 1.0}, {"velocity_m_s": (0.0, 1.0, 0.0)})
+    )
+
+
+def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
+    """Through the poses, with one twist in the body's frame from each to the next; held before and after."""
+    spline = Spline(time_s=TIMES, poses=WAY, smooth=False)
+    for number, one in enumerate(WAY):
+        np.testing.assert_allclose(
+            spline.at(TIMES[number : number + 1]).position_m[0], one.position_m, atol=1e-12
+        )
+    for first, last in itertools.pairwise(TIMES):
+        states = spline.at(np.linspace(first, last, 9)[:-1])
+        back = states.rotation.transpose(0, 2, 1)
+        for rate in (states.velocity_m_s, states.turning_rad_s):
+            own = np.einsum("nij,nj->ni", back, rate)
+            np.testing.assert_allclose(own, np.broadcast_to(own[0], own.shape), atol=1e-10)
+    held = Held(motion=spline).at(np.array([TIMES[0] - 1.0, TIMES[-1] + 1.0]))
+    np.testing.assert_array_equal(held.position_m, [WAY[0].position_m, held.position_m[1]])
+    np.testing.assert_allclose(held.position_m[1], WAY[-1].position_m, atol=1e-12)
+    assert not held.velocity_m_s.any()
+    assert not held.turning_rad_s.any()
+    np.testing.assert_array_equal(
+        Held(motion=spline).at(TIMES[1:2]).velocity_m_s, spline.at(TIMES[1:2]).velocity_m_s
+    )
 
 
 @pytest.mark.parametrize("rate_rad_s", [0.0, 1e-300, 1e-12, -1e-9, 1e-6])

@@ -92,6 +92,8 @@ def add_render(commands: Any) -> None:
         help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
     add("--background-rays", metavar="K", type=whole(RAYS),
         help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
+    add("--vectors", action="store_true",
+        help="normals of the surfaces and their velocities over the ground, too")  # fmt: skip
     add(
         "--chunk",
         metavar="N",
@@ -148,7 +150,10 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         **{name: asked[name] for name in SAME},
     )  # fmt: skip
     trace = TraceOptions(
-        rays=arguments.rays, interactions=arguments.interactions, background_rays=arguments.background_rays
+        rays=arguments.rays,
+        interactions=arguments.interactions,
+        background_rays=arguments.background_rays,
+        vectors=arguments.vectors,
     )
     frame = FrameOptions(
         seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose, coordinates=arguments.coordinates,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.columns import MEASURED, NAMES, TRUTH, Cloud, Fields, fitted, is_constant
+from ..formats.columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, fitted, is_constant
 from ..maths.arrays import Numbers
 
 
@@ -22,19 +22,21 @@ class CloudBuilder:
 
     capacity  largest number of points, if known: room is reserved, and takes no memory until it is used. Beyond it,
               and without it, columns grow in steps of a quarter
+    vectors   whether a cloud to which nothing is appended has the columns of vectors
     """
 
-    def __init__(self, *, capacity: int = 0) -> None:
+    def __init__(self, *, capacity: int = 0, vectors: bool = False) -> None:
+        self._vectors = vectors
         self._columns: dict[str, Numbers] = {}
         self._description: dict[str, Any] = {}
         self._capacity, self._points, self._chunks = capacity, 0, 0
 
     def append(self, columns: Mapping[str, Any]) -> None:
-        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH.
+        """Add points: arrays by attribute of PointCloud (xyz_m, range_m, ...), with or without TRUTH and vectors.
 
         The arrays must not change afterwards: a single chunk's become the cloud's own.
         """
-        expected = self._columns or (MEASURED + TRUTH if TRUTH[0] in columns else MEASURED)
+        expected = self._columns or attributes(truth=TRUTH[0] in columns, vectors=OF_VECTORS[0] in columns)
         if set(columns) != set(expected):
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
@@ -58,7 +60,8 @@ class CloudBuilder:
         """Add the points of a cloud; names and metadata are taken from the first one."""
         if not self._description:
             self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
-        self.append({c: getattr(cloud, c) for c in (MEASURED + TRUTH if cloud.has_truth else MEASURED)})
+        own = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
+        self.append({a: getattr(cloud, a) for a in own})
 
     def _with_room(self, column: Numbers, end: int) -> Numbers:
         """The column, or its points in a longer one if it is the first chunk's or too short."""
@@ -76,7 +79,8 @@ class CloudBuilder:
         """
         columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
         if not columns:
-            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in MEASURED + TRUTH}
+            every = attributes(truth=True, vectors=self._vectors)
+            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in every}
         described = self._description | description
         self._columns, self._description, self._points, self._chunks = {}, {}, 0, 0
         return columns | described

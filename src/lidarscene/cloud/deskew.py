@@ -7,6 +7,7 @@ A scanner measures its points one after the other, while the vehicle drives on: 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -49,12 +50,20 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     # From the traced frame, whose origin is where the sensor was at the start, to that of the points.
     back = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)
+    turned = []
     for first in range(0, len(cloud), BLOCK_POINTS):
         block = slice(first, first + BLOCK_POINTS)
         own = goal.inverse_apply(cloud.xyz_m[block])
-        x, y, z = paths.at(cloud.time_s[block], 0).point((own[:, 0], own[:, 1], own[:, 2]))
+        place = paths.at(cloud.time_s[block], 0)
+        x, y, z = place.point((own[:, 0], own[:, 1], own[:, 2]))
         moved[block] = back.apply(np.stack([x, y, z], axis=-1))
-    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED})
+        if cloud.has_vectors:
+            then = np.stack(np.broadcast_arrays(*place.rotation), axis=-1).reshape(-1, 3, 3)
+            turned.append(cloud.select(block).vectors_turned(back.rotation @ then @ goal.rotation.T))
+    vectors: dict[str, Any] = {
+        a: np.concatenate([one[a] for one in turned]) for a in (turned[0] if turned else ())
+    }
+    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED}, **vectors)
 
 
 def _goal(cloud: PointCloud) -> Pose:

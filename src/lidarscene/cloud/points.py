@@ -18,12 +18,14 @@ from ..errors import InputError
 from ..files import facts
 from ..formats.columns import (
     COLUMNS,
-    MEASURED,
     NAMES,
+    OF_VECTORS,
     SENSOR_TO_WORLD,
     STATUS_PLURALS,
     TRUTH,
+    VECTORS,
     Column,
+    attributes,
     fitted,
     frame_starts_s,
     is_constant,
@@ -48,6 +50,7 @@ class PointCloud:
     xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
     range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
     truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
+    vectors   normal_x to velocity_z_m_s: None all together, or none of them, and then with the truth
     names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
               may be empty
     metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
@@ -83,6 +86,12 @@ class PointCloud:
     body: Numbers | None = None
     class_id: Numbers | None = None
     material: Numbers | None = None
+    normal_x: Numbers | None = None
+    normal_y: Numbers | None = None
+    normal_z: Numbers | None = None
+    velocity_x_m_s: Numbers | None = None
+    velocity_y_m_s: Numbers | None = None
+    velocity_z_m_s: Numbers | None = None
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
@@ -94,8 +103,13 @@ class PointCloud:
         absent = [a for a in TRUTH if getattr(self, a) is None]
         if absent and len(absent) < len(TRUTH):
             raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent)}")
+        without = [a for a in OF_VECTORS if getattr(self, a) is None]
+        if len(without) not in (0, len(OF_VECTORS)) or (absent and not without):
+            raise ValueError(
+                "PointCloud: normals and velocities come all together, and with the truth fields"
+            )
         n = len(self.xyz_m)
-        for attribute in MEASURED if absent else MEASURED + TRUTH:
+        for attribute in attributes(truth=not absent, vectors=not without):
             object.__setattr__(self, attribute, _checked(attribute, getattr(self, attribute), n))
         for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
@@ -122,6 +136,21 @@ class PointCloud:
     def has_truth(self) -> bool:
         """Whether the truth fields are there."""
         return self.true_range_m is not None
+
+    @property
+    def has_vectors(self) -> bool:
+        """Whether the points have normals and velocities of their surfaces."""
+        return self.normal_x is not None
+
+    @property
+    def normals(self) -> Numbers:
+        """(n, 3) float32 unit normals of the surfaces, on the side of the light, in the frame of the points."""
+        return self._vectors("normals", OF_VECTORS[:3])
+
+    @property
+    def velocities_m_s(self) -> Numbers:
+        """(n, 3) float32 velocities of the surfaces against the ground, in the axes of the frame of the points."""
+        return self._vectors("velocities", OF_VECTORS[3:])
 
     @property
     def sensor_position_m(self) -> Numbers:
@@ -167,7 +196,8 @@ class PointCloud:
     @property
     def columns(self) -> tuple[Column, ...]:
         """The columns that this cloud has, in the order of files."""
-        return tuple(c for c in COLUMNS if self.has_truth or not c.truth)
+        own = COLUMNS + (VECTORS if self.has_vectors else ())
+        return tuple(c for c in own if self.has_truth or not c.truth)
 
     def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
@@ -187,7 +217,7 @@ class PointCloud:
 
     def without_truth(self) -> PointCloud:
         """The same points as a real sensor would give them."""
-        nothing: dict[str, Any] = dict.fromkeys(TRUTH)
+        nothing: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
         return replace(self, **nothing)
 
     @staticmethod
@@ -227,7 +257,23 @@ class PointCloud:
         placing = ("sensor_position_m", "sensor_rotation")
         metadata = {k: v for k, v in self.metadata.items() if k not in placing} | {"frame": "sensor"}
         xyz_m = self.sensor_place.inverse_apply(self.xyz_m.astype(np.float64)).astype(np.float32)
-        return replace(self, xyz_m=xyz_m, metadata=metadata)
+        turned = self.vectors_turned(self.sensor_place.rotation.T)
+        return replace(self, xyz_m=xyz_m, metadata=metadata, **turned)
+
+    def vectors_turned(self, rotation: Numbers) -> dict[str, Any]:
+        """Its normals and velocities by attribute in other axes; empty if it has none.
+
+        rotation  (3, 3) or (n, 3, 3), from the axes of the points to the others
+        """
+        if not self.has_vectors:
+            return {}
+        turned = [np.einsum("...ij,...j->...i", rotation, one) for one in (self.normals, self.velocities_m_s)]
+        return dict(zip(OF_VECTORS, np.concatenate(turned, axis=1).astype(np.float32).T, strict=True))
+
+    def _vectors(self, what: str, names: tuple[str, ...]) -> Numbers:
+        if not self.has_vectors:
+            raise InputError(f"{what}: not in this cloud; render with vectors=True")
+        return np.stack([getattr(self, name) for name in names], axis=1)
 
     def save(
         self,
@@ -326,7 +372,8 @@ class PointCloud:
 
     def _arrays(self) -> dict[str, Numbers]:
         """The arrays by attribute."""
-        return {a: getattr(self, a) for a in (MEASURED + TRUTH if self.has_truth else MEASURED)}
+        own = attributes(truth=self.has_truth, vectors=self.has_vectors)
+        return {a: getattr(self, a) for a in own}
 
 
 def _checked(attribute: str, values: Any, n: int) -> Numbers:

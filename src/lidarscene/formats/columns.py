@@ -83,10 +83,29 @@ COLUMNS = (
 )
 """Every column of a file, in order: the one table for files, documentation and pictures."""
 
+VECTORS = (
+    *(
+        Column(f"normal_{axis}", f"normal_{axis}", "float32", "1", f"normal of the surface, {way}", True)
+        for axis, way in (("x", "forward"), ("y", "left"), ("z", "up"))
+    ),
+    *(
+        Column(f"velocity_{axis}", f"velocity_{axis}_m_s", "float32", "m/s", f"of the surface, {way}", True)
+        for axis, way in (("x", "forward"), ("y", "left"), ("z", "up"))
+    ),
+)
+"""Columns of clouds whose points were asked for vectors; after the others. The axes are those of x, y and z. A normal
+is a unit vector on the side from which the light came, a velocity is against the ground; both 0 without a surface.
+"""
+
 _SCALARS = {c.attribute: c for c in COLUMNS[3:]}
 MEASURED = ("xyz_m", *(a for a, c in _SCALARS.items() if not c.truth))
 TRUTH = tuple(a for a, c in _SCALARS.items() if c.truth)
 """Attributes that every cloud has, and those that come all together or not at all."""
+
+OF_VECTORS = tuple(c.attribute for c in VECTORS)
+"""Attributes that come all together, with the truth, or not at all."""
+
+_TYPES = {a: c.dtype for a, c in _SCALARS.items()} | {c.attribute: c.dtype for c in VECTORS}
 
 NAMES = {
     "sensor_index": "sensor_names",
@@ -120,6 +139,10 @@ class Cloud(Protocol):
     @property
     def has_truth(self) -> bool:
         """Whether it has the columns of the truth."""
+
+    @property
+    def has_vectors(self) -> bool:
+        """Whether it has the columns `VECTORS`."""
 
     @property
     def sensor_position_m(self) -> Numbers:
@@ -188,7 +211,7 @@ def fitted(attribute: str, values: Any, n: int) -> Numbers:
     """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
-    dtype = np.dtype(position_dtype if is_position else _SCALARS[attribute].dtype)
+    dtype = np.dtype(position_dtype if is_position else _TYPES[attribute])
     if dtype.kind != "f" and array.dtype != dtype and array.size:
         limits = np.iinfo(str(dtype))
         if not limits.min <= array.min() <= array.max() <= limits.max:
@@ -197,6 +220,11 @@ def fitted(attribute: str, values: Any, n: int) -> Numbers:
         return frozen(array, dtype, (n, 3) if is_position else (n,))
     except ValueError as error:
         raise ValueError(f"PointCloud.{attribute}: {error}") from None
+
+
+def attributes(*, truth: bool, vectors: bool) -> tuple[str, ...]:
+    """The attributes of a cloud's arrays; vectors go with the truth."""
+    return MEASURED + (TRUTH if truth else ()) + (OF_VECTORS if truth and vectors else ())
 
 
 def is_constant(column: Numbers) -> bool:

@@ -21,7 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .columns import COLUMNS, NAMES, Cloud, Fields
+from .columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
 
 VERSION = 1
 NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
@@ -42,7 +42,7 @@ def description(cloud: Cloud) -> str:
 
 def unit_of(cloud: Cloud, name: str) -> str:
     """Return the unit of a column; that of the intensity depends on the detector, and is in the metadata."""
-    unit = next(column.unit for column in COLUMNS if column.name == name)
+    unit = next(column.unit for column in (*COLUMNS, *VECTORS) if column.name == name)
     return cloud.metadata.get(f"{name}_unit", unit)
 
 
@@ -58,7 +58,9 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     if missing:
         raise ValueError(f"columns are missing: {', '.join(missing)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
-    given: dict[str, Any] = {c.attribute: columns[c.name] for c in COLUMNS[3:] if c.name in content["units"]}
+    given: dict[str, Any] = {
+        c.attribute: columns[c.name] for c in (*COLUMNS[3:], *VECTORS) if c.name in content["units"]
+    }
     given |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
     return {"xyz_m": xyz_m, "metadata": content["metadata"], **given}
 

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .columns import COLUMNS, NAMES, Cloud, Fields
+from .columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
 from .described import counted_stream, reading
 
 VERSION_LINE = "lidarscene 2"
@@ -105,10 +105,10 @@ class _Header:
     names: dict[str, list[str]] = field(default_factory=lambda: {word: [] for word in _NAMES})
 
 
-def _dtype(*, has_truth: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
+def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """One point as it lies in a file."""
     position = "float64" if double else "float32"
-    kept = (c for c in COLUMNS if has_truth or not c.truth)
+    kept = [c for c in COLUMNS if has_truth or not c.truth] + list(VECTORS if has_vectors else ())
     pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in kept)
     colours = [(name, np.dtype("u1")) for name in RGB] if coloured else []
     return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
@@ -120,7 +120,8 @@ def _properties(dtype: np.dtype[Any]) -> list[str]:
 
 
 def _cloud_dtype(cloud: Cloud, *, coloured: bool) -> np.dtype[Any]:
-    return _dtype(has_truth=cloud.has_truth, double=cloud.xyz_m.dtype == np.float64, coloured=coloured)
+    double = cloud.xyz_m.dtype == np.float64
+    return _dtype(has_truth=cloud.has_truth, has_vectors=cloud.has_vectors, double=double, coloured=coloured)
 
 
 def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
@@ -240,8 +241,8 @@ def _read_header(file: IO[bytes]) -> _Header:
 
 def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
     """The point whose `property` lines these are."""
-    for has_truth, double, coloured in itertools.product((True, False), repeat=3):
-        dtype = _dtype(has_truth=has_truth, double=double, coloured=coloured)
+    for has_truth, has_vectors, double, coloured in itertools.product((True, False), repeat=4):
+        dtype = _dtype(has_truth=has_truth, has_vectors=has_vectors, double=double, coloured=coloured)
         if _properties(dtype) == properties:
             return dtype
     raise ValueError(
@@ -308,8 +309,8 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 
 def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
     """Return the fields of the cloud in these blocks; ``most`` is the number of points that the file has room for."""
-    has_truth = "true_range" in (header.dtype.names or ())
-    scalars = [c for c in COLUMNS[3:] if has_truth or not c.truth]
+    there = header.dtype.names or ()
+    scalars = [c for c in (*COLUMNS[3:], *VECTORS) if c.name in there]
     rows = min(header.points, most)  # a damaged header may promise more than any memory holds
     fields: Fields = {c.attribute: np.zeros(rows, c.dtype) for c in scalars}
     fields["xyz_m"] = np.zeros((rows, 3), header.dtype["x"].newbyteorder("="))

@@ -113,7 +113,7 @@ class BoxTally:
         self._things = [
             (index, body)
             for index, body in enumerate(scene.bodies)
-            if kind_of(body.class_name).thing and body.parts
+            if kind_of(body.class_name).thing and body.parts and not body.away
         ]
         moving = self._ego is not None or any(body.motion is not None for _, body in self._things)
         self.moves = as_seen and moving

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..cloud.points import PointCloud
 from ..maths.arrays import Numbers
+from ..maths.trajectory import Course
 from ..scene.model import Scene
 from .boxes import Box as Box
 from .boxes import box_of as box_of
@@ -35,7 +36,8 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     semantic, echo = numbers[class_id], cloud.status == 0
     for index, one in enumerate(scene.bodies):
         number = kind_of(one.class_name).semantic_kitti
-        if one.motion is not None and number in MOVING:
+        rests = one.motion is None or (isinstance(one.motion, Course) and one.motion.rests)
+        if not rests and number in MOVING:
             semantic[body == index] = MOVING[number]
     instance = np.where(echo & things[class_id], body + 1, 0).astype(np.uint32)
     return np.where(echo, semantic, np.uint32(OUTLIER)), instance

@@ -37,6 +37,9 @@ class Hits:
     interactions        (n,) uint32, number of panes, mirrors and gaps on the path
     direction           (x, y, z) unit vector along the last leg of the path; None: that of the beam
     mirrored            (n,) bool, whether the path was reflected: the surface is not where the beam points
+    normal              (x, y, z) unit normal of the surface on the ray's side, None if it is not asked for. In the
+                        world's axes; `rendering.stages` turns it into the sensor's as the pulse leaves
+    velocity_m_s        (x, y, z) of the surface in the world, likewise
     """
 
     found: Mask
@@ -55,3 +58,5 @@ class Hits:
     interactions: Lanes = 0
     mirrored: Mask = False
     direction: Vector | None = None
+    normal: Vector | None = None
+    velocity_m_s: Vector | None = None

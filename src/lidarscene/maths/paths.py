@@ -25,6 +25,9 @@ STEP_S = 5e-4
 """Longest step of the tables. Linear interpolation is off by 0.3 um at 10 m/s2, 0.3 urad at 10 rad/s2, and 0.5 um on an
 arc at 30 m/s and 30 degrees/s."""
 
+NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
+"""Lowest and highest corner of a box that nothing is in, and that no ray passes."""
+
 _NUMBERS = 13  # place, quaternion, velocity, angular velocity
 
 
@@ -104,7 +107,8 @@ class Paths:
     ) -> Paths:
         """Tables from ``start_s``, for ``length_s``.
 
-        carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame
+        carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
+                  infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
         centre_m  (3,) origin of the traced frame in the world
         """
         # Between two instants everything goes straight on: where it does so anyway, two are enough.
@@ -174,6 +178,8 @@ class Moving:
 
 def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
     """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `Paths.table`."""
+    there = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
+    carried_m = np.where(there[:, None, None], carried_m, 0.0)
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
     rotation = rotation.reshape(*rotation.shape[:2], 3, 3)
     centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
@@ -185,7 +191,8 @@ def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
     corner_m = np.linalg.norm(np.abs(carried_m).max(axis=1), axis=1)
     turned = np.linalg.norm(np.diff(rotation, axis=1), axis=(2, 3)).max(axis=1)
     room = corner_m * turned + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
-    return np.stack([low - room[:, None], high + room[:, None]], axis=1)
+    boxes = np.stack([low - room[:, None], high + room[:, None]], axis=1)
+    return np.where(there[:, None, None], boxes, NOWHERE)
 
 
 def _quaternion(rotation: Numbers) -> Numbers:

@@ -9,7 +9,7 @@ Symbols: T pose in SE(3), x twist (velocity and angular velocity), u time within
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -89,7 +89,7 @@ ALWAYS = (-math.inf, math.inf)
 class Course:
     """Constant speed and yaw rate: an arc, or a straight line.
 
-    start            pose at time 0
+    start            pose at the time ``since_s``
     speed_m_s        along the frame's own x axis, which turns with it
     yaw_rate_rad_s   about its own z axis, positive to the left
     velocity_m_s     (x, y, z), a constant velocity on top, in the parent's axes
@@ -112,6 +112,7 @@ class Course:
         tuple[float, float, float],
         Quantity(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S, about="added to it, in the axes of the world"),
     ] = (0.0, 0.0, 0.0)
+    since_s: float = 0.0
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -123,9 +124,14 @@ class Course:
         """Unless it turns."""
         return self.yaw_rate_rad_s == 0.0
 
+    @property
+    def rests(self) -> bool:
+        """Whether it stays where it is."""
+        return not any((self.speed_m_s, self.yaw_rate_rad_s, *self.velocity_m_s))
+
     def at(self, time_s: Numbers) -> States:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
-        time_s = np.asarray(time_s, dtype=np.float64)
+        time_s = np.asarray(time_s, dtype=np.float64) - self.since_s
         yaw = self.yaw_rate_rad_s * time_s
         zero, one = np.zeros_like(yaw), np.ones_like(yaw)
         # sin(x)/x and (1 - cos(x))/x = sin(x/2) sinc(x/2): no division by the yaw rate, exact at 0.
@@ -174,6 +180,7 @@ class Spline:
 
     time_s     (k,) rising, k >= 2
     poses      (k,) at these times
+    smooth     whether the velocity is continuous; else it is constant from one pose to the next, in the body's frame
 
     Between two poses T_i and T_(i+1) with twists x_i and x_(i+1) in their own frames, over the time h,
 
@@ -188,6 +195,7 @@ class Spline:
 
     time_s: Numbers
     poses: tuple[Pose, ...]
+    smooth: bool = True
     _segments: _Segments = field(init=False)
 
     def __post_init__(self) -> None:
@@ -199,7 +207,7 @@ class Spline:
             or not (np.diff(self.time_s) > 0.0).all()
         ):
             raise ValueError("must be two poses or more, at rising times")
-        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses))
+        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses, self.smooth))
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -219,6 +227,34 @@ class Spline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Held:
+    """Another motion while that lasts; before and after, its first and its last pose, at rest."""
+
+    motion: Motion
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Unbounded: defined at every time."""
+        return ALWAYS
+
+    @property
+    def is_straight(self) -> bool:
+        """Never: it starts and stops."""
+        return False
+
+    def at(self, time_s: Numbers) -> States:
+        """The motion's states, without velocity where it does not last."""
+        time_s = np.asarray(time_s, dtype=np.float64)
+        within = np.clip(time_s, *self.motion.span_s)
+        states, moves = self.motion.at(within), (within == time_s)[:, None]
+        return replace(
+            states,
+            velocity_m_s=np.where(moves, states.velocity_m_s, 0.0),
+            turning_rad_s=np.where(moves, states.turning_rad_s, 0.0),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Segments:
     """The k segments of a spline: durations (k,), start rotations and positions, and three twists each, (k, 3, 6)."""
 
@@ -228,7 +264,7 @@ class _Segments:
     twists: Numbers
 
     @classmethod
-    def through(cls, time_s: Numbers, poses: tuple[Pose, ...]) -> _Segments:
+    def through(cls, time_s: Numbers, poses: tuple[Pose, ...], smooth: bool) -> _Segments:
         length = np.diff(time_s)
         rotation = np.stack([pose.rotation for pose in poses])
         place = np.stack([pose.position_m for pose in poses])
@@ -247,8 +283,9 @@ class _Segments:
         h_before, h_after = np.concatenate([length[:1], length]), np.concatenate([length, length[-1:]])
         share = (h_after / (h_before + h_after))[:, None]
         at_poses = share * before + (1.0 - share) * after
-        first = at_poses[:-1] * length[:, None] / 3.0
-        last = at_poses[1:] * length[:, None] / 3.0
+        starts, ends = (at_poses[:-1], at_poses[1:]) if smooth else (rates, rates)
+        first = starts * length[:, None] / 3.0
+        last = ends * length[:, None] / 3.0
         middle = _log(*_product(_product(_exp(-first), steps), _exp(-last)))
         return cls(
             length_s=length,

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionWarning
-from ..formats.columns import COLUMNS
+from ..formats.columns import COLUMNS, VECTORS
 from ..rendering.options import TraceOptions
 from ..sensor.rig import Mounted
 from .plan import Plan
@@ -40,7 +40,8 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
     if pulses < LARGE:
         return
     outputs = plan.outputs
-    of_point = sum(np.dtype(c.dtype).itemsize for c in COLUMNS if outputs.truth or not c.truth)
+    columns = COLUMNS + (VECTORS if trace.vectors else ())
+    of_point = sum(np.dtype(c.dtype).itemsize for c in columns if outputs.truth or not c.truth)
     clouds = [one.sensor.scanner.pulses * one.sensor.tdc.stops * of_point for one in sensors]
     copies = (2 if outputs.deskew else 1) * (BYTES_OF_TEXT if outputs.ascii else 1)
     disk = float(frames * sum(clouds) * copies)

@@ -13,4 +13,5 @@ chunk      some pulses after all stages
 summary    what happened, counted
 metadata   what a cloud says of its frame
 rig        a simulator for each sensor of a rig
+live       a simulator whose world is changed from frame to frame
 """

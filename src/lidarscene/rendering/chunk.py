@@ -168,6 +168,7 @@ def needed_of(hits: Hits) -> list[Any]:
     needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
     # Plain numbers are the same for all lanes (nothing moves, no glass): there is nothing to compute.
     counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    needed += [*(hits.normal or ()), *(hits.velocity_m_s or ())]
     return [*needed, *(one for one in counted if is_drjit(one))]
 
 

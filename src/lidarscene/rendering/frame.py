@@ -140,6 +140,13 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
 
     Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
     """
+    scanner_s, end_s = frame_edges(scanner, number)
+    _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
+    return scanner_s, max(end_s - scanner_s, SHORTEST_S)
+
+
+def frame_edges(scanner: Scanner, number: int) -> tuple[float, float]:
+    """When a frame's first and last pulse leave, by the scanner's clock [s]. InputError for a number too high."""
     first = number * scanner.pulses
     if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
         raise InputError(
@@ -148,9 +155,8 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
         )
     # The last pulse leaves before the frame ends: a motion needs to last only that long.
     edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
-    scanner_s, end_s = (float(t) for t in scanner.time_s(edges))
-    _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
-    return scanner_s, max(end_s - scanner_s, SHORTEST_S)
+    first_s, last_s = (float(t) for t in scanner.time_s(edges))
+    return first_s, last_s
 
 
 def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:

@@ -62,6 +62,7 @@ class TraceOptions:
     rays             of each pulse, over the footprint of its beam; a single one is its axis
     interactions     panes, mirrors and gaps that a beam may meet; with 0 it ends at the first, without an echo
     background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
+    vectors          whether points have the normals and velocities of their surfaces
     Raises InputError for a value that is none.
     """
 
@@ -70,8 +71,11 @@ class TraceOptions:
     rays: int = 1
     interactions: int = INTERACTIONS
     background_rays: int | None = None
+    vectors: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.vectors, bool):
+            raise OptionError("{vectors}: must be True or False, got {0!r}", self.vectors)
         RAYS.check("rays", self.rays)
         MEETINGS.check("interactions", self.interactions)
         if self.background_rays is not None:
@@ -167,6 +171,7 @@ class TraceKeywords(TypedDict, total=False):
     rays: int
     interactions: int
     background_rays: int | None
+    vectors: bool
 
 
 class FrameKeywords(TypedDict, total=False):

@@ -150,7 +150,8 @@ class Simulator:
         """
         asked, told = _asked(frame, observers, options)
         now, summary = self._frame(asked), Summary() if told.summary is None else told.summary
-        builder = CloudBuilder(capacity=self.sensor.scanner.pulses * self.sensor.tdc.stops)
+        most = self.sensor.scanner.pulses * self.sensor.tdc.stops
+        builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
         self._hand_out(now, builder.append, "assemble", asked, replace(told, summary=summary))
         since = time.perf_counter()
         cloud = self._cloud(builder.fields(**self._description(now, asked)))
@@ -181,7 +182,7 @@ class Simulator:
 
         self._hand_out(now, take, "write", asked, told)
         if empty:
-            sink(PointCloud(**CloudBuilder().fields(**description)))
+            sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
     def _refuse_nan(self, parts: Sequence[Chunk]) -> None:
         """Raises InputError for pulses whose signal is NaN, which would count as missed."""
@@ -203,7 +204,8 @@ class Simulator:
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
         asked, _ = _asked(frame, None, options)
-        return PointCloud(**CloudBuilder().fields(**self._description(self._frame(asked), asked)))
+        description = self._description(self._frame(asked), asked)
+        return PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description))
 
     def start_s(self, frame: FrameOptions) -> float:
         """When a frame begins, by the clock of the scene's motions."""

@@ -43,6 +43,7 @@ class Stages:
 
     rays          of each pulse
     interactions  panes and mirrors that a beam may meet
+    vectors       whether normals and velocities of surfaces are wanted
     footprint     of the laser's rays
     field         of the receiver's, over which the background is gathered, or None: what the laser's rays see
     air           light of fog, rain and snow, or None
@@ -52,6 +53,7 @@ class Stages:
     world: World
     rays: int
     interactions: int
+    vectors: bool
     sensor: Sensor
     ambient: Ambient
     footprint: Footprint
@@ -69,6 +71,7 @@ class Stages:
             world=world,
             rays=how.rays,
             interactions=how.interactions,
+            vectors=how.vectors,
             sensor=transfer.opaque(sensor),
             ambient=transfer.opaque(ambient),
             footprint=transfer.opaque(footprint(sensor.laser, how.rays, sensor.optics.halo)),
@@ -128,11 +131,13 @@ class Stages:
         firing = Firing(
             seed=seed, ray=0 if ray is None else ray, aim=aimed, housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
+            vectors=self.vectors and shape is self.footprint,
         )  # fmt: skip
-        return rays, trace(
+        paths = trace(
             self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey,
             firing=firing,
         )  # fmt: skip
+        return rays, [_in_sensor(hits, place) for hits in paths]
 
     def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
@@ -156,6 +161,17 @@ class Stages:
         if self.air is not None:
             air = LitAir(light=self.air, sensor=self.sensor, ambient=self.ambient, seed=seed, pulse=lit.pulse)
         return together(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
+
+
+def _in_sensor(hits: Hits, place: Placement) -> Hits:
+    """The hits, with their vectors in the sensor's axes: where it is when the pulse leaves, as points are measured."""
+    if hits.normal is None or hits.velocity_m_s is None:
+        return hits
+    return replace(
+        hits,
+        normal=place.vector_within(hits.normal),
+        velocity_m_s=place.vector_within(hits.velocity_m_s),
+    )
 
 
 class Chain:

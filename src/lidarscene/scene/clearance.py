@@ -71,11 +71,10 @@ class Clearance:
     @classmethod
     def of(cls, scene: Scene) -> Clearance:
         """Of a scene's own bodies; shapes of a Mitsuba base are not known here."""
+        there = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
-        boxes = {
-            key: _box(parts) for key, parts in {id(body.parts): body.parts for body in scene.bodies}.items()
-        }
-        found = [(body, box) for body in scene.bodies if (box := boxes[id(body.parts)]) is not None]
+        boxes = {key: _box(parts) for key, parts in {id(body.parts): body.parts for body in there}.items()}
+        found = [(body, box) for body in there if (box := boxes[id(body.parts)]) is not None]
         return cls(
             bodies=tuple(body for body, _ in found),
             boxes=np.array([box for _, box in found]).reshape(-1, 2, 3),

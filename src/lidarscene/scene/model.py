@@ -66,6 +66,7 @@ class Body:
 
     motion  its motion in the world, or None: it stands at ``pose``. With a motion, ``pose`` is that at time 0, or at
             the nearest end of the motion's span.
+    away    whether it is not there now: no light meets it. Only of a body with a motion
     """
 
     name: str
@@ -73,6 +74,7 @@ class Body:
     parts: tuple[Part | Ball, ...]
     pose: Pose = field(default_factory=Pose)
     motion: Motion | None = None
+    away: bool = False
 
     def __post_init__(self) -> None:
         """Take the pose from the motion."""

@@ -57,6 +57,8 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
 def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[Numbers, Numbers, str]]:
     """Vertices in the world, faces, and material of every part."""
     for body in scene.bodies:
+        if body.away:
+            continue
         pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
         for part in body.parts:
             if isinstance(part, Part):

@@ -139,7 +139,8 @@ class Clouds:
         place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
         position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
         metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position}
-        return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata)
+        turned = cloud.vectors_turned(place.rotation)
+        return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata, **turned)
 
     def _sensor_of(self, cloud: PointCloud) -> Sensor | None:
         name = cloud.metadata.get("sensor", "")

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...detection.outcomes import Outcome, Status
 from ...detection.returns import Detection
+from ...formats.columns import OF_VECTORS
 from ...light.beams import reported
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, Mask, Numbers, inverse, is_drjit, xp
@@ -150,15 +151,15 @@ class _Ends:
         path = number // rays
         return cls(paths=paths, index=lane * rays + number - path * rays, path=path, found=found)
 
-    def get(self, name: str) -> Any:
-        """Return (k,) values of an attribute of the hits; zero where there is no surface."""
+    def get(self, name: str, axis: int | None = None) -> Any:
+        """Return (k,) values of an attribute of the hits, or of one axis of it; zero where there is no surface."""
         import drjit as dr
 
         # Each way has arrays of its own, so each is asked for the lanes that end on it.
         values = None
         for number, hits in enumerate(self.paths):
             here = self.found if len(self.paths) == 1 else self.found & (self.path == number)
-            array = getattr(hits, name)
+            array = getattr(hits, name) if axis is None else getattr(hits, name)[axis]
             part = dr.gather(type(array), array, self.index, here)
             values = part if values is None else dr.select(here, part, values)
         return values
@@ -233,6 +234,8 @@ def columns(
     if "ghost" in given:
         given["interactions"] = mi.UInt8(given["interactions"])
         given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    if paths[0].normal is not None:
+        given |= _vectors(ends, turn)
     if sensor.measures_width:
         given["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
@@ -259,6 +262,20 @@ def columns(
         "class_id": class_id,
         "material": _where_known(world.face_material, face),
     }
+
+
+def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
+    """Return the columns of normals and velocities, in the axes of the points.
+
+    turn  rotation from the sensor's axes, row by row
+    """
+    found: dict[str, Any] = {}
+    names = iter(OF_VECTORS)
+    for name in ("normal", "velocity_m_s"):
+        x, y, z = (ends.get(name, axis) for axis in range(3))
+        for row in range(0, 9, 3):
+            found[next(names)] = turn[row] * x + turn[row + 1] * y + turn[row + 2] * z
+    return found
 
 
 def one_by_one(columns: dict[str, DeviceArray]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     if world.scene is not None:
         found = _along(world.scene, eye_m - world.centre_m, directions)
     for mover in world.movers:
-        if mover.scene is None:
+        if mover.scene is None or mover.away:
             continue
         pose = pose_at(mover.motion, time_s)
         low, high = mover.box_m

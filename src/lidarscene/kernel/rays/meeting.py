@@ -69,6 +69,15 @@ class Meeting:
             return direction
         return dr.select(self.moved, mitsuba().Vector3f(*self.place.vector(components(direction))), direction)
 
+    def velocity(self, point: DeviceVector) -> Any:
+        """Velocity [m/s] of the body that was met, at points of the traced frame, in its axes."""
+        import drjit as dr
+
+        still = mitsuba().Vector3f(0.0)
+        if self.place is None:
+            return still
+        return dr.select(self.moved, mitsuba().Vector3f(*self.place.velocity_at(components(point))), still)
+
     def receding(self, point: DeviceVector, along: DeviceVector) -> Any:
         """Velocity of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""
         import drjit as dr

@@ -75,14 +75,18 @@ def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) 
     ops = xp(ray.maxt)
     origin = components(ray.o)
     inverse = [dr.rcp(dr.select(dr.abs(d) < _LEAST, _LEAST, d)) for d in components(ray.d)]
+    rises = [i > 0.0 for i in inverse]
 
     def passes(box: Box) -> Any:
-        """The slab method: the ray is between the two planes of each axis from `near` to `far`."""
+        """The slab method: the ray is between the two planes of each axis from `near` to `far`.
+
+        Which plane is first is told by the direction, not by the distances: so no ray passes a box that is `NOWHERE`.
+        """
         near: Lanes = mi.Float(0.0)
         far: Lanes = ray.maxt
-        for o, i, low, high in zip(origin, inverse, box.low, box.high, strict=True):
-            one, other = (low - o) * i, (high - o) * i
-            near, far = ops.maximum(near, ops.minimum(one, other)), ops.minimum(far, ops.maximum(one, other))
+        for o, i, up, low, high in zip(origin, inverse, rises, box.low, box.high, strict=True):
+            near = ops.maximum(near, (dr.select(up, low, high) - o) * i)
+            far = ops.minimum(far, (dr.select(up, high, low) - o) * i)
         return near <= far
 
     def bits() -> tuple[Any, ...]:

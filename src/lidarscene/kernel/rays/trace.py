@@ -27,7 +27,7 @@ from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.paths import Moving
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
-from ..device.types import DeviceVector, Ray, Surface
+from ..device.types import DeviceVector, Ray, Surface, components
 from ..world.build import World
 from .gaps import Draws, gap_share
 from .glints import returned
@@ -45,6 +45,7 @@ class Firing:
     velocity_m_s  of the point from which each ray leaves; None: it stands still
     aim           axes and widths of the beams, for specular returns; None: there are none
     housing_m     radius of the sensor itself: what is nearer is no hit
+    vectors       whether normals and velocities of the surfaces are wanted
     """
 
     seed: Lanes = 0
@@ -52,6 +53,7 @@ class Firing:
     housing_m: Lanes = 0.0
     velocity_m_s: Vector | None = None
     aim: Aim | None = None
+    vectors: bool = False
 
 
 def trace(
@@ -92,16 +94,16 @@ def trace(
     if world.speculars is None:
         survey = False
     if survey:
-        return (_surveyed(moment, first, moment.meet(ray), firing.housing_m),)
+        return (_surveyed(moment, first, moment.meet(ray), firing),)
     ways = _ways(moment, first, interactions)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
-    return tuple(_ended(moment, way, met, sunshine, firing.housing_m) for way, met in ways)
+    return tuple(_ended(moment, way, met, sunshine, firing) for way, met in ways)
 
 
-def _surveyed(moment: Moment, way: Way, met: Meeting, housing_m: Lanes) -> Hits:
+def _surveyed(moment: Moment, way: Way, met: Meeting, firing: Firing) -> Hits:
     """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)
@@ -113,7 +115,7 @@ def _surveyed(moment: Moment, way: Way, met: Meeting, housing_m: Lanes) -> Hits:
         through_glass = moment.glazed(ray, lit)
         return lit, 1.0
 
-    hits = _ended(moment, way, met, sunshine, housing_m)
+    hits = _ended(moment, way, met, sunshine, firing)
     goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
     return dataclasses.replace(hits, goes_on=goes_on)
 
@@ -207,7 +209,7 @@ def _ended(
     way: Way,
     met: Meeting,
     sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]],
-    housing_m: Lanes,
+    firing: Firing,
 ) -> Hits:
     """Return the Hits at the end of a path.
 
@@ -218,7 +220,7 @@ def _ended(
     mi = mitsuba()
     world, surface, length_m = moment.world, met.surface, way.length_m + met.t
     # A sensor that drives into a wall has the wall in its housing: the echo at no distance would have no bounds.
-    found = met.found & (length_m >= housing_m)
+    found = met.found & (length_m >= firing.housing_m)
     # Two-sided: meshes from elsewhere are rarely wound consistently, so a normal may point inwards. Everything here
     # happens on the side from which the ray came: the normal is turned against the ray.
     facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
@@ -257,7 +259,17 @@ def _ended(
         interactions=way.interactions,
         mirrored=way.mirrored,
         direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
+        normal=_where(found, met.turned(normal)) if firing.vectors else None,
+        velocity_m_s=_where(found, met.velocity(start)) if firing.vectors else None,
     )
+
+
+def _where(found: Mask, vector: DeviceVector) -> Vector:
+    """Return the components of a vector, 0 where nothing was found."""
+    import drjit as dr
+
+    x, y, z = (dr.select(found, component, 0.0) for component in components(vector))
+    return x, y, z
 
 
 def _sunshine(moment: Moment, ray: Ray, sunny: Mask, interactions: int) -> tuple[Any, Lanes]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning
 from ...maths.arrays import Numbers
-from ...maths.paths import Moving, Paths, Placement
+from ...maths.paths import NOWHERE, Moving, Paths, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
 from ...scene.model import Ball, Body, Part, Scene
@@ -44,16 +44,20 @@ class Mover:
     panes       Mitsuba scene of its panes and porous surfaces; None if there are none
     box_m       (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
     face_shift  what to add to a face number of the shared scene to get this body's
+    body        its number among the scene's bodies
     motion      its pose over time
     pose        its pose at time 0
+    away        whether it is not there: no ray meets it
     """
 
     scene: Any
     panes: Any
     box_m: Numbers
     face_shift: int
+    body: int
     motion: Motion
     pose: Pose
+    away: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,6 +103,17 @@ class World:
     has_foreign: bool
     speculars: Speculars | None
     see_through: bool
+
+    def moved(self, bodies: Sequence[Body]) -> World:
+        """Return this world with its movers where the scene's bodies are now; what was compiled serves on.
+
+        What the kernels were recorded with stays as it is: only frames are made with the new motions.
+        """
+        movers = [
+            replace(one, motion=_motion(body := bodies[one.body]), pose=body.pose, away=body.away)
+            for one in self.movers
+        ]
+        return replace(self, movers=tuple(movers))
 
     @property
     def has_panes(self) -> bool:
@@ -151,7 +166,7 @@ def build_world(
         # in the tables, a constant number of rows later: that number is its shift.
         starts = [faces.add(group.shapes, body=index) for index in group.bodies]
         movers += [
-            _mover(traced, panes, scene.bodies[index], start - starts[0])
+            _mover(traced, panes, scene.bodies, body=index, face_shift=start - starts[0])
             for index, start in zip(group.bodies, starts, strict=True)
         ]
     class_names = tuple(dict.fromkeys(class_of))
@@ -312,16 +327,30 @@ def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
     return mitsuba().load_dict(settings | children, optimize=False)
 
 
-def _mover(scene: TracedScene | None, panes: TracedScene | None, body: Body, face_shift: int) -> Mover:
-    assert body.motion is not None
+def _mover(
+    scene: TracedScene | None,
+    panes: TracedScene | None,
+    bodies: Sequence[Body],
+    *,
+    body: int,
+    face_shift: int,
+) -> Mover:
+    own = bodies[body]
     return Mover(
         scene=scene,
         panes=panes,
-        box_m=np.stack(_extent(body)),
+        box_m=np.stack(_extent(own)),
         face_shift=face_shift,
-        motion=body.motion,
-        pose=body.pose,
+        body=body,
+        motion=_motion(own),
+        pose=own.pose,
+        away=own.away,
     )
+
+
+def _motion(body: Body) -> Motion:
+    assert body.motion is not None
+    return body.motion
 
 
 def on_device(paths: Paths) -> Paths:
@@ -332,8 +361,8 @@ def on_device(paths: Paths) -> Paths:
 
 
 def boxes_of(movers: Sequence[Mover]) -> Numbers | None:
-    """Return the boxes around bodies, (m, 2, 3), each in its frame; None without any."""
-    return np.stack([one.box_m for one in movers]) if movers else None
+    """Return the boxes around bodies, (m, 2, 3), each in its frame, `NOWHERE` of those away; None without any."""
+    return np.stack([NOWHERE if one.away else one.box_m for one in movers]) if movers else None
 
 
 def _rest(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:

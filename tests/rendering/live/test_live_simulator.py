@@ -1,0 +1,349 @@
+"""A live world against scene files with the same poses, against worlds rebuilt at every pose, and without compiling."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain, launches, panes
+
+from lidarscene import LiveSimulator, Simulator
+from lidarscene.cloud.points import PointCloud
+from lidarscene.errors import InputError
+from lidarscene.formats.columns import COLUMNS
+from lidarscene.labels.boxes import boxes
+from lidarscene.labels.points import point_labels
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, Riding
+from lidarscene.scene.model import Scene
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+SENSOR = ("scanner.azimuth_step_deg=0.6", "scanner.elevation_step_deg=0.6", "tdc.threshold_to_noise=4")
+
+FILE = """
+[ego]
+{ego}
+
+[[bodies]]
+name = "wall"
+primitive = "box"
+size_m = [1, 60, 20]
+position_m = [40, 0, 0]
+material = "grey"
+
+[[bodies]]
+name = "car"
+primitive = "box"
+size_m = [4, 2, 1.5]
+material = "grey"
+{car}
+motion = {{ {motion} }}
+
+[materials.grey]
+bsdf = "diffuse"
+reflectivity = 0.3
+"""
+
+
+def sensor():
+    return chain.sensor("table1-apd", *SENSOR)
+
+
+def file(
+    folder: Path, *, car: str, ego: str = "position_m = [0, 0, 0]", motion: str = "speed_m_s = 0"
+) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(FILE.format(ego=ego, car=car, motion=motion), encoding="utf-8")
+    return path
+
+
+def assert_same(cloud: PointCloud, expected: PointCloud) -> None:
+    """To the last bit, metadata too."""
+    assert len(cloud) == len(expected) > 500
+    for column in COLUMNS:
+        np.testing.assert_array_equal(
+            cloud.column(column.name), expected.column(column.name), err_msg=column.name
+        )
+    assert (cloud.metadata, cloud.body_names) == (expected.metadata, expected.body_names)
+
+
+def on(cloud: PointCloud, name: str) -> int:
+    """Echoes of a body."""
+    return int(((cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)).sum())
+
+
+CAR = "position_m = [14, 2, -0.5]\nyaw_deg = 30\npitch_deg = 4"
+CAR_POSE = (14.0, 2.0, -0.5, 30.0, 4.0, 0.0)
+
+
+def test_a_placed_body_is_that_of_a_scene_file(tmp_path: Path) -> None:
+    """To the last bit: where it stands, and where it drives on a curve."""
+    live = LiveSimulator(file(tmp_path, car="position_m = [20, -3, 0]"), sensor())
+    elsewhere = live.render(seed=1)
+    live.place("car", CAR_POSE)
+    expected = Simulator(file(tmp_path, car=CAR), sensor()).render(seed=1)
+    assert_same(live.render(seed=1), expected)
+    assert on(expected, "car") > 100
+    assert not np.array_equal(elsewhere.body, expected.body)
+    live.place("car", CAR_POSE, velocity_m_s=(3.0, -9.0, 0.5), yaw_rate_deg_s=50.0)
+    drives = "velocity_m_s = [3, -9, 0.5], yaw_rate_deg_s = 50"
+    moving = Simulator(file(tmp_path, car=CAR, motion=drives), sensor()).render(seed=1, number=2)
+    cloud = live.render(seed=1, number=2)
+    assert_same(cloud, moving)
+    assert np.ptp(cloud.radial_velocity_m_s) > 1.0
+    live.place("car", CAR_POSE)
+    assert_same(live.render(seed=1), expected)
+
+
+def test_the_ego_vehicle_is_that_of_a_scene_file(tmp_path: Path) -> None:
+    """The file's world is built around another place of the sensor: single precision of 40 m, 4 um, some ten times.
+
+    Around the same place it is the same to the last bit: a pose that is turned only has one.
+    """
+    live = LiveSimulator(file(tmp_path, car=CAR), sensor(), pose=(0.0, 0.0, 0.0))
+    live.render()
+    live.move_ego((0.0, 0.0, 0.0, 7.0, 2.0, 1.0))
+    turned = file(tmp_path, car=CAR, ego="yaw_deg = 7\npitch_deg = 2\nroll_deg = 1")
+    assert_same(live.render(seed=2), Simulator(turned, sensor(), pose=(0.0, 0.0, 0.0)).render(seed=2))
+    live.move_ego((2.0, -1.0, 0.5, 7.0, 2.0, 1.0))
+    ego = "position_m = [2, -1, 0.5]\nyaw_deg = 7\npitch_deg = 2\nroll_deg = 1"
+    there = Simulator(file(tmp_path, car=CAR, ego=ego), sensor(), pose=(0.0, 0.0, 0.0))
+    assert_near(live.render(seed=2), there.render(seed=2))
+
+
+def assert_near(cloud: PointCloud, expected: PointCloud) -> None:
+    """Points within 0.1 mm, but where beams graze an edge and may fall to either side: fewer than one in a hundred."""
+    cloud, expected = (one.select(one.status == 0) for one in (cloud, expected))
+    same = np.isin(cloud.time_s, expected.time_s)
+    assert same.mean() > 0.99
+    here, other = cloud.select(same), expected.select(np.isin(expected.time_s, cloud.time_s))
+    named = [np.array(one.body_names)[one.body] for one in (here, other)]
+    agree = (named[0] == named[1]) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
+    agree &= (
+        np.abs(here.xyz_m - other.xyz_m).max(axis=1) < 1e-2
+    )  # a reported range has noise that goes with the SNR
+    assert agree.mean() > 0.99
+    assert (here.in_shadow == other.in_shadow)[agree].mean() > 0.99
+
+
+def street() -> Scene:
+    """A wall, a car and a ball: all stand still."""
+    car = chain.box(at=(15.0, 0.0, 0.0), size_m=(3.0, 1.8, 1.4))
+    return chain.scene(
+        chain.facing(range_m=45.0, size_m=120.0),
+        dataclasses.replace(car, name="car", class_name="car"),
+        dataclasses.replace(chain.ball(at=(12.0, -4.0, 0.0)), name="ball"),
+    )
+
+
+def rebuilt(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
+    """The scene with these bodies standing there, copies by name too, and no motion."""
+    known = {body.name: body for body in scene.bodies}
+    moved = [
+        dataclasses.replace(known[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()
+    ]
+    still = [body for body in scene.bodies if body.name == "plane"]
+    return dataclasses.replace(scene, bodies=(*still, *moved), sensor_pose=ego)
+
+
+def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw)
+
+
+def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
+    """Against static meshes in the world's frame, for each step a world of its own."""
+    live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 2})
+    assert live.world.body_names == ("plane", "car", "ball", "car.1", "car.2")
+    poses, ego = {"car": pose(17, 3, 0.2, 40), "ball": pose(9, 1, 0.5)}, Pose()
+
+    def check() -> None:
+        cloud = live.render(seed=1)
+        assert_near(cloud, Simulator(rebuilt(street(), poses, ego), sensor()).render(seed=1))
+        assert {name for name in cloud.body_names if on(cloud, name)} == {"plane", *poses}
+
+    for name, at in poses.items():
+        live.place(name, at)
+    check()
+    for at in (pose(11, -2, 0, 80), pose(20, 0, -1, 10)):
+        poses[live.add("car", at)] = at
+    assert set(poses) == {"car", "ball", "car.1", "car.2"}
+    check()
+    for name in ("car", "ball"):
+        live.remove(name)
+        del poses[name]
+    ego = pose(1, 0.5, 0.1, 5)
+    live.move_ego(ego)
+    check()
+    poses["car"] = pose(10, 2, 0, 15)
+    assert live.add("car", poses["car"]) == "car"
+    check()
+
+
+def test_nothing_is_compiled() -> None:
+    """No frame launches a kernel that the first did not, whatever moves, comes and goes, straight or on a curve."""
+    live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 2})
+    with launches.launched() as before:
+        live.render()
+    with launches.launched() as later:
+        live.place("ball", (9, 1, 0))
+        live.add("car", (11, -2, 0), velocity_m_s=(5.0, 0.0, 0.0), yaw_rate_deg_s=40.0)
+        live.render(number=1)
+        live.remove("car")
+        live.remove("car.1")
+        live.remove("ball")
+        live.move_ego((1, 1, 0), yaw_rate_deg_s=5.0)
+        live.render(number=2)
+        live.add("car", (14, 0, 0))
+        live.advance(0.4, {"car": (14, 0.5, 0, 20)}, ego=(0, 0, 0))
+    launches.assert_none_is_new(later, before)
+
+
+def test_panes_on_bodies_that_are_placed() -> None:
+    """Points behind a pane that is placed are those of a world built with it there, by number of panes and SNR."""
+    scene = dataclasses.replace(
+        chain.scene(chain.facing(range_m=30.0, size_m=80.0), materials=panes.MATERIALS), name="glazed"
+    )
+    glass = panes.pane(8.0)
+    live = LiveSimulator(
+        dataclasses.replace(scene, bodies=(*scene.bodies, glass)), sensor(), spares={"pane": 1}
+    )
+    for number, at in enumerate((panes.pane(9.0, 25.0).pose, panes.pane(6.0, -40.0).pose)):
+        live.place("pane", at)
+        there = dataclasses.replace(glass, pose=at)
+        cloud = live.render(seed=number)
+        expected = Simulator(
+            dataclasses.replace(scene, bodies=(*scene.bodies, there)), sensor()
+        ).render(seed=number)  # fmt: skip
+        assert (cloud.interactions == 1).sum() > 100
+        assert_near(cloud, expected)
+        for one in ("interactions", "snr"):
+            mine, other = (np.sort(getattr(two, one)) for two in (cloud, expected))
+            assert np.isclose(mine[:500], other[:500], rtol=1e-3).mean() > 0.99
+    live.remove("pane")
+    assert not live.render().interactions.any()
+
+
+def test_labels_and_boxes_are_of_what_is_there() -> None:
+    """No box of a body that is away; that of a placed one is where it was placed; at rest it is no moving car."""
+    live = LiveSimulator(street(), sensor(), spares={"car": 2})
+    live.place("car", (15, 3, 0, 30))
+    live.add("car", (12, -3, 0), velocity_m_s=(8.0, 0.0, 0.0))
+    cloud = live.render()
+    found = {box.name: box for box in boxes(cloud, live.scene)}
+    assert set(found) == {"plane", "ball", "car", "car.1"}
+    np.testing.assert_allclose(found["car"].pose.position_m, (15, 3, 0), atol=1e-9)
+    assert found["car"].points_on == on(cloud, "car") > 50
+    assert found["car.1"].velocity_m_s[0] == pytest.approx(8.0)
+    semantic, instance = point_labels(cloud, live.scene)
+    for name, label in (("car", 10), ("car.1", 252)):
+        own = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
+        assert set(semantic[own]) == {label}
+        assert len(set(instance[own])) == 1
+
+
+def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
+    """A mast 5 m ahead on the ego vehicle is seen at the same places, wherever that stands and drives."""
+    ego = Course(start=pose(1, 0, 0))
+    mast = dataclasses.replace(
+        chain.box(at=(0, 0, 0), size_m=(0.3, 0.3, 3.0)),
+        name="mast", motion=Riding(carrier=ego, pose=pose(5, 0, 0)),
+    )  # fmt: skip
+    live = LiveSimulator(dataclasses.replace(chain.scene(mast), ego=ego), sensor())
+    before = live.render(coordinates="sensor")
+    for velocity in ((0.0, 0.0, 0.0), (20.0, 3.0, 0.0)):
+        live.move_ego((30.0, -7.0, 1.0, 50.0, 3.0), velocity_m_s=velocity)
+        cloud = live.render(coordinates="sensor")
+        assert on(cloud, "mast") == on(before, "mast") > 20
+        ranges = [one.true_range_m[one.status == 0] for one in (cloud, before)]
+        np.testing.assert_allclose(*ranges, atol=1e-4)  # some ten roundings at 30 m
+
+
+def test_the_callers_clock() -> None:
+    """Frames are given when they are over; within one a body goes evenly from pose to pose, and then it stays."""
+    live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
+    length_s = live.sensor.scanner.frame_s
+    clouds, times = [], []
+    for step in range(1, 31):
+        now_s = step * length_s / 8.0
+        for cloud in live.advance(now_s, {"car": (12.0 + 10.0 * now_s, 0.0, 0.0)} if step <= 20 else {}):
+            clouds.append(cloud)
+            times.append(step)
+    assert [int(cloud.metadata["frame_number"]) for cloud in clouds] == [0, 1, 2]
+    assert times == [8, 16, 24]
+    # A straight line from the first pose on, which is held before.
+    drives = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 1})
+    drives.place("car", (12.0, 0.0, 0.0), velocity_m_s=(10.0, 0.0, 0.0))
+    assert_near(clouds[1], drives.render(number=1))
+    car = clouds[1].body == clouds[1].body_names.index("car")
+    np.testing.assert_allclose(
+        clouds[1].radial_velocity_m_s[car],
+        drives.render(number=1).radial_velocity_m_s[car], atol=1e-3,
+    )  # fmt: skip
+
+
+def test_a_physics_engine_owns_the_clock() -> None:
+    """A box that MuJoCo lets fall: at the mean time of its points it is where the engine's own poses say."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><option timestep='0.002'/><worldbody><body name='car' pos='15 0 1'><freejoint/>"
+        "<geom type='box' size='1.5 .9 .7' mass='1'/></body></worldbody></mujoco>"
+    )
+    data, live = mujoco.MjData(model), LiveSimulator(street(), sensor(), movable=["car"])
+    heights, clouds = [], []
+    while not clouds:
+        mujoco.mj_step(model, data)
+        body = data.body("car")
+        heights.append((data.time, float(body.xpos[2])))
+        here = Pose(position_m=body.xpos.copy(), rotation=body.xmat.reshape(3, 3).copy())
+        clouds = live.advance(data.time, {"car": here})
+    found = {box.name: box for box in boxes(clouds[0], live.scene)}["car"]
+    own = (clouds[0].body == clouds[0].body_names.index("car")) & (clouds[0].status == 0)
+    expected = np.interp(clouds[0].time_s[own].mean(), *zip(*heights, strict=True))
+    assert found.pose.position_m[2] == pytest.approx(expected, abs=1e-6)
+    assert found.velocity_m_s[2] == pytest.approx(-9.81 * clouds[0].time_s[own].mean(), abs=0.05)
+
+
+def live() -> LiveSimulator:
+    return LiveSimulator(street(), sensor(), movable=["ball"], spares={"car": 1})
+
+
+@pytest.mark.parametrize(("wrong", "told"), [
+    (lambda one: one.place("van", (0, 0, 0)), "body 'van': not in the scene; bodies that can be placed: 'car', 'ball'"),
+    (lambda one: one.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
+    (lambda one: one.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
+    (lambda one: one.remove("car.1"), "body 'car.1': is away"),
+    (lambda one: one.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
+    (lambda one: [one.add("car", (9, 0, 0)) for _ in range(2)], "no spare is left, all 1 are there; spares={'car': 2}"),
+    (lambda one: one.place("car", (9, 0)), "pose: must be a Pose"),
+    (lambda one: one.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
+    (lambda one: one.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
+    (lambda one: one.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
+    (lambda one: one.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
+    (lambda one: one.advance(0.0) + one.advance(0.0), "must be to a time later than 0 s, got 0 s"),
+    (lambda one: one.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
+    (lambda one: one.advance(0.0, {"car": (9, 0, 0)}) + one.advance(1.0, {"car": (9, 0, 0, 175)}), "'car': the turn"),
+    (lambda one: one.move_ego((15, 0.89, 0)), None),
+])  # fmt: skip
+def test_mistakes_are_told_in_a_line(wrong, told) -> None:
+    one = live()
+    if told is None:
+        wrong(one)
+        with pytest.raises(InputError, match=r"must stand at least .* 'car'"):
+            one.render()
+        one.remove("car")
+        assert len(one.render())
+        return
+    with pytest.raises(InputError) as caught:
+        wrong(one)
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("options", "told"), [
+    ({"movable": ["van"]}, "body 'van'"), ({"spares": {"van": 1}}, "body 'van'"), ({"movable": "car"}, "movable"),
+    ({"spares": {"car": -1}}, "spares: 'car': must be a whole number >= 0, got -1"),
+])  # fmt: skip
+def test_declarations_are_checked(options, told) -> None:
+    with pytest.raises(InputError, match=told):
+        LiveSimulator(street(), sensor(), **options)
