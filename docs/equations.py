@@ -26,6 +26,16 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     return "".join(parts)
 
 
+def on_page_content(html: str, **_: Any) -> str:
+    """Long names in tables may break after dots, slashes and underscores: tables stay as wide as the page."""
+    return CELL.sub(lambda cell: NAME.sub(lambda name: BREAK.sub(r"\1<wbr>", name[0]), cell[0]), html)
+
+
+CELL = re.compile(r"<td[ >].*?</td>", re.DOTALL)
+NAME = re.compile(r"(?<=<code>)[^<]{16,}(?=</code>)")
+BREAK = re.compile(r"([/._]|::)(?=\w)")
+
+
 def _drawn(text: str) -> str:
     return re.sub(r"\$\$(.+?)\$\$", lambda found: equation(found[1]), text, flags=re.DOTALL)
 

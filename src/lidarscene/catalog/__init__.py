@@ -39,6 +39,13 @@ def path_of(kind: str, name: str) -> Path:
         return path
     if os.path.isfile(name):
         raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
+    one = kind.removesuffix("s")
+    parts = name.split(",")
+    if len(parts) > 1 and all(part.strip() in names(kind) for part in parts):
+        raise InputError(f"'{name}': must be one {one}; several go with spaces between them")
+    for other in KINDS:
+        if name in names(other):
+            raise InputError(f"no {one} '{name}' in the catalogue; {name} is a {other.removesuffix('s')}")
     near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
-    raise InputError(f"no {kind.removesuffix('s')} '{name}' in the catalogue; {hint}")
+    raise InputError(f"no {one} '{name}' in the catalogue; {hint}")

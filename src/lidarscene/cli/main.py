@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import difflib
 import gc
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -67,8 +69,31 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
 
+    def parse_known_args(self, *arguments: Any, **options: Any) -> Any:
+        """What a command does not know is told by the command itself, which knows its own options."""
+        known, left = super().parse_known_args(*arguments, **options)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}{self._meant(left[0])}")
+        return known, left
+
     def error(self, message: str) -> NoReturn:
+        if choice := _CHOICE.search(message):
+            choices = re.findall(r"[\w-]+", choice[2])
+            near = difflib.get_close_matches(choice[1].lower(), choices, n=1)
+            meant = f"did you mean {near[0]}? " if near else ""
+            message = f"{message[: choice.end(1)]}'; {meant}choose from {', '.join(choices)}"
         raise InputError(f"{message}; see {self.prog} -h")
+
+    def _meant(self, left: str) -> str:
+        """What an argument that is left over was perhaps meant to be."""
+        options = [option for option in self._option_string_actions if option.startswith("--")]
+        if not left.startswith("-"):
+            return "; sensors go with commas: --sensors A,B" if "--sensors" in options else ""
+        near = difflib.get_close_matches(left.split("=")[0], options, n=1, cutoff=0.75)
+        return f"; did you mean {near[0]}?" if near else ""
+
+
+_CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
 
 def _parser() -> argparse.ArgumentParser:

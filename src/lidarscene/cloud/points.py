@@ -209,6 +209,10 @@ class PointCloud:
 
     def select(self, mask_or_index: Any) -> PointCloud:
         """The points where a (n,) mask holds, or of an index array or slice, in that order."""
+        if isinstance(mask_or_index, str):
+            raise InputError(
+                f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
+            )
         return replace(self, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
     def without_points(self) -> PointCloud:

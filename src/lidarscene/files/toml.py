@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
@@ -116,6 +117,7 @@ def validated(
         place = [
             str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")
         ]
+        file = where
         for assignment in overrides:
             path = _numbered(_key_path(assignment), tables)
             shared = min(len(path), len(place))
@@ -123,7 +125,19 @@ def validated(
         hint = ""
         if overrides and first["type"] == "extra_forbidden" and place[0] in OTHERS.get(option, ()):
             hint = f"; try {next(other for other in OTHERS if other != option)}"
+        if where == file and first["type"] in ("missing", "extra_forbidden") and len(place) == 1:
+            hint = _another_kind(model, tables)
         raise InputError(f"{where}: {_message(first, model, tables)}{more}{hint}") from None
+
+
+TELLTALE = {"laser": "sensor", "scanner": "sensor", "bodies": "scene", "scenes": "job", "sensors": "rig"}
+"""Tables and lists that only one kind of file has at its top."""
+
+
+def _another_kind(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
+    """What a file seems to be that is not of this model."""
+    kinds = [kind for key, kind in TELLTALE.items() if key in tables and key not in model.model_fields]
+    return f"; this looks like a {kinds[0]} file" if kinds else ""
 
 
 OTHERS = {
@@ -180,6 +194,8 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
     if kind == "extra_forbidden":
         known = _known_keys(model, location[:-1], tables)
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        if len(location) == 1 and (deeper := _in_a_table(model, str(location[0]), tables)):
+            return f"unknown key '{key}'; did you mean {deeper}?"
         meant = f"; did you mean {near[0]}? all known here" if near else "; known here"
         return f"unknown key '{key}'" + (f"{meant}: {', '.join(known)}" if known else "")
     if kind == "missing" and isinstance(location[-1], int):
@@ -249,6 +265,21 @@ def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) ->
             return []
         model = inner[0]
     return [info.alias or name for name, info in model.model_fields.items()]
+
+
+def _in_a_table(model: type[BaseModel], key: str, tables: Mapping[str, Any]) -> str:
+    """The dotted name of the one key of this name in a table of the file, such as "detector.gain"; else ""."""
+    found = [
+        f"{name}.{inner}"
+        for name, table in tables.items()
+        if isinstance(table, Mapping) and name in model.model_fields
+        for inner in _known_keys(model, [name], tables)
+        if key == inner or key == re.sub(_UNIT, "", inner)
+    ]
+    return found[0] if len(found) == 1 else ""
+
+
+_UNIT = re.compile(r"_(deg|nm|ns|ps|us|mm|mrad|m|km|khz|mhz|hz|klux|na|ohm|w|k)$")
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

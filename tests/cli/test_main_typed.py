@@ -1,0 +1,160 @@
+"""Plausible mistakes over all commands and in Python, as typed: each gets one line that says what to do."""
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.command_line import Run
+from helpers.documentation import ROOT
+
+import lidarscene
+from lidarscene.errors import LidarSceneError
+
+LONGEST = 460
+"""Characters of an answer: all keys of a table, or all formats, in some lines of a terminal."""
+
+TYPED = [
+    # render
+    ("render", "required: SCENE, -o/--output; see lidarscene render -h"),
+    ("render car", "required: -o/--output; see lidarscene render -h"),
+    ("render cars -o a.ply", "no scene 'cars' in the catalogue; did you mean car or"),
+    ("render table1-apd -o a.ply", "no scene 'table1-apd' in the catalogue; table1-apd is a sensor"),
+    ("render wall.toml -o a.txt", "--output a.txt: the name must end in one of .ply,"),
+    ("render wall.toml -o a.ply --format pdc", "invalid choice: 'pdc'; did you mean pcd?"),
+    ("render wall.toml -o a.ply --verbose", "unrecognized arguments: --verbose; see lidarscene render -h"),
+    ("render wall.toml -o a.ply --colour", "unrecognized arguments: --colour; did you mean --colours?"),
+    ("render wall.toml -o a.ply --sensors vlp-16", "unrecognized arguments: --sensors vlp-16; did you mean --sensor?"),
+    ("render wall.toml -o a.ply --sensor vlp16", "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    ("render wall.toml -o a.ply --sensor car", "no sensor 'car' in the catalogue; car is a scene"),
+    ("render wall.toml -o a.ply --sensor wall.toml", "(and 5 more); this looks like a scene file"),
+    ("render wall.toml -o a.ply --rig wall.toml", "key 'sensors' is missing (and 1 more); this looks like a scene"),
+    ("render wall.toml -o a.ply --rig scenes/rig.toml --sensor vlp-16", "must be only one of them, got both"),
+    ("render scenes/job.toml -o a.ply", "this looks like a job file"),
+    ("render wall.toml -o a.ply --set gain=60", "unknown key 'gain'; did you mean detector.gain?"),
+    ("render wall.toml -o a.ply --set peak_power=60", "unknown key 'peak_power'; did you mean laser.peak_power_w?"),
+    ("render wall.toml -o a.ply --set laser.power=3", "unknown key 'laser.power'; known here: wavelength_nm,"),
+    ("render wall.toml -o a.ply --set laser.peak_power_w", "must be KEY=VALUE, such as detector.gain=60"),
+    ("render wall.toml -o a.ply --set sun.illuminance_klux=1", "unknown key 'sun'; known here: "),
+    ("render wall.toml -o a.ply --set sun.elevation_deg=1", "; try --scene-set"),
+    ("render wall.toml -o a.ply --scene-set laser.peak_power_w=5", "; try --set"),
+    ("render wall.toml -o a.ply --scene-set sun.illuminance_klux=100000", "got 100000: did you mean 100?"),
+    ("render wall.toml -o a.ply --scene-set bodies.car.yaw_deg=3", "must be bodies.NAME.KEY, with a name of wall"),
+    ("render wall.toml -o a.ply --seed abc", "must be a whole number from 0 to 4294967295, got abc"),
+    ("render wall.toml -o a.ply --frames 3", "--output a.ply: must be a folder with --frames"),
+    ("render wall.toml -o a --frames 0", "--frames: must be a whole number from 1 to 10000, got 0"),
+    ("render wall.toml -o a.ply --rays 5000", "--rays: must be a whole number from 1 to 1024, got 5000"),
+    ("render wall.toml -o a.ply --picture a.jpg", "--picture a.jpg: the name must end in .png or .svg"),
+    ("render wall.toml -o a.ply --pulses 3", "--pulses goes with --waveforms"),
+    ("render wall.toml -o a.ply --waveforms w.npz --pulses 5-1", "such as 0,100,2000-2010, got 5-1"),
+    ("render wall.toml -o a.ply --pose 1 2 3", "--pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres"),
+    ("render wall.toml -o a --dataset kitty", "invalid choice: 'kitty'; did you mean kitti?"),
+    ("render notes.txt -o a.ply", "notes.txt: not valid TOML: "),
+    # the command itself
+    ("Render car -o a.ply", "invalid choice: 'Render'; did you mean render?"),
+    ("plot car", "invalid choice: 'plot'; choose from render, stream, batch,"),
+    # view
+    ("view", "required: CLOUD|DIR|SCENE|REC; see lidarscene view -h"),
+    ("view none.ply", "none.ply: no such file"),
+    ("view notes.txt", "notes.txt: suffix '.txt' names no point cloud format; known: .ply,"),
+    ("view wall.toml --port 99999", "--port: must be a whole number from 0 to 65535, got 99999"),
+    ("view wall.toml --frame 1", "--frame: goes with a recording, got wall.toml"),
+    ("view empty.pcap", "empty.pcap: must be a recording, got an empty file"),
+    # compare
+    ("compare wall.toml --sensors table1-apd -o out", "must be 2 to 7 names or files with commas between them"),
+    ("compare wall.toml --sensors table1-apd table1-sipm -o out", "; sensors go with commas: --sensors A,B"),
+    ("compare wall.toml --sensors table1-apd,table1-apx -o out", "did you mean table1-apd or"),
+    ("compare wall.toml --sensors table1-apd,table1-sipm", "required: -o/--output; see lidarscene compare -h"),
+    # range
+    ("range", "required: SENSOR; see lidarscene range -h"),
+    ("range wall.toml", "(and 5 more); this looks like a scene file"),
+    ("range table1-apd,table1-sipm", "must be one sensor; several go with spaces between them"),
+    ("range table1-apd --over detector.gian", "did you mean detector.gain?"),
+    ("range table1-apd --over ranges", "must be one of distance, illuminance,"),
+    ("range table1-apd --distance -5", "--distance -5: must be more than 0 and up to 1e+06 m"),
+    ("range table1-apd --reflectivity 10", "--reflectivity 10: must be 0 or more and up to 1"),
+    ("range table1-apd --over distance --from 10 --to 5", "--from must be below --to"),
+    ("range table1-apd --plot a.png", "--plot goes with --over: say what is swept"),
+    ("range table1-apd --quantity snrs", "invalid choice: 'snrs'; did you mean snr?"),
+    ("range table1-apd --set table1-sipm:detector.pde=1", "'table1-sipm' is not among the sensors here: table1-apd"),
+    # fov
+    ("fov table1-apd", "required: -o/--output; see lidarscene fov -h"),
+    ("fov table1-apd -o out --cell 0", "--cell: must be 0.02 to 10 degrees, got 0"),
+    ("fov table1-apd -o out --time a,b", "must be seconds that rise, such as 0.1,0.5,1, got a,b"),
+    ("fov table1-apd --rig scenes/rig.toml -o out", "SENSOR and --rig: one of them must be given"),
+    # batch
+    ("batch wall.toml -o out", "key 'scenes' is missing (and 1 more); this looks like a scene file"),
+    ("batch none.toml -o out", "none.toml: no such file"),
+    ("batch scenes/job.toml -o notes.txt", "--output notes.txt: must be a folder, got a file"),
+    ("batch scenes/job.toml -o out --workers 0", "--workers: must be a whole number from 1 to 1024, got 0"),
+    # check, sensor, twin, fit, stream
+    ("check", "required: FILE; see lidarscene check -h"),
+    ("sensor vlp-16", "required: --from, -o/--output; see lidarscene sensor -h"),
+    ("sensor --from notes.txt -o a.toml", "must be json (Ouster), YAML or XML (Velodyne) or CSV (Hesai)"),
+    ("twin none.pcap -o out", "none.pcap: no such recording"),
+    ("fit", "see lidarscene fit -h"),
+    ("stream wall.toml --sensor vlp-16", "see lidarscene stream -h"),
+    # catalog, schema, doctor, paper
+    ("catalog sensor", "invalid choice: 'sensor'; did you mean sensors?"),
+    ("catalog materials brik", "no material 'brik' in the catalogue; did you mean brick"),
+    ("catalog check vlp16", "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    ("schema scenes", "invalid choice: 'scenes'; did you mean scene?"),
+    ("doctor --jsn", "unrecognized arguments: --jsn; see lidarscene doctor -h"),
+    ("paper out", "see lidarscene paper -h"),
+    ("paper -o notes.txt", "notes.txt' is a file, not a folder"),
+]  # fmt: skip
+
+CALLED: list[tuple[Callable[[], Any], str]] = [
+    (lambda: lidarscene.load_scene("cars"), "no scene 'cars' in the catalogue; did you mean car"),
+    (lambda: lidarscene.load_scene(3), "scene: must be a name, a file, a Scene, a Trimesh"),
+    (lambda: lidarscene.load_sensor(None), "sensor: must be a name, a file or a Sensor, got NoneType"),
+    (lambda: lidarscene.load_rig("wall.toml"), "this looks like a scene file"),
+    (lambda: lidarscene.render("wall.toml", "vlp16"), "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    (lambda: lidarscene.render("wall.toml", seed=1.5), "seed: must be a whole number from 0 to 4294967295, got 1.5"),
+    (lambda: lidarscene.render("wall.toml", pose=(1, 2)), "pose: must be a Pose, or x, y, z in metres"),
+    (lambda: lidarscene.render("wall.toml", coordinates="car"), "must be 'world' or 'vehicle' or 'sensor', got 'car'"),
+    (lambda: lidarscene.render("wall.toml", overrides="gain=3"), "unknown key 'gain'; did you mean detector.gain?"),
+    (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides: must be "key=value", a list of these, or a dict'),
+    (lambda: lidarscene.render("wall.toml", colour=1), "unknown option 'colour'; known here: rays,"),
+    (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "trimesh.Scene, got Sensor"),
+    (lambda: lidarscene.record("wall.toml", outputs="a.xyz"), "path a.xyz: the name must end in one of .ply,"),
+    (lambda: lidarscene.PointCloud.load("wall.toml"), "suffix '.toml' names no point cloud format; known: .ply,"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def place(tmp_path: Path, wall: str) -> Path:
+    """A folder with a wall, the shipped scenes, a text, an empty recording; the working directory of ``run``."""
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    (tmp_path / "notes.txt").write_text("hello")
+    (tmp_path / "empty.pcap").write_bytes(b"")
+    return tmp_path
+
+
+def test_there_are_enough() -> None:
+    """The issue asks for sixty, over all commands."""
+    commands = {line.split()[0] for line, _ in TYPED}
+    assert len({line for line, _ in TYPED}) >= 60
+    assert {"check", "sensor", "twin", "fit", "stream", "catalog", "schema"} <= commands
+    assert {"render", "view", "compare", "range", "fov", "batch", "doctor", "paper"} <= commands
+
+
+@pytest.mark.parametrize(("line", "told"), TYPED, ids=[line for line, _ in TYPED])
+def test_typed(run: Run, place: Path, line: str, told: str) -> None:
+    before = sorted(place.rglob("*"))
+    ran = run(*shlex.split(line))
+    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1), ran
+    assert ran.err.startswith("lidarscene: error: ")
+    assert told in ran.err
+    assert len(ran.err) <= LONGEST
+    assert sorted(place.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("call", "told"), CALLED, ids=[told for _, told in CALLED])
+def test_called(place: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[[], Any], told: str) -> None:
+    monkeypatch.chdir(place)
+    with pytest.raises(LidarSceneError) as caught:
+        call()
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
