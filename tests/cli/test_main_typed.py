@@ -22,6 +22,7 @@ TYPED = [
     ("render cars -o a.ply", "no scene 'cars' in the catalogue; did you mean car or"),
     ("render table1-apd -o a.ply", "no scene 'table1-apd' in the catalogue; table1-apd is a sensor"),
     ("render wall.toml -o a.txt", "--output a.txt: the name must end in one of .ply,"),
+    ("render wall.toml -o a.ply --format las", "--output a.ply: the name must end in .las"),
     ("render wall.toml -o a.ply --format pdc", "invalid choice: 'pdc'; did you mean pcd?"),
     ("render wall.toml -o a.ply --verbose", "unrecognized arguments: --verbose; see lidarscene render -h"),
     ("render wall.toml -o a.ply --colour", "unrecognized arguments: --colour; did you mean --colours?"),

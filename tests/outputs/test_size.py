@@ -54,7 +54,7 @@ def test_it_is_said_before_anything_is_traced(
 def _bytes_of_a_point() -> int:
     from lidarscene.formats.ply import _dtype
 
-    return _dtype(has_truth=True, double=False).itemsize
+    return _dtype(has_truth=True, has_vectors=False, double=False).itemsize
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,12 @@ class Plan:
         if self.is_bag and outputs.labels is not None:
             raise OptionError("{labels}: goes with a folder of clouds, not with one file of several frames")
         chosen = self.format
-        if outputs.packets and not self.is_folder and not place.name.lower().endswith(chosen.suffix):
+        name = place.name.lower()
+        if (
+            not self.is_folder
+            and not name.endswith(chosen.suffix)
+            and (outputs.packets or name.endswith(SUFFIXES))
+        ):
             raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
