@@ -107,7 +107,7 @@ def test_an_unknown_keyword_is_one_line() -> None:
     keywords = Keywords({"sed": 3})
     keywords.take(TraceOptions)
     with pytest.raises(
-        InputError, match=r"^unknown option 'sed'; known here: rays, interactions, background_rays$"
+        InputError, match=r"^unknown option 'sed'; known here: rays, interactions, background_rays, vectors$"
     ):
         keywords.end()
 

@@ -163,9 +163,9 @@ def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> N
     np.testing.assert_allclose(behind.normals, np.tile([-1.0, 0.0, 0.0], (len(behind), 1)), atol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "npz", "pcd", "parquet", "las", "e57"])
+@pytest.mark.parametrize("suffix", ["ply", "npz", "pcd", "parquet", "las"])
 def test_files_have_them(suffix: str, tmp_path: Path) -> None:
-    pytest.importorskip({"parquet": "pyarrow", "las": "laspy", "e57": "pye57"}.get(suffix, "numpy"))
+    pytest.importorskip({"parquet": "pyarrow", "las": "laspy"}.get(suffix, "numpy"))
     cloud = Simulator(traffic(), chain.sensor("table1-apd", *FEW), vectors=True).render(coordinates="sensor")
     cloud.save(path := tmp_path / f"cloud.{suffix}")
     read = PointCloud.load(path)
