@@ -83,7 +83,7 @@ SECTIONS = {
 }
 
 
-HALVES = (("chain", "receivers", "peers", "motion"), ("rays", "start", "memory", "batch"))
+HALVES = (("chain", "bare", "receivers", "peers"), ("motion", "rays", "start", "memory", "batch"))
 """Parts that are run in one process, beside the others in another."""
 
 
