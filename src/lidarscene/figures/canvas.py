@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import functools
 import html
-import io
 import os
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from ..cloud.shades import rgb
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.encodings.png import encoded
 from ..maths.arrays import Numbers
 
 SMALLEST_PX = 5
@@ -99,10 +99,7 @@ class Canvas:
                 _draw_upright(image, one, font, self.ink)
             else:
                 draw.text((one.x, one.y), one.text, fill=self.ink, font=font, anchor=_ANCHORS[one.anchor])
-        out = io.BytesIO()
-        # A higher level saves a few per cent of the bytes and takes several times as long.
-        image.save(out, "png", compress_level=1)
-        return out.getvalue()
+        return encoded(np.asarray(image), is_sparse=True)  # a third of the time of Pillow's, and fewer bytes
 
     def _svg(self) -> bytes:
         """The pixels as an image, the texts as texts."""
