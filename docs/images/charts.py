@@ -3,6 +3,7 @@
 import dataclasses
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from drawing import BACKGROUND, HERE, INK, SCENES, WIDTH, dark, saved, store
@@ -25,6 +26,12 @@ PAPER = {"table1-apd": APD, "table1-sipm": SIPM}
 DASHED = (0, (4, 4))
 
 
+def labelled(axes: Any, along: str, title: str) -> None:
+    """The axis along the bottom, and what is drawn over it."""
+    axes.set_xlabel(along, color=INK)
+    axes.set_title(title, color=INK, loc="left", fontsize=11)
+
+
 def range_() -> None:
     """SNR over distance and maximum range over illuminance of the paper's two detectors."""
     figure, (left, right) = dark(1, 2, height=4.6)
@@ -37,12 +44,10 @@ def range_() -> None:
     left.set(xlim=(20, 600), xticks=(20, 50, 100, 200, 500))
     left.set_xticklabels(("20", "50", "100", "200", "500"))
     left.minorticks_off()
-    left.set_xlabel("distance [m]", color=INK)
-    left.set_title("SNR at 100 klux, 10 % wall", color=INK, loc="left", fontsize=11)
+    labelled(left, "distance [m]", "SNR at 100 klux, 10 % wall")
     right.set(xlim=(0.1, 150), ylim=(0, None), xticks=(0.1, 1, 10, 100))
     right.set_xticklabels(("0.1", "1", "10", "100"))
-    right.set_xlabel("illuminance [klux]", color=INK)
-    right.set_title("maximum range [m], 10 % wall", color=INK, loc="left", fontsize=11)
+    labelled(right, "illuminance [klux]", "maximum range [m], 10 % wall")
     for one in (left, right):
         one.legend(frameon=False, labelcolor=INK)
     saved(figure, "range.png")
@@ -70,8 +75,7 @@ def own_sensor() -> None:
     axes.set(xlim=(20, 1200), xticks=(20, 50, 100, 200, 500, 1000))
     axes.set_xticklabels(("20", "50", "100", "200", "500", "1000"))
     axes.minorticks_off()
-    axes.set_xlabel("distance [m]", color=INK)
-    axes.set_title("SNR of my-apd at 100 klux; dots: maximum range", color=INK, loc="left", fontsize=11)
+    labelled(axes, "distance [m]", "SNR of my-apd at 100 klux; dots: maximum range")
     axes.legend(frameon=False, labelcolor=INK)
     saved(figure, "own_sensor.png")
 
@@ -92,8 +96,7 @@ def sun() -> None:
         height = 1.68 if wavelength == 905 else 1.78  # between its neighbours there is no room
         axes.text(wavelength + 4, height, f"{wavelength}", color=INK, fontsize=9, va="top")
     axes.set(xlim=(300, 1700), ylim=(0, 1.85))
-    axes.set_xlabel("wavelength [nm]", color=INK)
-    axes.set_title("sunlight of 100 klux [W/m² per nm]", color=INK, loc="left", fontsize=11)
+    labelled(axes, "wavelength [nm]", "sunlight of 100 klux [W/m² per nm]")
     axes.legend(frameon=False, labelcolor=INK, loc=(0.71, 0.58))
     saved(figure, "sun.png")
 
@@ -111,8 +114,7 @@ def sipm() -> None:
         printed = published_snr(array, background_photons=[background], signal_photons=photons)
         axes.loglog(photons, table.snr[0], color=colour, label=f"cells followed in time, {name}")
         axes.loglog(photons, printed[0], color=colour, linestyle=DASHED, label=f"(27) as printed, {name}")
-    axes.set_xlabel("photons of the echo, as in (24)", color=INK)
-    axes.set_title("SNR of table1-sipm", color=INK, loc="left", fontsize=11)
+    labelled(axes, "photons of the echo, as in (24)", "SNR of table1-sipm")
     axes.legend(frameon=False, labelcolor=INK)
     saved(figure, "sipm.png")
 
@@ -135,8 +137,7 @@ def eye_safety() -> None:
     axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=DASHED)
     axes.text(1.05, 3.2, "from here on it passes", color=INK, fontsize=9)
     axes.set(xscale="log")
-    axes.set_xlabel("margin: limit / emission", color=INK)
-    axes.set_title("class 1, table1-apd, the eye at 100 mm", color=INK, loc="left", fontsize=11)
+    labelled(axes, "margin: limit / emission", "class 1, table1-apd, the eye at 100 mm")
     axes.legend(frameon=False, labelcolor=INK)
     saved(figure, "eye_safety.png")
 
@@ -156,8 +157,7 @@ def scaling() -> None:
     axes.set(xlim=(10, 100), ylim=(0.015, 1.0), yscale="log", yticks=(0.02, 0.05, 0.1, 0.2, 0.5, 1))
     axes.set_yticklabels(("0.02", "0.05", "0.1", "0.2", "0.5", "1"))
     axes.minorticks_off()
-    axes.set_xlabel("bytes a point", color=INK)
-    axes.set_title("seconds of a core to write 261,277 points", color=INK, loc="left", fontsize=11)
+    labelled(axes, "bytes a point", "seconds of a core to write 261,277 points")
     saved(figure, "scaling.png")
 
 
@@ -180,7 +180,7 @@ def batch() -> None:
             axes.plot(places, seed, "_", color=BACKGROUND, markersize=14)
     axes.set_xticks(range(3), [f"{one:g} klux" for one in klux])
     axes.set_ylabel("points of a frame", color=INK)
-    axes.set_title("scenes/job.toml: twelve frames", color=INK, loc="left", fontsize=11)
+    labelled(axes, "", "scenes/job.toml: twelve frames")
     axes.set_ylim(0, 62_000)
     axes.legend(frameon=False, labelcolor=INK, loc="upper right", ncols=2)
     saved(figure, "batch.png")
@@ -208,8 +208,7 @@ def sensors() -> None:
     axes.set_xticklabels(("100", "200", "300", "500"))
     axes.set_yticklabels(("100", "200", "300", "500"))
     axes.minorticks_off()
-    axes.set_xlabel("published range [m]", color=INK)
-    axes.set_title("simulated range [m]; the band is a factor of 1.5", color=INK, loc="left", fontsize=11)
+    labelled(axes, "published range [m]", "simulated range [m]; the band is a factor of 1.5")
     saved(figure, "sensors.png")
 
 

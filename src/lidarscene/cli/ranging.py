@@ -240,13 +240,12 @@ def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) ->
 def _write(
     arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]
 ) -> dict[str, str]:
-    from ..files.atomic import atomic_output
+    from ..files.atomic import put_text
     from ..studies.ranging import report
 
     written = {}
     if arguments.csv is not None:
-        with atomic_output(arguments.csv) as temporary:
-            temporary.write_text(report.csv_text(swept), encoding="utf-8", newline="\n")
+        put_text(arguments.csv, report.csv_text(swept))
         written["csv"] = str(arguments.csv)
     if arguments.plot is not None:
         from ..figures import lines as charts

@@ -15,8 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..files.atomic import atomic_output
-
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff; max-width: 62rem;
@@ -142,12 +140,6 @@ def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
     writer.writerow(header)
     writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
     return out.getvalue()
-
-
-def put_text(path: Path, text: str) -> None:
-    """Write a text file, atomically. Raises OutputError."""
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _escaped(text: str) -> str:

@@ -58,6 +58,12 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
         _ours.discard(temporary)
 
 
+def put_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file, atomically: UTF-8, with line feeds. Raises OutputError."""
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the path of an empty temporary folder; its files move to ``path`` when the block ends without error.

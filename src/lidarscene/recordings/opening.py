@@ -51,10 +51,10 @@ def _ouster(path: Path, metadata: Path | None) -> Recording:
 def _packets(path: Path, metadata: Path | None) -> Recording:
     """Of the maker whose packets are there; json, given or beside it, means Ouster."""
     from . import hesai, pandar64, velodyne
-    from .packets import json_beside, packets_of
+    from .packets import metadata_of, packets_of
 
-    described = metadata or json_beside(path)
-    if described.suffix.lower() == ".json" and described.is_file():
+    described = metadata_of(path, metadata)
+    if described is not None and described.suffix.lower() == ".json" and described.is_file():
         return _ouster(path, metadata)
     with reading(path):
         packets = packets_of(path, lambda one: velodyne.is_velodyne(one) or hesai.is_hesai(one))

@@ -81,6 +81,12 @@ def json_beside(path: Path) -> Path:
     return newer if newer.is_file() and not plain.is_file() else plain
 
 
+def metadata_of(path: Path, given: Path | None) -> Path | None:
+    """What the maker says of a recording's unit: the file that is given, else the json beside it; None without."""
+    beside = json_beside(path)
+    return given or (beside if beside.is_file() else None)
+
+
 def mapped(path: Path) -> mmap.mmap:
     """A file's bytes, read as they are asked for; ValueError for an empty one."""
     with open(path, "rb") as file:

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import OptionError
 from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
-from .model import Ball, Body, Part, Scene
+from .model import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
 """A closed body that is thinner than this, along one of its own axes, is no room in which a sensor could stand."""
@@ -73,7 +73,7 @@ class Clearance:
         """Of a scene's own bodies; shapes of a Mitsuba base are not known here."""
         there = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
-        boxes = {key: _box(parts) for key, parts in {id(body.parts): body.parts for body in there}.items()}
+        boxes = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in there}.items()}
         found = [(body, box) for body in there if (box := boxes[id(body.parts)]) is not None]
         return cls(
             bodies=tuple(body for body, _ in found),
@@ -160,20 +160,6 @@ class Clearance:
 
 
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
-
-
-def _box(parts: Sequence[Part | Ball]) -> Numbers | None:
-    """(2, 3) lowest and highest corner of a body in its frame; None without surfaces."""
-    corners = [
-        np.outer([-part.radius_m, part.radius_m], np.ones(3))
-        if isinstance(part, Ball)
-        else np.stack([part.vertices_m.min(axis=0), part.vertices_m.max(axis=0)])
-        for part in parts
-        if isinstance(part, Ball) or len(part.vertices_m)
-    ]
-    if not corners:
-        return None
-    return np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))])
 
 
 def _around(body: Body, box: Numbers) -> Numbers:

@@ -32,7 +32,7 @@ from .meshes import patterns, primitives, reading
 from .meshes.axes import UNITS, Axis, axis_of, upright
 from .meshes.cache import SubMesh
 from .meshes.usd import is_usd
-from .model import Ball, Body, Part, Scene
+from .model import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
@@ -217,12 +217,9 @@ def _check_names(bodies: list[Body], path: Path) -> None:
 
 def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
     """Refuse a body that is too small or too far away for single precision."""
-    points = [part.vertices_m for part in parts if isinstance(part, Part)]
-    points += [
-        np.array([[part.radius_m] * 3, [-part.radius_m] * 3]) for part in parts if isinstance(part, Ball)
-    ]
-    low = np.min([p.min(axis=0) for p in points], axis=0)
-    high = np.max([p.max(axis=0) for p in points], axis=0)
+    box = box_of(parts)
+    assert box is not None  # `meshes.reading.checked` refuses meshes without a triangle
+    low, high = box
     extent, reach = float((high - low).max()), float(np.maximum(high, -low).max())
     if extent < SMALLEST_BODY_M or reach > LARGEST_COORDINATE_M:
         raise InputError(

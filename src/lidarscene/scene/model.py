@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -58,6 +58,18 @@ class Ball:
 
     radius_m: float
     material: str
+
+
+def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
+    """(2, 3) lowest and highest corner of a body's parts in its frame; None without surfaces."""
+    corners = [
+        np.outer([-part.radius_m, part.radius_m], np.ones(3))
+        if isinstance(part, Ball)
+        else np.stack([part.vertices_m.min(axis=0), part.vertices_m.max(axis=0)])
+        for part in parts
+        if isinstance(part, Ball) or len(part.vertices_m)
+    ]
+    return np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))]) if corners else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

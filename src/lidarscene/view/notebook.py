@@ -10,6 +10,7 @@ from typing import Any
 
 from ..cloud.points import PointCloud
 from ..errors import InputError
+from ..files.atomic import put_text
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.model import Sensor
@@ -41,8 +42,6 @@ class Shown:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page. Raises OutputError."""
-        from ..figures.page import put_text
-
         put_text(Path(path), self._page)
 
 

@@ -72,7 +72,7 @@ def add_stream(commands: Any) -> None:
 
 def stream_text(arguments: argparse.Namespace) -> str:
     """Run `stream`; returns what is printed in the end."""
-    from ...files.atomic import atomic_output
+    from ...files.atomic import put_text
     from ...formats.packets.makers import maker_of
     from ...outputs.live.sending import frames_of, send_frames, udp
     from ...rendering.simulator import Simulator
@@ -90,9 +90,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
             if maker.description is None:
                 raise InputError(f"--metadata: sensor '{sensor.name}' has none; an Ouster has")
             ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
-            with atomic_output(arguments.metadata) as temporary:
-                text = json.dumps(json.loads(maker.description[0]) | ports, indent=1)
-                temporary.write_text(text, encoding="utf-8", newline="\n")
+            put_text(arguments.metadata, json.dumps(json.loads(maker.description[0]) | ports, indent=1))
         simulator = Simulator(scene, sensor, trace, pose=arguments.pose)
         if arguments.frames is not None:
             simulator.check_frames(range(arguments.frames), begin_s=arguments.begin)

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..._version import __version__
 from ...errors import OutputError
-from ...files.atomic import atomic_output
+from ...files.atomic import put_text
 from ...files.cache import cache_folder
 from ...maths.arrays import Numbers
 
@@ -76,8 +76,8 @@ def verdict(
             return Verdict(**json.loads(entry.read_text(encoding="utf-8")))
     found = _compared(variant, other, render or _rendered)
     if entry is not None:
-        with suppress(OSError, OutputError), atomic_output(entry) as temporary:
-            temporary.write_text(json.dumps(asdict(found)), encoding="utf-8")
+        with suppress(OSError, OutputError):
+            put_text(entry, json.dumps(asdict(found)))
     return found
 
 

@@ -25,7 +25,7 @@ from ...maths.arrays import Numbers
 from ...maths.paths import NOWHERE, Moving, Paths, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
-from ...scene.model import Ball, Body, Part, Scene
+from ...scene.model import Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
@@ -336,10 +336,12 @@ def _mover(
     face_shift: int,
 ) -> Mover:
     own = bodies[body]
+    box_m = box_of(own.parts)
+    assert box_m is not None  # it has shapes
     return Mover(
         scene=scene,
         panes=panes,
-        box_m=np.stack(_extent(own)),
+        box_m=box_m,
         face_shift=face_shift,
         body=body,
         motion=_motion(own),
@@ -379,13 +381,3 @@ def at_rest(pose: Pose, centre_m: Numbers) -> Placement:
     numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
     x, y, z, *rotation = transfer.opaque(tuple(numbers))
     return Placement(origin_m=(x, y, z), rotation=tuple(rotation))
-
-
-def _extent(body: Body) -> tuple[Numbers, Numbers]:
-    """Return the lowest and the highest corner of the box around a body, (3,) each, in its frame."""
-    corners = [
-        part.vertices_m if isinstance(part, Part) else np.outer([-1.0, 1.0], [part.radius_m] * 3)
-        for part in body.parts
-    ]
-    points = np.concatenate(corners)
-    return points.min(axis=0), points.max(axis=0)

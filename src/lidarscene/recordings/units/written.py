@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ... import catalog
 from ...errors import InputError
-from ...files.atomic import atomic_output
+from ...files.atomic import put_text
 from ...sensor.file import sensor_from_tables
 from .beams import OF_LISTS, Unit
 from .hesai import read_hesai
@@ -70,8 +70,7 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
     sensor_from_tables(
         tomllib.loads(text), where=str(source)
     )  # what it is not, is told before anything is written
-    with atomic_output(output) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    put_text(output, text)
     return "\n".join(
         [f"wrote {output}: {unit.name}, {len(unit.lists['elevation_deg'])} beams, else as {model}", *notes]
     )

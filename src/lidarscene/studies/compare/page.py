@@ -16,8 +16,8 @@ import numpy as np
 from ...cloud import pixels
 from ...cloud.points import PointCloud
 from ...figures import pictures as plots
-from ...figures.page import Page, csv_text, put_text
-from ...files.atomic import atomic_folder, require_writable
+from ...figures.page import Page, csv_text
+from ...files.atomic import atomic_folder, put_text, require_writable
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
 from ...scene.model import View

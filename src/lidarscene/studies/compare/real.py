@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...cloud.points import PointCloud
-from ...figures.page import Page, put_text
-from ...files.atomic import require_writable
+from ...figures.page import Page
+from ...files.atomic import put_text, require_writable
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 

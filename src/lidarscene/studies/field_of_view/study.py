@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...figures.page import Page, csv_text, put_text
-from ...files.atomic import atomic_folder, require_writable
+from ...figures.page import Page, csv_text
+from ...files.atomic import atomic_folder, put_text, require_writable
 from ...sensor.model import Sensor
 from . import figures as figures
 from .pattern import DWELL_S, rate_hz

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from ...figures import lines
 from ...figures.lines import Chart, Line
-from ...figures.page import Page, csv_text, put_text
+from ...figures.page import Page, csv_text
+from ...files.atomic import put_text, require_writable
 from .estimates import Estimate, Solved
 from .near_field import NearField
 from .products import Products
@@ -42,6 +45,9 @@ class Check:
     found: str
     wanted: str
     held: bool | None
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.found} ({self.wanted}){'  FAILED' if self.held is False else ''}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,9 +113,7 @@ def as_dict(fit: Fit) -> dict[str, Any]:
             }
             for one in fit.estimates
         },
-        "checks": [
-            {"name": one.name, "found": one.found, "wanted": one.wanted, "held": one.held} for one in fit.checks
-        ],
+        "checks": [asdict(one) for one in fit.checks],
         "correlations": {name: solved.correlation.tolist() for name, _, solved in _solved(fit)},
     }  # fmt: skip
     if fit.rows is not None:
@@ -129,10 +133,7 @@ def as_text(fit: Fit) -> str:
     lines_ += [f"  {one.key:<18} {_number(one)}" for one in fit.estimates]
     if fit.rows is not None:
         lines_.append(f"  {'row gains':<18} spread {fit.rows.spread:.1%}, each +/- {fit.rows.sigma[0]:.1%}")
-    lines_ += [
-        f"  {one.name}: {one.found} ({one.wanted}){'  FAILED' if one.held is False else ''}"
-        for one in fit.checks
-    ]
+    lines_ += [f"  {one}" for one in fit.checks]
     if fit.products is not None and fit.products.null:
         lines_.append("  cannot be told apart, held at the values of the file:")
         lines_ += [f"    {one}" for one in fit.products.null]
@@ -140,18 +141,62 @@ def as_text(fit: Fit) -> str:
     return "\n".join(lines_)
 
 
+Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
+Figure = tuple[str, str, Chart, Table]
+"""Name of its files, caption, chart, and its data."""
+
+
+def add_checks(page: Page, checks: Sequence[Check]) -> None:
+    """The laws, and whether blocks that were not fitted hold them."""
+    page.heading("Pass or fail")
+    verdict = {None: "-", True: "pass", False: "FAIL"}
+    rows = [(one.name, one.found, one.wanted, verdict[one.held]) for one in checks]
+    page.table(("law", "found", "wanted", ""), rows)
+
+
+def add_notes(page: Page, notes: Sequence[str]) -> None:
+    """A sentence each."""
+    for note in notes:
+        page.paragraph(note[:1].upper() + note[1:] + ".")
+
+
+def add_figures(page: Page, folder: Path, figures: Sequence[Figure]) -> None:
+    """Draw the figures beside the page, with their data. Raises OutputError."""
+    for number, (name, caption, chart, table) in enumerate(figures, start=1):
+        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
+        put_text(folder / f"{name}.csv", csv_text(*table))
+        page.figure(name=name, number=str(number), caption=caption)
+
+
+def put_page(page: Page, folder: Path, numbers: Mapping[str, Any]) -> None:
+    """Write the page, as HTML and as Markdown, and the numbers as JSON. Raises OutputError."""
+    put_text(folder / PAGE, page.as_html())
+    put_text(folder / MARKDOWN, page.as_markdown())
+    put_text(folder / NUMBERS, json.dumps(numbers, indent=1) + "\n")
+
+
+def check_places(output: Path, report: Path) -> None:
+    """Refuse a sensor file and a folder that cannot be written, before any work. Raises InputError, OutputError."""
+    if output.suffix.lower() != ".toml":
+        raise InputError(f"--output {output}: the name must end in .toml")
+    require_writable(output)
+    for name in (PAGE, NUMBERS):
+        require_writable(report / name)
+
+
+def told(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
+    """What is printed of a fit."""
+    return json.dumps(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
+
+
 def write_report(fit: Fit, folder: Path) -> None:
-    """Page, Markdown, figures and their data. Raises OutputError."""
+    """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses:,} pulses of {fit.frames} frame(s). Three of four blocks of columns were fitted, the fourth "
         "judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as much."
     )
-    page.heading("Pass or fail")
-    page.table(
-        ("law", "found", "wanted", ""),
-        [(one.name, one.found, one.wanted, _verdict(one.held)) for one in fit.checks],
-    )
+    add_checks(page, fit.checks)
     page.heading("Estimates")
     page.table(
         ("quantity", "value", "sigma, Fisher", "sigma, bootstrap", ""),
@@ -161,12 +206,8 @@ def write_report(fit: Fit, folder: Path) -> None:
             for one in fit.estimates
         ],
     )  # fmt: skip
-    for note in fit.notes:
-        page.paragraph(note[:1].upper() + note[1:] + ".")
-    for number, (name, caption, chart, table) in enumerate(_figures(fit), start=1):
-        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
-        put_text(folder / f"{name}.csv", csv_text(*table))
-        page.figure(name=name, number=str(number), caption=caption)
+    add_notes(page, fit.notes)
+    add_figures(page, folder, _figures(fit))
     page.heading("Correlations")
     for name, parameters, solved in _solved(fit):
         page.paragraph(name)
@@ -185,14 +226,10 @@ def write_report(fit: Fit, folder: Path) -> None:
         )
         page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.known])
         page.table(("not known",), [(one,) for one in fit.products.null])
-    put_text(folder / PAGE, page.as_html())
-    put_text(folder / MARKDOWN, page.as_markdown())
+    put_page(page, folder, as_dict(fit))
 
 
-Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
-
-
-def _figures(fit: Fit) -> list[tuple[str, str, Chart, Table]]:
+def _figures(fit: Fit) -> list[Figure]:
     made = []
     if fit.near_field is not None:
         made += _near_field(fit.near_field)
@@ -205,7 +242,7 @@ def _figures(fit: Fit) -> list[tuple[str, str, Chart, Table]]:
     return made
 
 
-def _near_field(near: NearField) -> list[tuple[str, str, Chart, Table]]:
+def _near_field(near: NearField) -> list[Figure]:
     law = near.law(near.range_m)
     curve = Chart(
         lines=(
@@ -232,7 +269,7 @@ def _near_field(near: NearField) -> list[tuple[str, str, Chart, Table]]:
     ]
 
 
-def _threshold(threshold: Threshold) -> tuple[str, str, Chart, Table]:
+def _threshold(threshold: Threshold) -> Figure:
     chart = Chart(
         lines=(
             Line(label="found", x=threshold.expected, y=threshold.found),
@@ -246,7 +283,7 @@ def _threshold(threshold: Threshold) -> tuple[str, str, Chart, Table]:
     return "threshold", caption, chart, (("expected", "found", "pulses"), rows)
 
 
-def _scatter(scatter: Scatter) -> tuple[str, str, Chart, Table]:
+def _scatter(scatter: Scatter) -> Figure:
     law = scatter.law(scatter.signal)
     chart = Chart(
         lines=(
@@ -263,7 +300,7 @@ def _scatter(scatter: Scatter) -> tuple[str, str, Chart, Table]:
     return "scatter", caption, chart, (("signal", "sigma_mm", "not_fitted_mm", "law_mm"), rows)
 
 
-def _rows(rows: RowGains) -> tuple[str, str, Chart, Table]:
+def _rows(rows: RowGains) -> Figure:
     number = np.arange(len(rows.gain), dtype=float)
     chart = Chart(
         lines=(Line(label="", x=number, y=rows.gain),), x_label="row, from the top", y_label="gain of NEAR_IR"
@@ -293,10 +330,6 @@ def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
 def _number(one: Estimate) -> str:
     told = f"{one.value:.4g} +/- {one.sigma:.2g} {one.unit}".rstrip()
     return told if one.known else f"{told} (not known)"
-
-
-def _verdict(held: bool | None) -> str:
-    return "-" if held is None else "pass" if held else "FAIL"
 
 
 def _finite(value: float) -> float | None:

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ...errors import InputError
-from ...files.atomic import atomic_output, require_writable
+from ...files.atomic import put_text
 from ...recordings.opening import open_recording
-from ...recordings.packets import json_beside
+from ...recordings.packets import metadata_of
 from ...recordings.sweep import Sweep
 from ...sensor.model import Sensor
 from .near_field import fit_near_field
 from .products import QUANTITIES, products_of
 from .pulses import Pulses, pulses_of
-from .report import NUMBERS, PAGE, Fit, as_dict, as_text, write_report
+from .report import Fit, as_dict, as_text, check_places, told, write_report
 from .rows import fit_rows
 from .scatter import fit_scatter
 from .threshold import fit_threshold
@@ -33,14 +32,8 @@ def fit_recordings(
     metadata  what the maker says of the unit; None: the json beside the recording, if there is one
     Raises InputError and OutputError.
     """
-    if output.suffix.lower() != ".toml":
-        raise InputError(f"--output {output}: the name must end in .toml")
-    require_writable(output)
-    for name in (PAGE, NUMBERS):
-        require_writable(report / name)
-    beside = json_beside(recordings[0])
-    unit = metadata if metadata is not None else beside if beside.is_file() else None
-    base = base_text(sensor, unit)
+    check_places(output, report)
+    base = base_text(sensor, metadata_of(recordings[0], metadata))
     where = f"--sensor {sensor}"
     before = sensor_of(base, where)
     pulses = _pulses(recordings, metadata)
@@ -53,14 +46,9 @@ def fit_recordings(
     text, notes = fitted_text(base, {one.key: one for one in fit.estimates}, fit.recording, where)
     fit = replace(fit, notes=notes)
     sensor_of(text, str(output))
-    with atomic_output(output) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    put_text(output, text)
     write_report(fit, report)
-    numbers = json.dumps(as_dict(fit), indent=1)
-    with atomic_output(report / NUMBERS) as temporary:
-        temporary.write_text(numbers + "\n", encoding="utf-8", newline="\n")
-    printed = json.dumps(as_dict(fit)) if as_json else f"{as_text(fit)}\nwrote {output} and {report / PAGE}"
-    return printed, fit.passed
+    return told(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
 
 def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> Fit:

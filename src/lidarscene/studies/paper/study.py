@@ -14,8 +14,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ...figures import lines as charts
-from ...figures.page import Page, put_text
-from ...files.atomic import atomic_folder, require_writable
+from ...figures.page import Page
+from ...files.atomic import atomic_folder, put_text, require_writable
 from .claims_model import HOLDS, Claim, claims_of_the_model
 from .claims_results import claims_of_the_results
 from .errata import Erratum, errata

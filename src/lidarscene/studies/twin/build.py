@@ -18,10 +18,10 @@ import numpy as np
 
 from ...catalog import path_of
 from ...errors import InputError
-from ...files.atomic import atomic_output, require_writable
+from ...files.atomic import atomic_output, put_text, require_writable
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from ...recordings.packets import json_beside
+from ...recordings.packets import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...recordings.units.written import unit_from, write_unit
@@ -126,7 +126,7 @@ def build_twin(
     known = [one for one in klux if one is not None]
     light = float(np.median(known)) if known else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged], light)
-    _put(folder / SCENE, text)
+    put_text(folder / SCENE, text)
     about = {
         "recording": recording.path.name, "frames": list(choice.frames), "held_out": choice.held_out,
         "judged": choice.judged, "illuminance_klux": light, "illuminance_assumed": not known,
@@ -134,7 +134,7 @@ def build_twin(
         "reflectivity": _told(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
     }  # fmt: skip
-    _put(folder / ABOUT, json.dumps(about, indent=1) + "\n")
+    put_text(folder / ABOUT, json.dumps(about, indent=1) + "\n")
     notes.append(
         f"wrote {folder / SCENE}: {len(quads)} quads of {len(choice.frames)} frame(s), {light:.3g} klux"
     )
@@ -159,15 +159,15 @@ def _sensor_file(
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, path)
         return f"wrote {path}: as {sensor}"
-    described = metadata or json_beside(recording.path)
-    if not described.is_file():
+    described = metadata_of(recording.path, metadata)
+    if described is None or not described.is_file():
         raise InputError(
             f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
         )
     said = write_unit(unit_from(described), described, path)
     if sweep.second is not None:
         text = path.read_text(encoding="utf-8")
-        _put(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
+        put_text(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
     return said
 
 
@@ -282,12 +282,7 @@ def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -
     for number in sorted(sweeps):
         numbers = (sweeps[number].start_s - start_s, *places[number].position_m, *angles_deg(places[number]))
         rows.append(",".join(f"{float(x):.9g}" for x in numbers))
-    _put(path, "\n".join(rows) + "\n")
-
-
-def _put(path: Path, text: str) -> None:
-    with atomic_output(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    put_text(path, "\n".join(rows) + "\n")
 
 
 def about(scene: Path) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ...cloud.points import PointCloud
-from ...figures.page import Page, put_text
+from ...figures.page import Page
 from ...figures.pictures import perspective_picture
-from ...files.atomic import require_writable
+from ...files.atomic import put_text, require_writable
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep

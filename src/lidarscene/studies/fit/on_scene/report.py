@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ....figures import lines
 from ....figures.lines import Chart, Line
-from ....figures.page import Page, csv_text, put_text
+from ....figures.page import Page
 from ....maths.arrays import Numbers
 from ..estimates import Estimate
 from ..likelihood import KnownFit
-from ..report import KEPT_ERROR, MARKDOWN, PAGE, SCATTER_RATIO, SIGNAL_ERROR, Check
+from ..report import (
+    KEPT_ERROR,
+    SCATTER_RATIO,
+    SIGNAL_ERROR,
+    Check,
+    Figure,
+    add_checks,
+    add_figures,
+    add_notes,
+    put_page,
+)
 from .checks import Judged
 
 
@@ -88,9 +96,7 @@ def as_dict(fit: SceneFit) -> dict[str, Any]:
             }
             for one in fit.estimates
         },
-        "checks": [
-            {"name": one.name, "found": one.found, "wanted": one.wanted, "held": one.held} for one in fit.checks
-        ],
+        "checks": [asdict(one) for one in fit.checks],
         "correlations": {"names": list(fit.known.names), "matrix": fit.known.solved.correlation.tolist()},
         "not_identified": list(fit.known.null), "held": list(fit.known.held), "evaluations": fit.evaluations,
         "texture": fit.texture, "strangers": fit.strangers, "notes": list(fit.notes),
@@ -101,16 +107,13 @@ def as_text(fit: SceneFit) -> str:
     """For people."""
     told = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
     told += [f"  {one.key:<28} {_number(one)}" for one in fit.estimates]
-    told += [
-        f"  {one.name}: {one.found} ({one.wanted}){'  FAILED' if one.held is False else ''}"
-        for one in fit.checks
-    ]
+    told += [f"  {one}" for one in fit.checks]
     told += ["  cannot be told, held at the values of the file:", *(f"    {one}" for one in fit.known.null)]
     return "\n".join([*told, *(f"  {one}" for one in fit.notes)])
 
 
 def write_report(fit: SceneFit, folder: Path) -> None:
-    """Page, Markdown, figures and their data. Raises OutputError."""
+    """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses[0]:,} pulses of {fit.frames} frame(s) were fitted; {fit.pulses[1]:,} of every fourth block of "
@@ -118,14 +121,8 @@ def write_report(fit: SceneFit, folder: Path) -> None:
         f"and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within 10 % of the "
         "scene's."
     )
-    for note in fit.notes:
-        page.paragraph(note[:1].upper() + note[1:] + ".")
-    page.heading("Pass or fail")
-    verdict = {None: "-", True: "pass", False: "FAIL"}
-    page.table(
-        ("law", "found", "wanted", ""),
-        [(one.name, one.found, one.wanted, verdict[one.held]) for one in fit.checks],
-    )
+    add_notes(page, fit.notes)
+    add_checks(page, fit.checks)
     page.heading("Estimates")
     page.table(
         ("number of the file", "times what it was", "sigma, Fisher", "sigma, bootstrap", ""),
@@ -138,10 +135,7 @@ def write_report(fit: SceneFit, folder: Path) -> None:
         f"Signals scatter by {fit.texture:.0%} more than photons do: texture of the surfaces, and what the scene has "
         f"wrong. {fit.strangers:.1%} of the pulses met something that is not in the scene."
     )
-    for number, (name, caption, chart, table) in enumerate(_figures(fit.judged), start=1):
-        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
-        put_text(folder / f"{name}.csv", csv_text(*table))
-        page.figure(name=name, number=str(number), caption=caption)
+    add_figures(page, folder, _figures(fit.judged))
     page.heading("Correlations")
     page.table(
         ("", *fit.known.names),
@@ -153,15 +147,11 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     page.heading("What cannot be told")
     page.paragraph("Along each line nothing changes that was recorded; its first number stays as it was.")
     page.table(("not known",), [(one,) for one in fit.known.null])
-    put_text(folder / PAGE, page.as_html())
-    put_text(folder / MARKDOWN, page.as_markdown())
+    put_page(page, folder, as_dict(fit))
 
 
-Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
-
-
-def _figures(judged: Judged) -> list[tuple[str, str, Chart, Table]]:
-    made: list[tuple[str, str, Chart, Table]] = []
+def _figures(judged: Judged) -> list[Figure]:
+    made: list[Figure] = []
     if len(judged.signal):
         made.append((
             "signal", "Mean signal by range, of columns that were not fitted.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import InputError
-from ....files.atomic import atomic_output, require_writable
+from ....files.atomic import put_text
 from ....maths.pose import Pose
 from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
-from ....recordings.packets import json_beside
+from ....recordings.packets import metadata_of
 from ....recordings.sweep import Sweep
 from ....scene.file import load_scene
 from ....scene.poses import read_poses
@@ -24,7 +23,7 @@ from ...twin.planes import of_columns
 from ..estimates import MOST_EVALUATIONS
 from ..known_scene import LEAST_FLOOR_M, PARAMETERS, expected
 from ..likelihood import KnownFit, fit_known
-from ..report import NUMBERS, PAGE
+from ..report import check_places, told
 from ..unit import base_text, sensor_of
 from .checks import NORMAL, judged
 from .laid import Laid, laid_on
@@ -72,17 +71,11 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
 
     Raises InputError and OutputError.
     """
-    if output.suffix.lower() != ".toml":
-        raise InputError(f"--output {output}: the name must end in .toml")
-    require_writable(output)
-    for name in (PAGE, NUMBERS):
-        require_writable(report / name)
+    check_places(output, report)
     world = load_scene(given.scene)
     named = world.sensor_name if given.sensor is None else given.sensor
     where = f"--sensor {named}"
-    beside = json_beside(given.recordings[0])
-    unit = given.metadata if given.metadata is not None else beside if beside.is_file() else None
-    text = base_text(named, unit)
+    text = base_text(named, metadata_of(given.recordings[0], given.metadata))
     sensor = sensor_of(text, where)
     if sensor.histogram is None:
         raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
@@ -104,14 +97,9 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
         text, {one.key: one for one in fit.estimates}, f"{recording} on {fit.scene}", where
     )
     fit = replace(fit, notes=(*fit.notes, *left))
-    with atomic_output(output) as temporary:
-        temporary.write_text(written, encoding="utf-8", newline="\n")
+    put_text(output, written)
     write_report(fit, report)
-    numbers = json.dumps(as_dict(fit), indent=1)
-    with atomic_output(report / NUMBERS) as temporary:
-        temporary.write_text(numbers + "\n", encoding="utf-8", newline="\n")
-    printed = json.dumps(as_dict(fit)) if as_json else f"{as_text(fit)}\nwrote {output} and {report / PAGE}"
-    return printed, fit.passed
+    return told(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
 
 def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
