@@ -13,7 +13,7 @@ from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
-from lidarscene.studies.fit import study
+from lidarscene.studies.fit import report, study
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.near_field import fit_near_field, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
@@ -62,7 +62,7 @@ def written(
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Figures take longest, and one test looks at them."""
-    monkeypatch.setattr(study, "write_report", lambda *_: None)
+    monkeypatch.setattr(report, "add_figures", lambda *_: None)
     return monkeypatch
 
 
