@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.panes import MATERIALS, both_sides, pane
 
 from lidarscene.physics.optics import sunlight
 from lidarscene.scene.model import Air, Sun
@@ -61,6 +62,24 @@ def test_beams_into_the_sun(mi, off_deg):
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     assert (disc > 0.0) == (off_deg < 0.45)
     assert power == pytest.approx(disc + sky, rel=2e-5)
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 3.0])
+def test_the_sun_through_a_pane(mi, off_deg):
+    """A pane at 30 degrees passes T of the sun's disc and of the sky; what it mirrors adds R of the sky."""
+    sun = Sun(azimuth_rad=math.radians(off_deg), elevation_rad=0.0, illuminance_klux=100.0)
+    described = chain.scene(
+        pane(10.0, 30.0), chain.ball(at=(-50.0, 0.0, 0.0)), materials=MATERIALS, sun=sun, sky=0.1,
+        air=Air(transmittance=1.0),
+    )  # fmt: skip
+    seen = chain.run(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
+    free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
+    sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
+    mirrored = both_sides(math.cos(math.radians(30.0)))
+    assert not any(hits.found[4] for hits in seen.ways)
+    assert seen.light.background_power_w[4] == pytest.approx(
+        (1.0 - mirrored) * free + mirrored * sky, rel=2e-5
+    )
 
 
 @pytest.mark.parametrize(

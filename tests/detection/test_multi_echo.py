@@ -472,3 +472,22 @@ def test_even_places_by_factors(kind, samples, good_to):
         scale = np.maximum(wanted, 1e-3 * heights.max(axis=0))
         assert np.max(np.abs(found - wanted) / scale) < good_to
         parts = [part * growth for part, growth in zip(parts, growths, strict=True)]
+
+
+@pytest.mark.parametrize(("second", "found"), [(2.5, 1), (3.5, 1), (4.5, 2), (6.0, 2)])
+def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
+    """A board of 6 thresholds, and one behind it, 4 sigma later: the light between them stays above the threshold. So
+    the next edge is where the sum reaches the second level, of 4 thresholds.
+
+    second  peak of the second board, in thresholds
+    Noise is 2 % of the threshold, more on the light; the first board's light adds exp(-8) of its peak, less than that.
+    """
+    equipped = sensor(
+        "table1-apd", *trains.QUIET, "tdc.stops=2", "tdc.dead_time_ns=0", "sampler.type='multi_level_tdc'",
+        "sampler.levels=[4]",
+    )  # fmt: skip
+    level = power_at_snr(equipped, 50.0)
+    light = train(np.array([[60.0, 60.0 + 4.0 * SIGMA_M]]), level * np.array([[6.0, second]]))
+    stops = detect(light, equipped).stops
+    assert sum(int(stop.reported[0]) for stop in stops) == found
+    assert [int(stop.source[0]) for stop in stops[:found]] == [0, 1][:found]

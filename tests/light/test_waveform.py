@@ -12,6 +12,7 @@ from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.build import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
+from lidarscene.light.waveform import waveform
 from lidarscene.physics.optics import radiometry
 from lidarscene.rendering.stages import ambient_of
 
@@ -107,6 +108,34 @@ def test_fog_agrees(mi):
             assert np.quantile(np.abs(have.range_m - want.range_m)[both], 0.97) < 2e-3
         fogs += int(np.sum(have.source[both] < 0))
     assert fogs > 50
+
+
+@pytest.mark.parametrize("overrides", [(), CASES["filtered"][1:]])
+def test_derivatives_are_those_of_the_power(overrides):
+    """With and without an undershoot against differences, good to 1e-4 of the peak over 0.01 of a place; the part of an
+    air that swings by sin(R / 1.5 m) against its own derivatives, good to (0.13)^2 / 6 over half steps.
+    """
+    equipped = trains.sensor("table1-apd", *overrides)
+    range_m, power = trains.random_trains(200, 3, equipped, seed=11)
+    bare = waveform(trains.train(range_m, power), equipped)
+    place = np.random.default_rng(3).uniform(-3.0, 15.0, 200)
+    step, peak = 0.01, power.max()
+    before, here, after = (bare.at(place + shift)[0] for shift in (-step, 0.0, step))
+    _, slope, bend = bare.at(place)
+    np.testing.assert_allclose(slope, (after - before) / (2.0 * step), atol=1e-4 * peak)
+    np.testing.assert_allclose(bend, (after - 2.0 * here + before) / step**2, atol=1e-3 * peak)
+
+    shape = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
+    air = echoes.Volume(
+        shape=shape, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(200, peak), end_m=np.full(200, 1e4),
+        extinction_per_m=0.0,
+    )  # fmt: skip
+    wave = waveform(trains.train(range_m, power, volume=air), equipped)
+    swing, by_place = wave.range_m(place) / 1.5, wave.unit_m / 1.5
+    found = wave.at(place)
+    parts = 1.5 + np.sin(swing), by_place * np.cos(swing), -(by_place**2) * np.sin(swing)
+    for have, own, part in zip(found, (here, slope, bend), parts, strict=True):
+        np.testing.assert_allclose(have - own, peak * part, atol=4e-3 * peak * np.abs(part).max())
 
 
 @pytest.mark.parametrize("case", ["apd", "filtered", "levels", "adc"])
