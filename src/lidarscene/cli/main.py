@@ -38,8 +38,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         end_cleanly()
         # The end of a process need not look for garbage among all that was ever imported: 0.15 s.
         atexit.register(gc.freeze)
-        # Nor, every 700 objects, among those that imports bring.
-        gc.set_threshold(50_000)
     try:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         with notes():
