@@ -48,7 +48,7 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, Any] | None = None)
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
-def made(values: dict[str, Any], reflectance: object | None = None) -> Any:
+def made(values: dict[str, Any], reflectance: dict[str, Any] | None = None) -> Any:
     """Return Mitsuba's BSDF of a material, as of `bsdf_dict`."""
     if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
         return _coat(values)
