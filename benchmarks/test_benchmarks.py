@@ -83,8 +83,8 @@ SECTIONS = {
 }
 
 
-HALVES = (("chain", "bare", "receivers", "peers"), ("motion", "rays", "start", "memory", "batch"))
-"""Parts that are run in one process, beside the others in another."""
+HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("motion", "rays", "start", "batch"))
+"""Parts that are run in one process, beside the others in another: both take some 20 s of a processor."""
 
 
 @pytest.fixture(scope="module")
