@@ -19,7 +19,6 @@ from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams, echoes
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.scene.model import Part
 
 SENSORS = ("table1-apd", "table1-sipm")
 GOAL = 2.0
@@ -228,15 +227,13 @@ def beam_rays(simulator: Simulator) -> np.ndarray:
 
 
 def triangles(simulator: Simulator) -> tuple[np.ndarray, np.ndarray]:
-    """All triangles of the scene where they are traced: vertices (v, 3) float32, faces (f, 3) uint32."""
+    """All triangles as they are traced: vertices (v, 3) float32, faces (f, 3) uint32."""
     vertices, faces, start = [], [], 0
-    for body in simulator.scene.bodies:
-        for part in body.parts:
-            if isinstance(part, Part):
-                vertices.append(body.pose.apply(part.vertices_m) - simulator.world.centre_m)
-                faces.append(part.faces + np.uint32(start))
-                start += len(part.vertices_m)
-    return np.concatenate(vertices).astype(np.float32), np.concatenate(faces).astype(np.uint32)
+    for shape in simulator.world.scene.shapes():
+        vertices.append(shape.vertex_positions_buffer().numpy().reshape(-1, 3))
+        faces.append(shape.faces_buffer().numpy().reshape(-1, 3) + np.uint32(start))
+        start += len(vertices[-1])
+    return np.concatenate(vertices), np.concatenate(faces)
 
 
 # --- where the time goes ----------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from table import Row, Section, verdict
 
 ROOT = Path(__file__).parents[1]
 GOAL_SECONDS = 3.0
+GOAL_BUSY_S, GOAL_COLD_S = 1.2, 4.0
 GOAL_GIB = 2.0
 
 STAGES = """
@@ -55,15 +56,21 @@ def start(scene: Path, *, rounds: int, warm_up: bool = True) -> Section:
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target)]
         if warm_up:
             _run(command)  # fills the kernel cache
-        plain, stages, no_scipy = [], [], []
-        for _ in range(rounds):
-            plain.append(_run(command)[0])
+        plain, stages, no_scipy, cold = [], [], [], []
+        for number in range(rounds):
+            plain.append(_run(command))
             stages.append(_stages(scene, target))
             no_scipy.append(_run(["-c", NO_SCIPY, *command[2:]])[0])
+            if warm_up:
+                cold.append(_run(command, caches=Path(folder) / f"caches-{number}"))
     rows = [
-        _row(f"process start to end: render {scene.name}", plain, "", GOAL_SECONDS),
+        _row(f"process start to end: render {scene.name}", [one[0] for one in plain], "", GOAL_SECONDS),
+        _row("its time of the processor", [one[3] for one in plain], "all threads", GOAL_BUSY_S),
         _row("the same where scipy is not installed", no_scipy, "trimesh imports scipy if it is there"),
     ]
+    if cold:
+        rows.append(_row("the same with nothing cached", [one[0] for one in cold], "no kernel, no mesh"))
+        rows.append(_row("its time of the processor", [one[3] for one in cold], "all threads", GOAL_COLD_S))
     for name in stages[0]:
         rows.append(_row(f"of which: {name}", [one[name] for one in stages]))
     return Section("From process start to a file", START, rows)
@@ -116,7 +123,7 @@ def _large(scene: Path, suffix: str, overrides: Sequence[str], besides: Sequence
         target = Path(folder) / f"big{suffix}"
         files = [str(Path(folder) / one) if Path(one).suffix else one for one in besides]
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json", *files]
-        seconds, peak, answer = _run(command + [f"--set={one}" for one in overrides])
+        seconds, peak, answer, _ = _run(command + [f"--set={one}" for one in overrides])
         size = target.stat().st_size / 2**30
     also = ", ".join(one[2:] for one in besides if one.startswith("--"))
     title = f"peak memory, {scene.name} to {suffix}{' with ' if also else ''}{also}"
@@ -126,7 +133,7 @@ def _large(scene: Path, suffix: str, overrides: Sequence[str], besides: Sequence
 
 
 def _whole(scene: Path, overrides: Sequence[str]) -> list[Row]:
-    seconds, peak, answer = _run(["-c", WHOLE, str(scene), *overrides])
+    seconds, peak, answer, _ = _run(["-c", WHOLE, str(scene), *overrides])
     told = json.loads(answer)
     note = f"the cloud's columns are {told['size'] / 2**30:.2f} of it"
     title = f"peak memory, {scene.name} to a cloud in Python"
@@ -141,7 +148,7 @@ def _time(seconds: float, summary: dict[str, Any]) -> Row:
 
 def _stages(scene: Path, target: Path) -> dict[str, float]:
     since = time.time()
-    wall, _, answer = _run(["-c", STAGES, str(scene), str(target)])
+    wall, _, answer, _ = _run(["-c", STAGES, str(scene), str(target)])
     marks = json.loads(answer)
     times = np.array([since, *(moment for _, moment in marks), since + wall])
     return dict(zip([*(name for name, _ in marks), "leave"], np.diff(times), strict=True))
@@ -153,9 +160,18 @@ def _row(what: str, seconds: Sequence[float], note: str = "", goal: float | None
     return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, told)
 
 
-def _run(arguments: list[str]) -> tuple[float, float, str]:
-    """Wall seconds, peak memory [GiB] and output of a Python of its own."""
+def _run(arguments: list[str], *, caches: Path | None = None) -> tuple[float, float, str, float]:
+    """Wall seconds, peak memory [GiB], output and seconds of the processor of a Python of its own.
+
+    caches  a folder for what is kept between runs; None: where it always is
+    """
     environment: dict[str, Any] = dict(os.environ, PYTHONPATH=str(ROOT / "src"))
+    if caches is not None:
+        (caches / "kernels").mkdir(parents=True)
+        environment |= {
+            "DRJIT_CACHE_DIR": str(caches / "kernels"),
+            "LIDARSCENE_CACHE": str(caches / "meshes"),
+        }
     since = time.perf_counter()
     with subprocess.Popen([sys.executable, *arguments], env=environment, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
@@ -165,4 +181,5 @@ def _run(arguments: list[str]) -> tuple[float, float, str]:
     if child.returncode:
         raise SystemExit(f"benchmarks: {' '.join(arguments)[:200]} ended with {child.returncode}")
     unit = 1 if sys.platform == "darwin" else 1024
-    return time.perf_counter() - since, usage.ru_maxrss * unit / 2**30, answer
+    busy_s = usage.ru_utime + usage.ru_stime
+    return time.perf_counter() - since, usage.ru_maxrss * unit / 2**30, answer, busy_s

@@ -64,7 +64,11 @@ def full_parts(*, large: bool) -> Parts:
     sizes = SIZES | (LARGER if large else {})
     return {
         "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
-        "bare": lambda: [bare.measure(street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1:], rounds=9)],
+        "bare": lambda: [
+            bare.measure(
+                street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1], middle="131k", city=True, rounds=9
+            )
+        ],
         "receivers": lambda: [receivers.measure(street, step_deg=STREET_DEG, rounds=9)],
         "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
         "rays": lambda: [
@@ -82,7 +86,9 @@ def quick_parts() -> Parts:
     car = ROOT / "scenes" / "car.toml"
     return {
         "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
-        "bare": lambda: [bare.measure(car, sizes={"12k": 0.5}, triangles=(2_000,), rounds=2)],
+        "bare": lambda: [
+            bare.measure(car, sizes={"12k": 0.5}, triangles=2_000, middle="12k", city=False, rounds=2)
+        ],
         "receivers": lambda: [receivers.measure(car, step_deg=0.5, rounds=2)],
         "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
         "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],

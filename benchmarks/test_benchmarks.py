@@ -70,6 +70,7 @@ SECTIONS = {
     ],
     "From process start to a file": [
         "process start to end: render car.toml",
+        "its time of the processor",
         *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),
     ],
     "A large frame": [
@@ -83,8 +84,8 @@ SECTIONS = {
 }
 
 
-HALVES = (("chain", "bare", "receivers", "peers"), ("motion", "rays", "start", "memory", "batch"))
-"""Parts that are run in one process, beside the others in another."""
+HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("motion", "rays", "start", "batch"))
+"""Parts that are run in one process, beside the others in another: both take some 20 s of a processor."""
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from lidarscene import Scene, Simulator, load_scene
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
+from lidarscene.scene import clearance
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, cylinder_mesh, plane_mesh
 from lidarscene.scene.model import Ball, Body, Part
@@ -135,3 +136,31 @@ def test_no_hit_is_nearer_than_the_housing(mi, name):
     echoes = cloud.true_range_m[cloud.status == 0]
     assert len(echoes) > 0.6 * sensor.scanner.pulses
     assert echoes.min() >= float(sensor.housing_m)
+
+
+def test_of_a_large_ground_a_few_triangles_are_looked_at(monkeypatch):
+    """The distance and the height are those that all its triangles have; a frame must not go through millions."""
+    side = 151
+    x, y = np.meshgrid(np.linspace(-30, 30, side), np.linspace(-30, 30, side), indexing="ij")
+    vertices = np.stack([x, y, np.random.default_rng(3).uniform(-0.2, 0.2, x.shape)], axis=-1).reshape(-1, 3)
+    corner = np.arange(side * side).reshape(side, side)[:-1, :-1].ravel()
+    lower, upper = ((corner, corner + side, corner + side + 1), (corner, corner + side + 1, corner + 1))
+    faces = np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)]).astype(np.uint32)
+    found = Clearance.of(Scene(bodies=(body("ground", (vertices, faces), at(2, 1, 0, yaw_deg=20)),)))
+    seen = []
+    kernel = clearance._distance_m
+    monkeypatch.setattr(
+        clearance, "_distance_m", lambda corners, most_m: seen.append(len(corners)) or kernel(corners, most_m)
+    )
+    for place in ([1.0, -3.0, 0.9], [14.0, 9.0, -2.0], [0.0, 0.0, 40.0]):
+        point = found.bodies[0].pose.inverse_apply(np.array(place))
+        around = found.around_place(np.array(place), time_s=0.0)
+        every = vertices[faces] - point
+        assert around.nearest.distance_m == pytest.approx(kernel(every, math.inf), rel=1e-12)
+        heights = clearance._along_m(every, np.array([0.0, 0.0, 1.0]), np.eye(3)[:, :2])
+        side_m = around.below.distance_m if place[2] > 0.0 else -around.above.distance_m
+        assert side_m == pytest.approx(-heights[0], abs=1e-9)
+        assert len(heights) == 1
+    found.check(np.array([1.0, -3.0, 0.9]), radius_m=0.1, time_s=0.0, sensor="own")
+    assert max(seen) < len(faces) / 2
+    assert seen[-1] < len(faces) / 4

@@ -212,12 +212,15 @@ def fitted(attribute: str, values: Any, n: int) -> Numbers:
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
     dtype = np.dtype(position_dtype if is_position else _TYPES[attribute])
+    shape = (n, 3) if is_position else (n,)
+    if array.dtype == dtype and array.shape == shape and not array.flags.writeable:
+        return array  # as this function has left it before
     if dtype.kind != "f" and array.dtype != dtype and array.size:
         limits = np.iinfo(str(dtype))
         if not limits.min <= array.min() <= array.max() <= limits.max:
             raise ValueError(f"PointCloud.{attribute}: values do not fit {dtype}")
     try:
-        return frozen(array, dtype, (n, 3) if is_position else (n,))
+        return frozen(array, dtype, shape)
     except ValueError as error:
         raise ValueError(f"PointCloud.{attribute}: {error}") from None
 

@@ -4,7 +4,7 @@ docs/architecture.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -35,6 +35,11 @@ from .options import TraceOptions
 
 Places = Callable[[int], tuple[Placement, Moving | None]]
 """Where the sensor and what moves are when pulses of so many rays leave, ray by ray; None: nothing moves."""
+
+OfRays = Mapping[int, Any]
+"""By rays of a pulse, (n rays,) pulse of each ray, computed already."""
+
+NO_RAYS: OfRays = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,12 +85,15 @@ class Stages:
             sun=transfer.opaque(numbers_of(scene.sun.direction)),
         )
 
-    def chain(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool) -> Chunk:
+    def chain(
+        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, of_rays: OfRays | None = None
+    ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
-        survey  leave out the pulses that meet panes or mirrors, and say which these are
+        survey   leave out the pulses that meet panes or mirrors, and say which these are
+        of_rays  `of_rays` of these pulses, where they are known
         """
-        sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey)
+        sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey, of_rays=of_rays or {})
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         if self.rays == len(lit.paths) == 1 and self.air is None and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
@@ -100,11 +108,20 @@ class Stages:
         """All that comes back of some pulses, on the device."""
         return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
 
-    def _lit(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False) -> Lit:
+    def of_rays(self, pulse: Array) -> OfRays:
+        """The pulse of each ray, where pulses have several, by their number."""
+        shapes = [self.footprint] if self.field is None else [self.footprint, self.field]
+        return {one.rays: transfer.repeated(pulse, one.rays)[0] for one in shapes if one.rays > 1}
+
+    def _lit(
+        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False, of_rays: OfRays = NO_RAYS
+    ) -> Lit:
         """The optical stages: beams, hits, echoes."""
         # The background may be gathered by rays of its own: the receiver can see more than the laser lights.
-        background = None if self.field is None else self._background(places, pulse, seed, self.field)
-        rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey)
+        background = None
+        if self.field is not None:
+            background = self._background(places, pulse, seed, self.field, of_rays)
+        rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey, of_rays=of_rays)
         light = echoes.with_all_background(
             [echoes.receive(rays, one, self.sensor, self.ambient) for one in paths]
         )
@@ -114,10 +131,14 @@ class Stages:
         return Lit(pulse, rays, paths, light, paths[0].goes_on)
 
     def _traced(
-        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, *, survey: bool = False
-    ) -> tuple[Beams, Sequence[Hits]]:
+        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, *, survey: bool = False,
+        of_rays: OfRays = NO_RAYS,
+    ) -> tuple[Beams, Sequence[Hits]]:  # fmt: skip
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
-        of_ray, ray = (pulse, None) if shape.rays == 1 else transfer.repeated(pulse, shape.rays)
+        of_ray, ray = pulse, None
+        if shape.rays > 1:
+            of_ray, ray = transfer.repeated(pulse, shape.rays)
+            of_ray = of_rays.get(shape.rays, of_ray)
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
         axes = beams.fire(
@@ -139,9 +160,11 @@ class Stages:
         )  # fmt: skip
         return rays, [_in_sensor(hits, place) for hits in paths]
 
-    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint) -> Any:
+    def _background(
+        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, of_rays: OfRays
+    ) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
-        rays, paths = self._traced(places, pulse, seed, shape)
+        rays, paths = self._traced(places, pulse, seed, shape, of_rays=of_rays)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
         # A kernel of its own, or these rays would be traced again wherever the power is used.
         transfer.start([power])
@@ -175,7 +198,12 @@ def _in_sensor(hits: Hits, place: Placement) -> Hits:
 
 
 class Chain:
-    """`Stages.chain` for the pulses of frames, started; written down for the device but once where that may be."""
+    """`Stages.chain` for the pulses of frames, started; written down for the device but once where that may be.
+
+    repeats  tests set it to False, for frames to compare with
+    """
+
+    repeats = True
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
@@ -199,19 +227,16 @@ class Chain:
                 )
             )
             place = now.origin.origin_m, now.origin.rotation
-            repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving)
+            # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
+            # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
+            # before it, and an input of their kernel has an element for each.
+            of_rays = dict(self._stages.of_rays(pulse))
+            transfer.start([*of_rays.values()])
+            repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving, of_rays)
             return repeated
         part = self._stages.chain(partial(now.placements, numbers), pulse, seed, survey=survey)
         transfer.start(part.arrays())
         return part
-
-    @property
-    def repeats(self) -> bool:
-        """Whether the stages may be written down once for all frames.
-
-        With several rays to a pulse the number of lanes becomes part of the kernels.
-        """
-        return self._stages.rays == 1 and self._stages.field is None
 
     @property
     def recordings(self) -> list[int]:
@@ -227,18 +252,26 @@ class Chain:
             stages = self._stages
 
             def chain(
-                pulse: Array, seed: Lanes, place: tuple[Vector, tuple[Lanes, ...]], moving: tuple[Any, ...]
-            ) -> Chunk:
+                pulse: Array, seed: Lanes, place: tuple[Vector, tuple[Lanes, ...]], moving: tuple[Any, ...],
+                of_rays: OfRays,
+            ) -> Chunk:  # fmt: skip
                 paths, times = None, None
                 if moving:
                     table, rate_hz, last, boxes, times = moving
                     paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count, boxes_m=boxes)
                 origin_m, rotation = place
-                found = placements(Placement(origin_m=origin_m, rotation=rotation), paths, times, moves=moves)
-                return stages.chain(lambda _: found, pulse, seed, survey=survey)
+                origin = Placement(origin_m=origin_m, rotation=rotation)
 
-            held = (stages.sensor, stages.ambient, stages.footprint, stages.air, stages.sun, stages.world)
-            self._replays[key] = Replay(chain, Chunk.arrays, held=held)
+                def places(rays: int) -> tuple[Placement, Moving | None]:
+                    own = times if times is None or rays == 1 else transfer.repeated(times, rays)[0]
+                    return placements(origin, paths, own, moves=moves)
+
+                return stages.chain(places, pulse, seed, survey=survey, of_rays=of_rays)
+
+            held = (
+                stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world,
+            )  # fmt: skip
+            self._replays[key] = Replay(chain, Chunk.arrays, held=held, rays=stages.rays)
         return self._replays[key]
 
 

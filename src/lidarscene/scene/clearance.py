@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -62,11 +62,13 @@ class Clearance:
     bodies  those that have surfaces
     boxes   (b, 2, 3) lowest and highest corner of each in its own frame
     around  (b, 2, 3) the same in the world, of those that stand still; without bounds of those that move
+    blocks  boxes of the parts' triangles, some at a time, as far as they were needed; by id of the part
     """
 
     bodies: tuple[Body, ...]
     boxes: Numbers
     around: Numbers
+    blocks: dict[int, tuple[Part, Numbers]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene) -> Clearance:
@@ -95,7 +97,7 @@ class Clearance:
             point = pose.inverse_apply(place_m)
             if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
                 continue
-            near = min(_distance_m(part, point, radius_m) for part in body.parts)
+            near = min(self._distance_m(part, point, radius_m) for part in body.parts)
             at = ", ".join(f"{x:g}" for x in np.round(place_m, 3) + 0.0)
             must = f"sensor '{sensor}' at ({at}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
@@ -136,7 +138,7 @@ class Clearance:
             body = self.bodies[number]
             point = points.get(number, body.pose.inverse_apply(place_m))
             for part in body.parts:
-                if (found_m := _distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
+                if (found_m := self._distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
                     nearest = Surface(found_m, body.name)
             if within is None and gaps_m[number] == 0.0 and _enclosed(body.parts, point) > _SHUT:
                 within = body.name
@@ -151,12 +153,69 @@ class Clearance:
         for number in np.flatnonzero(there):
             body = self.bodies[number]
             point, up = body.pose.inverse_apply(place_m), body.pose.rotation[2]
-            along_m = np.concatenate([_along_m(part, point, up) for part in body.parts])
+            along_m = np.concatenate([self._along_m(part, point, up) for part in body.parts])
             for side, apart_m in enumerate((-along_m, along_m)):
                 least_m = float(apart_m[apart_m >= 0.0].min(initial=math.inf))
                 if least_m < found[side].distance_m:
                     found[side] = Surface(least_m, body.name)
         return found[0], found[1]
+
+    def _distance_m(self, part: Part | Ball, point: Numbers, most_m: float) -> float:
+        """Of a point to the nearest surface, in the body's frame; infinite beyond ``most_m``."""
+        if isinstance(part, Ball):
+            return abs(float(np.linalg.norm(point)) - part.radius_m)
+        boxes = self._blocks_of(part)
+        gap = np.maximum(np.maximum(boxes[:, 0] - point, point - boxes[:, 1]), 0.0)
+        # The nearest surface is no farther than a corner of any triangle, and no nearer than its block's box.
+        some = part.vertices_m[part.faces[::_BLOCK, 0]] - point
+        most = min(most_m, math.sqrt(float(np.einsum("bi,bi->b", some, some).min(initial=math.inf))))
+        near = np.einsum("bi,bi->b", gap, gap) <= (most * (1.0 + 1e-9)) ** 2
+        return _distance_m(part.vertices_m[_of_blocks(part.faces, near)] - point, most_m)
+
+    def _along_m(self, part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
+        """(k,) where the line through a point along ``up``, a unit vector, meets surfaces; in the body's frame."""
+        if isinstance(part, Ball):
+            middle = -float(point @ up)
+            square = part.radius_m**2 - (float(point @ point) - middle**2)
+            return middle + np.array([-1.0, 1.0]) * math.sqrt(square) if square >= 0.0 else np.zeros(0)
+        # Seen along the line: what is met has the origin in it.
+        across = np.linalg.svd(up[None])[2][1:].T
+        boxes = self._blocks_of(part) - point
+        middle_m, half_m = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
+        near = (np.abs(middle_m @ across) <= half_m @ np.abs(across) + 1e-9).all(axis=1)
+        return _along_m(part.vertices_m[_of_blocks(part.faces, near)] - point, up, across)
+
+    def _blocks_of(self, part: Part) -> Numbers:
+        """(b, 2, 3) boxes of the part's triangles, `_BLOCK` at a time; made once.
+
+        To go through a ground of ten million triangles takes seconds. Those that follow each other are mostly
+        neighbours.
+        """
+        if id(part) not in self.blocks:
+            boxes = [
+                _box_of(part.vertices_m, part.faces[first : first + _BLOCK])
+                for first in range(0, len(part.faces), _BLOCK)
+            ]
+            self.blocks[id(part)] = part, np.array(boxes).reshape(-1, 2, 3)
+        return self.blocks[id(part)][1]
+
+
+_BLOCK = 512
+"""Triangles that share a box."""
+
+
+def _box_of(vertices_m: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
+    """Lowest and highest corner of some triangles."""
+    corners = vertices_m[faces.ravel()]
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _of_blocks(faces: Numbers, chosen: Numbers) -> Numbers:
+    """The faces of the blocks that are flagged."""
+    if chosen.all():
+        return faces
+    found = [faces[number * _BLOCK : (number + 1) * _BLOCK] for number in np.flatnonzero(chosen)]
+    return np.concatenate(found) if found else faces[:0]
 
 
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
@@ -175,13 +234,10 @@ def _corners(box: Numbers) -> Numbers:
     return np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
 
 
-def _distance_m(part: Part | Ball, point: Numbers, most_m: float) -> float:
-    """Of a point to the nearest surface, in the body's frame; infinite beyond ``most_m``."""
-    if isinstance(part, Ball):
-        return abs(float(np.linalg.norm(point)) - part.radius_m)
-    if not len(part.faces):
+def _distance_m(corners: Numbers, most_m: float) -> float:
+    """Of the origin to the nearest of triangles, (t, 3, 3) their corners; infinite beyond ``most_m``."""
+    if not len(corners):
         return math.inf
-    corners = part.vertices_m[part.faces] - point
     # No triangle is farther than its corners, nor nearer than the box around it.
     nearest_corner_m = math.sqrt(float(np.einsum("tci,tci->tc", corners, corners).min()))
     gap = np.maximum(np.maximum(corners.min(axis=1), -corners.max(axis=1)), 0.0)
@@ -205,21 +261,18 @@ def _of_triangles_m(corners: Numbers) -> Numbers:
     return np.asarray(np.where(over, height / np.maximum(length, 1e-300), edge))
 
 
-def _along_m(part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
-    """(k,) where the line through a point along ``up``, a unit vector, meets surfaces; in the body's frame."""
-    if isinstance(part, Ball):
-        middle = -float(point @ up)
-        square = part.radius_m**2 - (float(point @ point) - middle**2)
-        return middle + np.array([-1.0, 1.0]) * math.sqrt(square) if square >= 0.0 else np.zeros(0)
-    # Seen along the line: a triangle is met if the origin is in it.
-    across = np.linalg.svd(up[None])[2][1:]
-    flat = ((part.vertices_m - point) @ across.T)[part.faces]
+def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
+    """(k,) where the line through the origin along ``up`` meets triangles, (t, 3, 3) their corners.
+
+    across  (3, 2) two unit vectors normal to the line
+    """
+    flat = corners @ across
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
     a, b, c = np.moveaxis(flat[near], 1, 0)
     weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # of the corners, not yet of sum 1
     whole = weights.sum(axis=1)
     met = (whole != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
-    heights = (part.vertices_m[part.faces[near[met]]] - point) @ up
+    heights = corners[near[met]] @ up
     return np.asarray((heights * weights[met]).sum(axis=1) / whole[met])
 
 

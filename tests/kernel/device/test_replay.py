@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import launches
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.errors import InputError
@@ -33,6 +33,9 @@ CASES = {
     "both edges": ("retro", "table1-sipm", ("tdc.edges='both'",)),
     "jitter": ("car", "table1-apd", ("scanner.jitter_mrad=1.0",)),
     "ADC": ("car", "table1-apd", ADC),
+    "several rays": ("glass", "table1-apd", (), {"rays": 2}),
+    "several rays on the move": ("drive", "table1-apd", (), {"rays": 3, "interactions": 0}),
+    "rays of the background": ("car", "table1-apd", (), {"background_rays": 4, "interactions": 0}),
 }
 
 
@@ -51,10 +54,11 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     Dr.Jit records once more where a number of lanes happens to be that of some array, as in these small scenes; it then
     launches the kernels that it has.
     """
-    scene_name, sensor_name, overrides = CASES[case]
+    scene_name, sensor_name, overrides, *options = CASES[case]
     scene = load_scene(SCENES / f"{scene_name}.toml")
     sensor = load_sensor(sensor_name, overrides=[*COARSE, *overrides])
-    simulator = Simulator(scene, sensor)
+    how = dict(*options)
+    simulator = Simulator(scene, sensor, **how)
     rendered = frames(simulator)
     with launches.launched() as before:
         found = [next(rendered)]
@@ -67,7 +71,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     assert len(ran) > 8
     launches.assert_none_is_new(ran, before)
     monkeypatch.setattr(Chain, "repeats", False)
-    plain = Simulator(scene, sensor, world=simulator.world)
+    plain = Simulator(scene, sensor, world=simulator.world, **how)
     for ours, theirs in zip(found, frames(plain), strict=True):
         assert len(ours) > 100
         for column in ours.columns:
@@ -75,17 +79,6 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
                 ours.column(column.name), theirs.column(column.name), err_msg=column.name
             )
     assert not plain._chain.recordings
-
-
-def test_what_has_many_lanes_is_written_down_each_time():
-    """The number of lanes would become part of its kernels."""
-    sensor = chain.sensor("table1-apd", *COARSE, "laser.divergence_mrad=3")
-    scene = chain.scene(chain.facing(range_m=30.0, size_m=40.0))
-    several, wide = Simulator(scene, sensor, rays=3), Simulator(scene, sensor, background_rays=2)
-    for simulator in (several, wide):
-        for seed in range(3):
-            simulator.render(seed=seed)
-        assert not simulator._chain.recordings
 
 
 def test_only_what_is_wanted_comes_out():

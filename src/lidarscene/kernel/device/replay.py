@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import operator
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -43,12 +44,18 @@ class Replay:
               dataclasses and tuples) whose arrays have that length, or one element
     wanted    from such a description to the list of its arrays that are needed; `LEFT_OUT` stands for the others
     held      descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
+    rays      of each lane: the function may return arrays with an element for each of these, too
     """
 
     def __init__(
-        self, function: Callable[..., object], wanted: Callable[[Any], list[Any]], *, held: tuple[object, ...]
+        self,
+        function: Callable[..., object],
+        wanted: Callable[[Any], list[Any]],
+        *,
+        held: tuple[object, ...],
+        rays: int = 1,
     ) -> None:
-        self._function, self._wanted = function, wanted
+        self._function, self._wanted, self._rays = function, wanted, rays
         self._inputs: list[Any] = []
         _gather(held, self._inputs)
         self._plan: list[Any] = []
@@ -88,12 +95,13 @@ class Replay:
             arrays = self._frozen(*arguments)
         # An output that depends on no lane, such as a constant over all lanes, is replayed with the width of its
         # recording. Such a function is not recorded at all.
-        lengths = (1, dr.width(arguments[0]))
+        lanes = dr.width(arguments[0])
+        lengths = (1, lanes, lanes * self._rays)
         if any(dr.width(one) not in lengths for one in arrays):
             raise RuntimeError(
                 "an array of numbers that are all the same keeps the length it was recorded with"
             )
-        return _filled(self._plan[0], arrays)
+        return self._plan[0](arrays)
 
     def _prepared(self) -> Any:
         import drjit as dr
@@ -108,12 +116,13 @@ class Replay:
         }
         weakref.finalize(self, own.clear)
 
-        def recorded(*arguments: object) -> list[Any]:
+        # As a default and not from the closure, which Dr.Jit goes through at each call: it would see all inputs twice.
+        def recorded(*arguments: object, own: dict[str, Any] = own) -> list[Any]:
             # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
             # array of the list belongs where in the description; a replay only brings a new list.
             found = own["function"](*arguments)
             outputs: list[Any] = own["wanted"](found)
-            own["plan"][:] = [_plan(found, {id(one): place for place, one in enumerate(outputs)})]
+            own["plan"][:] = [_filler(found, {id(one): place for place, one in enumerate(outputs)})]
             return outputs
 
         def inputs(*_: object) -> Any:
@@ -165,13 +174,6 @@ LEFT_OUT = _LeftOut()
 """Stands in a replayed description for an array that is not wanted."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class _Place:
-    """Stands in a plan for the array of this index in the list of outputs."""
-
-    index: int
-
-
 def _gather(value: object, found: list[DeviceArray]) -> None:
     """Append every array in descriptions and tuples, however deep, to ``found``."""
     if is_drjit(value):
@@ -184,26 +186,24 @@ def _gather(value: object, found: list[DeviceArray]) -> None:
             _gather(getattr(value, field.name), found)
 
 
-def _plan(value: object, places: dict[int, int]) -> Any:
-    """Return a description with a `_Place` for each array; ``places`` has the index in the list by id of the array."""
+Filler = Callable[[list[DeviceArray]], Any]
+"""From the list of outputs to the description."""
+
+
+def _filler(value: object, places: dict[int, int]) -> Filler:
+    """Return what puts new arrays in the places of a description's own.
+
+    Made once: going through dataclasses by their fields takes half a millisecond, a tenth of Python's share of a frame.
+
+    places  index in the list of outputs by id of the array
+    """
     if is_drjit(value):
-        return _Place(places[id(value)]) if id(value) in places else LEFT_OUT
-    return _mapped(value, lambda inner: _plan(inner, places))
-
-
-def _filled(plan: object, arrays: list[DeviceArray]) -> Any:
-    """Return a description: a plan with the arrays in their places."""
-    if isinstance(plan, _Place):
-        return arrays[plan.index]
-    return _mapped(plan, lambda inner: _filled(inner, arrays))
-
-
-def _mapped(value: object, change: Callable[[object], object]) -> Any:
-    """Apply ``change`` to each element of a tuple or list, or each field of a dataclass; others stay as they are."""
+        return operator.itemgetter(places[id(value)]) if id(value) in places else lambda _: LEFT_OUT
     if isinstance(value, tuple | list):
-        return type(value)(change(inner) for inner in value)
+        kind, inner = type(value), [_filler(one, places) for one in value]
+        return lambda arrays: kind([fill(arrays) for fill in inner])
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return dataclasses.replace(
-            value, **{field.name: change(getattr(value, field.name)) for field in dataclasses.fields(value)}
-        )
-    return value
+        made, names = type(value), [field.name for field in dataclasses.fields(value)]
+        parts = [_filler(getattr(value, name), places) for name in names]
+        return lambda arrays: made(**{name: fill(arrays) for name, fill in zip(names, parts, strict=True)})
+    return lambda _: value

@@ -22,6 +22,7 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Lanes, Mask, xp
 from ...physics.optics import dielectrics, reflection
+from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Surface
 from .rough import ROUGH_PLUGIN, register_rough_diffuse
@@ -47,12 +48,19 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, Any] | None = None)
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
+def made(values: dict[str, Any], reflectance: dict[str, Any] | None = None) -> Any:
+    """Return Mitsuba's BSDF of a material, as of `bsdf_dict`."""
+    if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
+        return _coat(values)
+    return mitsuba().load_dict(bsdf_dict(values, reflectance))
+
+
 def diffuse_share(values: Mapping[str, Any]) -> float:
     """Return the share of the sky's light that a surface reflects diffusely; metal and glass mirror it instead."""
     return 0.0 if values["bsdf"] in ("conductor", "mirror", "glass") else float(values["reflectivity"])
 
 
-def _two_sided(inner: dict[str, object]) -> dict[str, Any]:
+def _two_sided(inner: object) -> dict[str, Any]:
     return {"type": "twosided", "inner": inner}
 
 
@@ -82,8 +90,25 @@ def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
     """A diffuse base under a rough dielectric coat; the reflectivity is the diffuse part, seen from outside."""
+    white = mitsuba().load_dict(_roughplastic(values) | {"diffuse_reflectance": _spectrum(1.0)})
+    return _two_sided(_roughplastic(values) | {"diffuse_reflectance": _spectrum(_base(values, white))})
+
+
+def _coat(values: dict[str, Any]) -> Any:
+    """Mitsuba's own of `_coated`: to tabulate a coat takes it 20 ms, so one over a white base is darkened."""
+    mi = mitsuba()
+    reflectance = mi.load_dict(_spectrum(1.0))
+    white = mi.load_dict(_roughplastic(values) | {"diffuse_reflectance": reflectance})
+    parameters = mi.traverse(reflectance)
+    parameters["value"] = transfer.opaque(_base(values, white))
+    parameters.update()
+    return mi.load_dict(_two_sided(white))
+
+
+def _base(values: dict[str, Any], white: Any) -> float:
+    """Return the reflectivity of the base of a coat; ``white`` is Mitsuba's BSDF over a white one."""
     ior, roughness = float(values["coat_ior"]), float(values["coat_roughness"])
-    limit = diffuse_throughput(ior, roughness)
+    limit = diffuse_throughput(white)
     if values["reflectivity"] > limit:
         raise InputError(
             f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} under a coat of "
@@ -91,34 +116,35 @@ def _coated(values: dict[str, Any]) -> dict[str, Any]:
         )
     # The material's reflectivity is measured through the coat, Mitsuba's parameter is the base's below it. The linear
     # model ("nonlinear": False) makes one proportional to the other, so one division converts.
-    base = values["reflectivity"] / limit
-    return _two_sided(_roughplastic(ior, roughness) | {"diffuse_reflectance": _spectrum(base)})
+    return float(values["reflectivity"] / limit)
 
 
-def _roughplastic(ior: float, roughness: float) -> dict[str, Any]:
+def _roughplastic(values: dict[str, Any]) -> dict[str, Any]:
     return {
-        "type": "roughplastic", "distribution": "ggx", "int_ior": ior, "alpha": roughness, "nonlinear": False,
+        "type": "roughplastic", "distribution": "ggx", "int_ior": float(values["coat_ior"]),
+        "alpha": float(values["coat_roughness"]), "nonlinear": False,
     }  # fmt: skip
 
 
-@functools.cache
-def diffuse_throughput(ior: float, roughness: float) -> float:
+def diffuse_throughput(coat: Any) -> float:
     """Return the share of light that passes the coat, is scattered by a white base and leaves again; normal incidence.
 
     Reflectivities are measured near normal incidence and over the hemisphere. So a base whose reflectivity is the
     material's over this share has the material's reflectivity (docs/theory.md 4).
+
+    coat  Mitsuba's BSDF, over a white base
     """
     # Mitsuba tabulates the transmittance of the rough coat and does not give it away. So its own BSDF, without the
     # mirror lobe, is integrated over the hemisphere: 64-point Gauss-Legendre in the cosine.
     mi = mitsuba()
-    white = {"diffuse_reflectance": _spectrum(1.0), "specular_reflectance": _spectrum(0.0)}
-    bsdf = mi.load_dict(_roughplastic(ior, roughness) | white)
     nodes, weights = np.polynomial.legendre.leggauss(64)
     cosines = 0.5 * (nodes + 1.0)
     surface = mi.SurfaceInteraction3f()
     surface.wi = mi.Vector3f(0.0, 0.0, 1.0)
     outgoing = mi.Vector3f(mi.Float(np.sqrt(1.0 - cosines**2)), 0.0, mi.Float(cosines))
-    value = bsdf.eval(mi.BSDFContext(), surface, outgoing, True)[0].numpy()
+    context = mi.BSDFContext()
+    context.type_mask = mi.BSDFFlags.DiffuseReflection
+    value = coat.eval(context, surface, outgoing, True)[0].numpy()
     return float(2.0 * math.pi * 0.5 * np.dot(weights, value))
 
 

@@ -30,7 +30,7 @@ from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
 from . import merging, mitsuba_xml
-from .bsdfs import bsdf_dict
+from .bsdfs import bsdf_dict, made
 from .faces import FaceTables, PlacedShape
 from .patterns import ATTRIBUTE, reflectivities, texture, texture_key
 from .speculars import Speculars, lets_through
@@ -231,9 +231,9 @@ def _own_shapes(
     for (material, _), pieces in grouped.items():
         values, pattern = resolved[material], pieces[0][2].pattern
         if pattern is not None:
-            bsdf = mi.load_dict(bsdf_dict(values, texture(pattern, values)))
+            bsdf = made(values, texture(pattern, values))
         elif (bsdf := bsdfs.get(material)) is None:
-            bsdf = bsdfs[material] = mi.load_dict(bsdf_dict(values))
+            bsdf = bsdfs[material] = made(values)
         shapes.append(_merged(mi, material, pieces, values, bsdf))
     return shapes
 

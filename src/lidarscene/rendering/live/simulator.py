@@ -205,6 +205,7 @@ class LiveSimulator(Simulator):
             bodies=tuple(body for body in now if not body.away),
             boxes=around.boxes[there],
             around=around.around[there],
+            blocks=around.blocks,
         )
 
 
