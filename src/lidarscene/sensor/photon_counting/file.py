@@ -34,7 +34,9 @@ class SpadFile(Table[Spad]):
 
 class HistogramFile(
     Table[Histogram],
-    only=("bin_s", "threshold_floor", "threshold_slope", "lone_photons", "estimator", "coates", "walk"),
+    only=(
+        "bin_s", "threshold_floor", "threshold_slope", "threshold_spread", "lone_photons", "estimator", "coates", "walk",
+    ),
 ):
     """[histogram]: sums the time stamps of many shots and finds the peaks; stands in the place of [tdc]."""
 

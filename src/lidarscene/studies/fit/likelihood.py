@@ -30,6 +30,9 @@ FARTHEST = math.log(5.0)
 """A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter
 that is that much smaller than it was stays there, as it is none."""
 
+MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
+"""Scatters that may be none at all."""
+
 OUTLIER = 5.0
 """Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
 
@@ -131,7 +134,7 @@ def fit_known(
             values[name] += float(one)
         gone = [name for name in active if abs(values[name]) > FARTHEST]
         null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in gone]
-        values |= {name: 0.0 for name in gone if name != "scatter_floor"}
+        values |= {name: 0.0 for name in gone if name not in MAY_VANISH}
         held += gone
         active = [name for name in active if name not in gone]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays

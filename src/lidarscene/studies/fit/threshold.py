@@ -2,15 +2,22 @@
 
 The chance of a return is a logistic function of SIGNAL - floor - slope sqrt(NEAR_IR), over the width. Its parameters
 are the maximum of the likelihood, by Newton's method; it has but one.
+
+SIGNAL is not what is compared with the threshold: it counts photons in a box, and the filter weighs them. So a part of
+the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...detection.photon_counting.bins import BOX, BOX_SHARE
 from ...maths.arrays import Numbers
+from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
+from ...sensor.model import Sensor
 from .estimates import Estimate, Solved
 from .pulses import Pulses
 
@@ -22,17 +29,22 @@ LEAST = 200
 
 BINS = 20
 
+NORMAL = 1.702
+"""Standard deviation of the normal distribution that is nearest to a logistic one of width 1."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Threshold:
     """The fit: chance of a return 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
 
     solved   a, b, c
+    near_ir  median of the pulses near the threshold
     expected, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
              fitted, by the chance
     """
 
     solved: Solved
+    near_ir: float
     expected: Numbers
     found: Numbers
     pulses: Numbers
@@ -59,6 +71,32 @@ class Threshold:
             self.solved.estimate("threshold_slope", "photons", lambda p: -p[2] / p[0]),
             self.solved.estimate("threshold_width", "photons", lambda p: 1.0 / p[0]),
         )
+
+    def spread(self, sensor: Sensor) -> Estimate | None:
+        """Standard deviation of this sensor's threshold; None if its filter's noise explains all of the width."""
+        own = filter_variance(sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir)
+        if (NORMAL / self.solved.value[0]) ** 2 <= own:
+            return None
+        return self.solved.estimate(
+            "threshold_spread", "photons", lambda p: math.sqrt(max((NORMAL / p[0]) ** 2 - own, 0.0))
+        )
+
+
+def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
+    """Variance of the filter's value where SIGNAL has this value, var F - cov(F, S)^2 / var S.
+
+    Photons are independent, so each of the three is the integral of the two weights over what is counted.
+    """
+    sigma_s = float(sensor.pixel(0.0).sigma_s)
+    place = np.linspace(-8.0, 8.0, 1601)
+    counted = near_ir * sigma_s / float(sensor.tdc.ambient_s)
+    counted = counted + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
+    weight = SCALE * np.exp(-0.5 * (place / TEMPLATE) ** 2)
+    box = (np.abs(place) < BOX) / BOX_SHARE
+    filtered, boxed, both = (
+        float(np.sum(a * b * counted)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
+    )
+    return filtered - both * both / boxed
 
 
 def fit_threshold(pulses: Pulses) -> Threshold | None:
@@ -102,7 +140,7 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     counts = np.bincount(place, minlength=BINS)
     some = counts > 0
     return Threshold(
-        solved=Solved(value=found, slope=slope, scores=scores),
+        solved=Solved(value=found, slope=slope, scores=scores), near_ir=float(np.median(design[:, 2])) ** 2,
         expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
         found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some], pulses=counts[some],
     )  # fmt: skip
