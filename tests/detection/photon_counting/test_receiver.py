@@ -113,8 +113,10 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
 
 
 def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
-    """Echoes from 5 photons below the threshold to 5 above, 20,000 each: 4 standard errors, and 0.01 as above; 0.024."""
-    counter = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0")
+    """Echoes from 5 photons below the threshold to 5 above, 20,000 each: 4 standard errors, and 0.01 as above."""
+    counter = photons.sensor(
+        "histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0"
+    )
     sharp = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14")
     level = float(counter.threshold(counter.working_point(np.zeros(1)))[0])
     apart = []
@@ -143,10 +145,20 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     drawn = 18.0 + 2.0 * np.random.default_rng(0).standard_normal(200_000)
     rate_hz = np.asarray(counter.false_alarm_rate_hz(point, np.maximum(drawn, 0.0)))
     expected = float(rate_hz.mean()) * float(counter.tdc.listening_s)
-    sharp = float(np.ravel(counter.false_alarm_rate_hz(point, np.array([18.0])))[0]) * float(counter.tdc.listening_s)
+    sharp = float(np.ravel(counter.false_alarm_rate_hz(point, np.array([18.0])))[0]) * float(
+        counter.tdc.listening_s
+    )
     assert 0.005 < expected < 0.2
     assert expected > 1.5 * sharp
     assert ours == pytest.approx(expected, rel=0.05, abs=4.0 * math.sqrt(expected / 40_000))
+    # One that asks the neighbours scatters for echoes alone.
+    asking = photons.sensor(
+        "histogram.threshold_floor=14.0", "histogram.threshold_slope=0.0", "histogram.threshold_spread=2.0",
+        "histogram.lone_photons=4", "histogram.stops=4",
+    )  # fmt: skip
+    found = photons.detected(asking, sky)
+    of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
+    assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
 
 
 @pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])

@@ -93,7 +93,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     point = sensor.working_point(background)
     sigma = sensor.pixel(background).sigma_s
     receiver = _Receiver(
-        sensor=sensor, point=point, threshold=_drawn(sensor.threshold(point), sensor, seed, pulse),
+        sensor=sensor, point=point, threshold=_of_noise(sensor.threshold(point), sensor, seed, pulse),
         seed=seed, pulse=pulse,
         train=light.train, folds_m=light.folds_m,
         light=waveform(*broadened(light.train, sensor, sigma)),
@@ -114,6 +114,12 @@ def _drawn(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes
     deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))
     drawn = threshold + spread * deviate
     return xp(drawn).maximum(drawn, _LEAST_THRESHOLD)
+
+
+def _of_noise(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes:
+    """The threshold that noise meets, (n,): one that asks the neighbours scatters for echoes alone."""
+    assert sensor.histogram is not None
+    return threshold if sensor.histogram.neighbours else _drawn(threshold, sensor, seed, pulse)
 
 
 def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:

@@ -68,6 +68,8 @@ class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
     shots       added up for one point
+    neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone, and noise, which no
+                neighbour shares, meets the middle of it and `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -84,7 +86,9 @@ class Histogram:
     threshold_spread: Annotated[
         Lanes | None,
         Quantity(
-            ge=1e-3, le=1e6, about="photons, standard deviation of the threshold from point to point; sharp if left out"
+            ge=1e-3,
+            le=1e6,
+            about="photons, standard deviation of the threshold from point to point; sharp if left out",
         ),
     ] = None
     lone_photons: Annotated[
@@ -101,6 +105,7 @@ class Histogram:
     ] = "corrected"
     reach: int
     search: int
+    neighbours: bool = False
 
 
 _LEAST_RATE_HZ = 1e-3

@@ -39,7 +39,8 @@ IN_SENSOR: Mapping[str, tuple[str, str]] = {
 PARAMETERS = (
     "laser.peak_power_w", "near_field_m", "spot_over_field", "laser.pulse_fwhm_ns", "detector.spads",
     "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
-    "histogram.threshold_spread", "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde", "optics.efficiency_laser", "detector.jitter_ps",
+    "histogram.threshold_spread", "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde",
+    "optics.efficiency_laser", "detector.jitter_ps",
 )  # fmt: skip
 """All of them, what is best known from publications last: of what cannot be told apart, the last is held."""
 

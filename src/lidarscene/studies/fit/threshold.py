@@ -1,7 +1,8 @@
 """The threshold: which pulses are kept, over SIGNAL and NEAR_IR, of kept and lost pulses alike.
 
 The chance of a return is a logistic function of SIGNAL - floor - slope sqrt(NEAR_IR), over the width. Its parameters
-are the maximum of the likelihood, by Newton's method; it has but one.
+are the maximum of the likelihood, by Newton's method; it has but one. Pulses count that have a surface to both sides in
+their row: real sensors ask the neighbours, and what stands alone is noise, or treated as such.
 
 SIGNAL is not what is compared with the threshold: it counts photons in a box, and the filter weighs them. So a part of
 the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
@@ -23,6 +24,16 @@ from .pulses import Pulses
 
 REACH = 3.0
 """Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
+
+BESIDE = 10
+"""Columns to either side in which a pulse's neighbours are looked for."""
+
+LEAST_BESIDE = 8
+"""Neighbours with a return, of twice as many columns, that make a surface."""
+
+FLAT = 0.1
+"""Most difference of a neighbour's range from their median, relative. The pulse's own range does not count: a lost one
+has none."""
 
 LEAST = 200
 """Kept, and lost, pulses near the threshold."""
@@ -103,7 +114,10 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
-    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)
+    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
+    if pulses.reflectivity is not None:
+        # With a reflectivity and no range an echo was found and withheld, not missed.
+        told &= pulses.kept | ~(pulses.reflectivity > 0.0)
     most = np.inf
     value = np.zeros(3)
     columns = np.broadcast_to(pulses.fitted, told.shape)
@@ -144,6 +158,17 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
         expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
         found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some], pulses=counts[some],
     )  # fmt: skip
+
+
+def _on_surface(pulses: Pulses) -> Numbers:
+    """Mask of the pulses whose neighbours in the row are returns of one surface."""
+    range_m = pulses.range_m
+    around = np.stack([np.roll(range_m, by, axis=1) for by in range(-BESIDE, BESIDE + 1) if by])
+    enough = np.isfinite(around).sum(axis=0) >= LEAST_BESIDE
+    found = np.zeros(range_m.shape, bool)
+    middle = np.nanmedian(around[:, enough], axis=0)
+    found[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle
+    return found
 
 
 def _design(signal: Numbers, near_ir: Numbers) -> Numbers:

@@ -172,7 +172,9 @@ def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[st
     """The file with the gains of the rows, and what there is to say if they are not written."""
     beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
     if len(beams) != len(rows.gain):
-        return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
+        return text, (
+            f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",
+        )
     if rows.key is None:
         told = "SIGNAL of some rows is too weak"
         if rows.follows is not None:

@@ -248,11 +248,12 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
     """Mean rate of false alarms, over the points' thresholds where these scatter (T98b)."""
-    spread = None if sensor.histogram is None else sensor.histogram.threshold_spread
+    histogram = sensor.histogram
+    spread = None if histogram is None or histogram.neighbours else histogram.threshold_spread
     if spread is None:
         return sensor.false_alarm_rate_hz(point, threshold)
     drawn = [np.maximum(threshold + spread * place, 1e-3) for place in _DEVIATES]
-    return np.mean([np.asarray(sensor.false_alarm_rate_hz(point, one)) for one in drawn], axis=0)
+    return np.asarray(np.mean([sensor.false_alarm_rate_hz(point, one) for one in drawn], axis=0))
 
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
