@@ -147,7 +147,8 @@ def test_conventions() -> None:
         "conventions.md",
         "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
         "{} trailing edges of a multi-level TDC, "
-        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms, {} thresholds that scatter",
+        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms, "
+        "{} thresholds that scatter",
         *(random.Stage[name] for name in (
             "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
             "AMBIENT", "PARTICLES", "GAPS", "HISTOGRAM", "THRESHOLD",

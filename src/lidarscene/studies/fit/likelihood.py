@@ -43,11 +43,11 @@ not quite where they are believed to be. That costs a clean recording 1 % of sig
 _WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
 _EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
 _INSIDE = _WITHIN - _EDGE
-_MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
-_SLOPE = 2.0 * _INSIDE / _MEAN_SQUARE
+MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
+_SLOPE = 2.0 * _INSIDE / MEAN_SQUARE
 _VARIANCE = (
     3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
-) / _MEAN_SQUARE**2 - 1.0
+) / MEAN_SQUARE**2 - 1.0
 """Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma; variance.
 Without a limit both are 2."""
 
@@ -238,7 +238,7 @@ def _step(
     light = np.isfinite(reported.near_ir)
     apart = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / now.sigma_m, 0.0)
     near = strong & (np.abs(apart) < OUTLIER)
-    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / _MEAN_SQUARE - 1.0, 0.0)
+    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,

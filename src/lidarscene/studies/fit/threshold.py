@@ -100,8 +100,8 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
     """
     sigma_s = float(sensor.pixel(0.0).sigma_s)
     place = np.linspace(-8.0, 8.0, 1601)
-    counted = near_ir * sigma_s / float(sensor.tdc.ambient_s)
-    counted = counted + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
+    background = near_ir * sigma_s / float(sensor.tdc.ambient_s)
+    counted = background + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
     weight = SCALE * np.exp(-0.5 * (place / TEMPLATE) ** 2)
     box = (np.abs(place) < BOX) / BOX_SHARE
     filtered, boxed, both = (

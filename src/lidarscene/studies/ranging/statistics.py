@@ -253,7 +253,8 @@ def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
     if spread is None:
         return sensor.false_alarm_rate_hz(point, threshold)
     drawn = [np.maximum(threshold + spread * place, 1e-3) for place in _DEVIATES]
-    return np.asarray(np.mean([sensor.false_alarm_rate_hz(point, one) for one in drawn], axis=0))
+    rates = [np.asarray(sensor.false_alarm_rate_hz(point, one)) for one in drawn]
+    return np.asarray(np.mean(rates, axis=0))
 
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
