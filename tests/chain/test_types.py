@@ -145,7 +145,7 @@ def test_numbers_of_stages_are_never_given_out_again() -> None:
     """Old clouds can be made again because each stage keeps its number; a new stage takes one that none has had."""
     assert {stage.name: stage.value for stage in random.Stage} == {
         "EDGE_NOISE": 1, "FALSE_ALARM": 2, "TDC_JITTER": 3, "POINTING": 4, "TRAILING_EDGE": 5, "SAMPLES": 6,
-        "INTERFERENCE": 8, "AMBIENT": 9, "PARTICLES": 11, "GAPS": 12, "HISTOGRAM": 16,
+        "INTERFERENCE": 8, "AMBIENT": 9, "PARTICLES": 11, "GAPS": 12, "HISTOGRAM": 16, "THRESHOLD": 17,
     }  # fmt: skip
 
 

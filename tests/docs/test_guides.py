@@ -147,13 +147,14 @@ def test_conventions() -> None:
         "conventions.md",
         "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
         "{} trailing edges of a multi-level TDC, "
-        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms",
+        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms, "
+        "{} thresholds that scatter",
         *(random.Stage[name] for name in (
             "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
-            "AMBIENT", "PARTICLES", "GAPS", "HISTOGRAM",
+            "AMBIENT", "PARTICLES", "GAPS", "HISTOGRAM", "THRESHOLD",
         )),
     )  # fmt: skip
-    assert len(random.Stage) == 11
+    assert len(random.Stage) == 12
     says(
         "conventions.md",
         "(`detection.outcomes.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",

@@ -20,14 +20,15 @@ GROUPS = 12
 DRAWN = {
     "laser.peak_power_w": 0.3, "near_field_m": 0.3, "spot_over_field": 0.3, "laser.pulse_fwhm_ns": 0.15,
     "detector.spads": 0.2, "detector.dark_count_rate_hz": 0.3, "histogram.threshold_floor": 0.2,
-    "histogram.threshold_slope": 0.2, "optics.sun_irradiance_w_m2": 0.3,
+    "histogram.threshold_slope": 0.2, "histogram.threshold_spread": 0.3, "optics.sun_irradiance_w_m2": 0.3,
 }  # fmt: skip
 """How far, as a logarithm, a unit is drawn from what is published."""
 
 
 def published(columns: int = 1024) -> Sensor:
     """The sensor that a fit starts from."""
-    sensor = load_sensor("os1-128", overrides=(f"scanner.columns_per_turn={columns}",))
+    changes = (f"scanner.columns_per_turn={columns}", "histogram.threshold_spread=3")
+    sensor = load_sensor("os1-128", overrides=changes)
     return with_spot(sensor, SPOT)
 
 
@@ -73,6 +74,7 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
         histogram=replace(
             histogram, threshold_floor=histogram.threshold_floor * grown["histogram.threshold_floor"],
             threshold_slope=histogram.threshold_slope * grown["histogram.threshold_slope"],
+            threshold_spread=(histogram.threshold_spread or 0.0) * grown["histogram.threshold_spread"],
         ),
     )  # fmt: skip
     return with_spot(sensor, SPOT * grown["spot_over_field"])

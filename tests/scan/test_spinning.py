@@ -20,6 +20,20 @@ def test_vlp16_by_hand():
     np.testing.assert_allclose(np.ravel(scanner.offset_m(pulse)), [0, 0, -2.2e-3], atol=1e-9)
 
 
+def test_each_receiver_has_its_responsivity():
+    """Rationale: pulse 16 k + n is of laser n, in any firing order; the background has both factors."""
+    gains, wider = tuple(0.5 + 0.1 * n for n in range(16)), tuple(2.0 - 0.1 * n for n in range(16))
+    scanner = scanners.vlp16(responsivity=gains, background_gain=wider)
+    pulse = np.arange(160, 192, dtype=np.uint32)
+    laser = scanner.channel(pulse)
+    np.testing.assert_allclose(scanner.aperture_share(pulse), np.array(gains)[laser], rtol=1e-6)
+    np.testing.assert_allclose(
+        scanner.background_share(pulse), (np.array(gains) * np.array(wider))[laser], rtol=1e-6
+    )
+    plain = scanners.vlp16()
+    assert plain.aperture_share(pulse) == plain.background_share(pulse) == 1.0
+
+
 def test_exits_turn_with_the_head():
     scanner = scanners.vlp16(start_m=([0.03] * 16, [0.01] * 16, [0.0] * 16), start_azimuth_rad=math.pi / 2)
     x, y, z = (v[0] for v in scanner.offset_m(np.zeros(1, dtype=np.uint32)))

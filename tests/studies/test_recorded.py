@@ -120,7 +120,7 @@ def test_curves_are_small_and_have_their_licence() -> None:
 def test_lists_of_unequal_length(tmp_path: Path) -> None:
     text = (catalog.folder("recorded") / "os0-128.toml").read_text(encoding="utf-8")
     path = tmp_path / "x.toml"
-    path.write_text(text.replace("near_ir = [581, ", "near_ir = ["), encoding="utf-8")
+    path.write_text(text.replace("near_ir = [506, ", "near_ir = ["), encoding="utf-8")
     with pytest.raises(InputError, match=r"x\.toml: threshold: .*equally long, got near_ir 2, photons 3"):
         recorded.read_recorded(path)
 
@@ -132,7 +132,7 @@ def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     monkeypatch.setattr(recorded, "SIGNAL_ERROR", 1e-3)
     assert main.main(["catalog", "check", "os0-128", "--real", "--json"]) == 1
     rows = json.loads(capsys.readouterr().out)
-    assert [row["quantity"] for row in rows if not row["held"]] == ["signal, spread"]
+    assert [row["quantity"] for row in rows if not row["held"]] == ["signal", "signal, spread"]
     assert main.main(["catalog", "check", "livox-avia", "--real"]) == 2
     assert "livox-avia: no recording" in capsys.readouterr().err
     assert main.main(["catalog", "sensors", "--real"]) == 2

@@ -31,6 +31,7 @@ class Stage(enum.IntEnum):
     PARTICLES = 11
     GAPS = 12
     HISTOGRAM = 16
+    THRESHOLD = 17
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

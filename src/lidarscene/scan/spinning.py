@@ -2,7 +2,8 @@
 
 In a cycle every laser fires once, at its own time, while the head keeps turning; a beam's azimuth is the head's at
 that moment plus the laser's own. That shear is visible in the cloud. The head carries lasers and receivers together,
-so the receiver always faces its beam: A(theta_r) = A(0). The sensor's x axis is azimuth 0.
+so the receiver always faces its beam: A(theta_r) = A(0), times the responsivity of the laser's own receiver. The
+sensor's x axis is azimuth 0.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ class Bank:
     azimuth_rad  of each laser, from the head's own; None: all 0
     firing_s     after the cycle's start; None: all at once
     start_m      (x, y, z) of each laser's exit in the head; None: all in the origin
+    responsivity  of each laser's receiver, over that of the sensor file's numbers; None: all 1
+    background_gain  background that each receiver counts beside that, as with a wider field of view; None: all 1
     """
 
     elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
@@ -50,6 +53,22 @@ class Bank:
         ),
     ] = None
     start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None
+    responsivity: Annotated[
+        Sequence[float] | None,
+        Quantity(
+            ge=0.01,
+            le=100,
+            about="of each laser's receiver, to echoes and background alike; all 1 if left out",
+        ),
+    ] = None
+    background_gain: Annotated[
+        Sequence[float] | None,
+        Quantity(
+            ge=0.01,
+            le=100,
+            about="of each laser's receiver, to the background beside that, as of wider fields; all 1 if left out",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +77,7 @@ class Spinning(Mechanism):
 
     Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
     the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
-    exit in the head, or None).
+    exit in the head, or None), responsivity and background_gain (or None: all 1).
     """
 
     cycles: int
@@ -71,6 +90,8 @@ class Spinning(Mechanism):
     lead_rad: Table
     lasers_by_place: Table
     start_m: tuple[Table, Table, Table] | None = None
+    responsivity: Table | None = None
+    background_gain: Table | None = None
 
     @classmethod
     def of(
@@ -127,6 +148,8 @@ class Spinning(Mechanism):
             lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
             lasers_by_place=table(np.arange(len(order))),
             start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
+            responsivity=None if bank.responsivity is None else table(bank.responsivity),
+            background_gain=None if bank.background_gain is None else table(bank.background_gain),
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,
         )
@@ -172,6 +195,20 @@ class Spinning(Mechanism):
     def angles(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Azimuth, -pi to pi, and elevation [rad] that the sensor reports."""
         return self._azimuth_elevation(pulse, self._read(pulse)[0])
+
+    def aperture_share(self, pulse: Lanes) -> Lanes:
+        """The receiver's responsivity: it counts less of all light, as with a smaller aperture."""
+        return self._of_laser(self.responsivity, pulse)
+
+    def background_share(self, pulse: Lanes) -> Lanes:
+        """The responsivity, times what each receiver counts of the background beside."""
+        return self._of_laser(self.responsivity, pulse) * self._of_laser(self.background_gain, pulse)
+
+    def _of_laser(self, factors: Table | None, pulse: Lanes) -> Lanes:
+        if factors is None:
+            return 1.0
+        ops = xp(pulse)
+        return ops.float32(ops.take(factors, self._place(pulse)[1]))
 
     def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser as given."""

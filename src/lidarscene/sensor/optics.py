@@ -148,6 +148,10 @@ class OverlapFile(FileModel):
     focus_at_m: Distance | None = Field(
         default=None, description="range that is in focus; infinity if left out"
     )
+    scattered_share: Annotated[float, Field(ge=0, le=0.5)] = Field(
+        default=0.0,
+        description="of the light, which window and lenses scatter onto the detector wherever the spot lies",
+    )
 
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
         """The share of the spot in the field of view, by range. By hand: it takes numbers of three tables."""
@@ -158,6 +162,7 @@ class OverlapFile(FileModel):
             offset_m=si(math.hypot(*self.transmitter_offset_mm), "mm"),
             crossing_m=self.parallax_free_at_m or math.inf,
             focus_m=self.focus_at_m or math.inf,
+            scattered=self.scattered_share,
         )
 
 

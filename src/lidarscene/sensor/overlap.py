@@ -56,6 +56,7 @@ class Overlap:
         offset_m: float = 0.0,
         crossing_m: float = math.inf,
         focus_m: float = math.inf,
+        scattered: float = 0.0,
     ) -> Overlap:
         """From the optics, as `physics.optics.receiver` has them.
 
@@ -63,6 +64,7 @@ class Overlap:
         offset_m    from the receiver's axis to the transmitter's, at the sensor
         crossing_m  range at which the axes meet; inf: side by side
         focus_m     range at which the receiver is in focus
+        scattered   share of the light that reaches the detector by scatter, wherever the spot lies
         """
         scale = (offset_m + aperture_radius_m + spot.exit_radius_m) / (field_rad + spot.half_divergence_rad)
         place = np.linspace(0.0, 1.0, _PLACES)
@@ -81,7 +83,8 @@ class Overlap:
                 aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges
             ),
         )
-        return cls(table=Table(np.asarray(share)), scale_m=scale, offset_m=offset_m)
+        share = scattered + (1.0 - scattered) * np.asarray(share)
+        return cls(table=Table(share), scale_m=scale, offset_m=offset_m)
 
     def share(self, range_m: Lanes) -> Lanes:
         """(n,) share of the light at these ranges."""

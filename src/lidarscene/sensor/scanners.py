@@ -79,7 +79,10 @@ class SpinningFile(ScannerFile[Spinning]):
         if self.rotation_hz == 0.0:
             raise ValueError("rotation_hz: must not be 0")
         lasers = len(self.elevation_deg)
-        for key in ("azimuth_offset_deg", "firing_time_us", "forward_mm", "left_mm", "height_mm"):
+        for key in (
+            "azimuth_offset_deg", "firing_time_us", "forward_mm", "left_mm", "height_mm",
+            "responsivity", "background_gain",
+        ):  # fmt: skip
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
                 raise ValueError(

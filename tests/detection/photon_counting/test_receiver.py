@@ -112,6 +112,55 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
     assert share == pytest.approx(expected, abs=0.018)
 
 
+def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
+    """Echoes from 5 photons below the threshold to 5 above, 20,000 each: 4 standard errors, and 0.01 as above."""
+    counter = photons.sensor(
+        "histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0"
+    )
+    sharp = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14")
+    level = float(counter.threshold(counter.working_point(np.zeros(1)))[0])
+    apart = []
+    for above in (-5.0, 0.0, 5.0):
+        light = photons.echoes_of(counter, 60.0, photons=level + above, count=20_000, illuminance_klux=0.0)
+        found, plain = (photons.detected(one, light) for one in (counter, sharp))
+        share = sum(photons.echo_of(stop).mean() for stop in found.stops)
+        assert share == pytest.approx(float(found.detection_probability[0]), abs=0.024)
+        apart.append(float(found.detection_probability[0] - plain.detection_probability[0]))
+    # A sharp threshold loses more of the weak ones and keeps more of the strong ones.
+    assert apart[0] > 0.04
+    assert apart[2] < -0.04
+
+
+def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
+    """40,000 empty windows against the mean rate over a normal distribution; few have two, so 3 % beside 4 sigma."""
+    counter = photons.sensor(
+        "histogram.threshold_floor=18.0", "histogram.threshold_slope=0.0", "histogram.threshold_spread=2.0",
+        "histogram.stops=4",
+    )  # fmt: skip
+    sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
+    sky.found[:], sky.peak_power_w[:] = False, 0.0
+    found = photons.detected(counter, sky)
+    ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
+    point = counter.working_point(sky.background_power_w[:1])
+    drawn = 18.0 + 2.0 * np.random.default_rng(0).standard_normal(200_000)
+    rate_hz = np.asarray(counter.false_alarm_rate_hz(point, np.maximum(drawn, 0.0)))
+    expected = float(rate_hz.mean()) * float(counter.tdc.listening_s)
+    sharp = float(np.ravel(counter.false_alarm_rate_hz(point, np.array([18.0])))[0]) * float(
+        counter.tdc.listening_s
+    )
+    assert 0.005 < expected < 0.2
+    assert expected > 1.5 * sharp
+    assert ours == pytest.approx(expected, rel=0.05, abs=4.0 * math.sqrt(expected / 40_000))
+    # One that asks the neighbours scatters for echoes alone.
+    asking = photons.sensor(
+        "histogram.threshold_floor=14.0", "histogram.threshold_slope=0.0", "histogram.threshold_spread=2.0",
+        "histogram.lone_photons=4", "histogram.stops=4",
+    )  # fmt: skip
+    found = photons.detected(asking, sky)
+    of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
+    assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
+
+
 @pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])
 @pytest.mark.parametrize(("photons_of_echo", "klux"), [(400.0, 0.0), (400.0, 4.0), (60.0, 1.0)])
 def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):

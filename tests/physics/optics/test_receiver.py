@@ -162,6 +162,16 @@ def test_blind_below():
     assert near == 0.0 < far
 
 
+def test_scattered_light():
+    """Rationale: where the spot is outside of the field there is the scattered share alone, else it takes part of 1."""
+    optics = {"aperture_radius_m": 0.015, "field_rad": 1.7e-3, "offset_m": 0.06}
+    beam = Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0)
+    clean, hazy = (Overlap.of(beam, scattered=share, **optics) for share in (0.0, 0.02))
+    range_m = np.array([5.0, 20.0, 1e5])
+    np.testing.assert_allclose(hazy.share(range_m), 0.02 + 0.98 * clean.share(range_m), rtol=1e-12)
+    np.testing.assert_allclose(hazy.share(range_m)[[0, 2]], [0.02, 1.0], rtol=1e-3)
+
+
 def test_half_angle():
     half = receiver.field_of_view_half_angle_rad(detector_radius_m=np.array([1e-4]), focal_length_m=0.03)
     assert half[0] == pytest.approx(3.33332e-3, rel=1e-6)

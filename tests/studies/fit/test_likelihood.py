@@ -18,7 +18,7 @@ TRUTH = drawn_unit(0)
 
 @cache
 def recorded() -> tuple[Scene, Reported]:
-    return drawn_report(unit_of(TRUTH), 0, pulses=2000)
+    return drawn_report(unit_of(TRUTH), 0, pulses=4000)
 
 
 @pytest.fixture(scope="module")

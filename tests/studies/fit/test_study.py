@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.drawn_recordings import Truth, drawn_sweep, drawn_truth, two_lenses
 
+from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
@@ -19,6 +20,7 @@ from lidarscene.studies.fit.near_field import fit_near_field, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
 from lidarscene.studies.fit.pulses import pulses_of
 from lidarscene.studies.fit.study import fit_pulses, fit_recordings
+from lidarscene.studies.fit.unit import without
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_truth(0)
@@ -59,6 +61,14 @@ def written(
     return fit_recordings([folder / "drawn.pcap"], sensor, folder / "unit.toml", folder / "report")
 
 
+def one_lens(folder: Path) -> str:
+    """An OS2 whose near field is that of one lens, focused at infinity, on the laser's axis."""
+    text = path_of("sensors", "os2-128").read_text("utf-8")
+    text = without(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+    (folder / "one-lens.toml").write_text(text, "utf-8")
+    return str(folder / "one-lens.toml")
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Figures take longest, and one test looks at them."""
@@ -70,7 +80,7 @@ def test_sensor_file_and_page_have_what_was_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep
 ) -> None:
     """Rationale: the written file, read again, has the measured products, whatever way they were divided."""
-    text, passed = written(tmp_path, monkeypatch, sweep, "os2-128")
+    text, passed = written(tmp_path, monkeypatch, sweep, one_lens(tmp_path))
     assert passed
     told = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))
     found = told["estimates"]
@@ -82,6 +92,7 @@ def test_sensor_file_and_page_have_what_was_found(
     assert scatter_c_mm(sensor) == pytest.approx(found["scatter_c"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_floor == pytest.approx(found["threshold_floor"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_slope == pytest.approx(found["threshold_slope"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_spread == pytest.approx(found["threshold_spread"]["value"], rel=1e-4)
     # The published sensor's spot has no width; the written one must have the near field that was fitted.
     range_m = np.geomspace(1.0, 60.0, 9)
     spot = found["spot_over_field"]["value"]
@@ -93,7 +104,7 @@ def test_sensor_file_and_page_have_what_was_found(
         assert " +/- " in source
         assert "drawn.pcap" in source
     # The background stays: aperture times field of view is as before.
-    before = load_sensor("os2-128")
+    before = load_sensor(one_lens(tmp_path))
     assert sensor.optics.aperture_radius_m / sensor.optics.focal_length_m == pytest.approx(
         before.optics.aperture_radius_m / before.optics.focal_length_m, rel=1e-5
     )

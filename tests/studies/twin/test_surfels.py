@@ -8,7 +8,7 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
 from lidarscene.studies.twin.reflect import Gauge
-from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, SMOOTH, Surfels, surfels_of
+from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, surfels_of
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
@@ -54,6 +54,28 @@ def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
     assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(
         0.05 * np.median(neighbours), rel=0.05
     )
+
+
+def test_a_surface_fades_beside_a_lost_pulse() -> None:
+    """Rationale: halfway to a lost pulse that allows a twentieth, there is the mean of 1 and 1/20."""
+    plain = room_sweep()
+    range_m, signal, reflectivity = (
+        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
+    )
+    range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
+    whole = made(plain)
+    assert kinds(quads)[ROUGH] - kinds(whole)[ROUGH] == 2
+    hole = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
+    away = np.linalg.norm(quads.corners_m.mean(axis=1) - hole, axis=1)
+    edges = (quads.kind == ROUGH) & (away < 0.3)
+    assert edges.sum() == 2
+    # From a half of the neighbour's half to a half of the hole's: their middles are where the two pixels meet.
+    x, y, _ = np.moveaxis(quads.corners_m.mean(axis=1), -1, 0)
+    aside_deg = np.degrees(np.arctan2(y, x) - np.arctan2(hole[1], hole[0]))
+    np.testing.assert_allclose(np.sort(aside_deg[edges]), [-180.0 / COLUMNS, 180.0 / COLUMNS], rtol=0.1)
+    beside = quads.reflectivity[(quads.kind == SMOOTH) & (away < 0.5)]
+    np.testing.assert_allclose(quads.reflectivity[edges], 0.525 * np.median(beside), rtol=0.05)
 
 
 def test_an_echo_that_was_withheld_leaves_a_hole() -> None:

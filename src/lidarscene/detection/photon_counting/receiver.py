@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from ...light.echoes import EchoTrain, Interference
 from ...light.waveform import Waveform, waveform
+from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, chosen, xp
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -28,6 +29,9 @@ from ..rises import Rise, visit_all
 from ..shots import Shots
 from .bins import Bins
 from .folding import folded
+
+_LEAST_THRESHOLD = 1e-3
+"""Photons: any count exceeds it."""
 
 _EMPTY = -1e30
 """Key of an unused stop: below every other key."""
@@ -89,7 +93,8 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     point = sensor.working_point(background)
     sigma = sensor.pixel(background).sigma_s
     receiver = _Receiver(
-        sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse,
+        sensor=sensor, point=point, threshold=_of_noise(sensor.threshold(point), sensor, seed, pulse),
+        seed=seed, pulse=pulse,
         train=light.train, folds_m=light.folds_m,
         light=waveform(*broadened(light.train, sensor, sigma)),
         seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
@@ -98,6 +103,23 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     number, range_m = receiver.strongest()
     stops = receiver.with_alarms(found.stops, number, range_m)
     return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
+
+
+def _drawn(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes:
+    """The threshold of each point, (n,), which all of its peaks share; always above 0 (T98b)."""
+    assert sensor.histogram is not None
+    spread = sensor.histogram.threshold_spread
+    if spread is None:
+        return threshold
+    deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))
+    drawn = threshold + spread * deviate
+    return xp(drawn).maximum(drawn, _LEAST_THRESHOLD)
+
+
+def _of_noise(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes:
+    """The threshold that noise meets, (n,): one that asks the neighbours scatters for echoes alone."""
+    assert sensor.histogram is not None
+    return threshold if sensor.histogram.neighbours else _drawn(threshold, sensor, seed, pulse)
 
 
 def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
@@ -164,7 +186,7 @@ class _Receiver(Shots):
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
-        threshold = sensor.threshold(point)
+        threshold = _drawn(sensor.threshold(point), sensor, self.seed, self.pulse)
         detections = pixel.detections(lone_w)
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)

@@ -131,9 +131,9 @@ def false_peak_share(
 
 
 def detection_probability(
-    *, threshold: Lanes, signal: Lanes, background: Lanes, own: Lanes, unit: Lanes
+    *, threshold: Lanes, signal: Lanes, background: Lanes, own: Lanes, unit: Lanes, blurred: Lanes = 0.0
 ) -> Lanes:
-    """Probability that the filter's peak at an echo exceeds the threshold (T98).
+    """Probability that the filter's peak at an echo exceeds the threshold (T98), one that scatters too (T98b).
 
     The receiver takes the highest value near the echo, which is higher than that at the echo itself: on average by
     var F' / (2 |F''|), the gain from the noise of its place.
@@ -141,11 +141,12 @@ def detection_probability(
     signal      S
     background  variance of F by the background
     own         variance of F by the echo's own photons
-    unit        third cumulant of F at the echo over its variance
+    unit        third cumulant of F less the threshold over their variance
+    blurred     variance of the threshold, which is normal: it adds to that of F, and nothing to its third cumulant
     """
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
-    spread = ops.maximum(background + own, 1e-30)
+    spread = ops.maximum(background + own + blurred, 1e-30)
     gained = _gain(signal, background, own)
     found = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
     return ops.where(lit, found, 0.0)

@@ -34,7 +34,16 @@ class SpadFile(Table[Spad]):
 
 class HistogramFile(
     Table[Histogram],
-    only=("bin_s", "threshold_floor", "threshold_slope", "lone_photons", "estimator", "coates", "walk"),
+    only=(
+        "bin_s",
+        "threshold_floor",
+        "threshold_slope",
+        "threshold_spread",
+        "lone_photons",
+        "estimator",
+        "coates",
+        "walk",
+    ),
 ):
     """[histogram]: sums the time stamps of many shots and finds the peaks; stands in the place of [tdc]."""
 
@@ -119,8 +128,9 @@ class HistogramFile(
                 f"got {1e9 * float(spad.dead_time_s):g}"
             )
         return self.in_si(
-            shots=float(self.summed(dwell_us)), period_s=si(period_us, "us"), reach=reach, search=search
-        )
+            shots=float(self.summed(dwell_us)), period_s=si(period_us, "us"), reach=reach, search=search,
+            neighbours=float(self.lone_photons) > 0.0,
+        )  # fmt: skip
 
     def converter(self, dwell_us: float) -> Tdc:
         """The peak finder as a converter: one comparison for each bin, and the threshold of the histogram."""

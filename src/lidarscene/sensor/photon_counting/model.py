@@ -68,6 +68,8 @@ class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
     shots       added up for one point
+    neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone, and noise, which no
+                neighbour shares, meets the middle of it and `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -81,6 +83,14 @@ class Histogram:
         Lanes,
         Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots"),
     ]
+    threshold_spread: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=1e-3,
+            le=1e6,
+            about="photons, standard deviation of the threshold from point to point; sharp if left out",
+        ),
+    ] = None
     lone_photons: Annotated[
         Lanes,
         Quantity(
@@ -95,6 +105,7 @@ class Histogram:
     ] = "corrected"
     reach: int
     search: int
+    neighbours: bool = False
 
 
 _LEAST_RATE_HZ = 1e-3
@@ -256,7 +267,7 @@ class Macropixel:
 
 
 def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
-    """What the filter makes of light and background; signals are photons (T95) to (T98).
+    """What the filter makes of light and background; signals are photons (T95) to (T98b).
 
     ambient_s  time in each shot in which the background is counted
     """
@@ -266,15 +277,17 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     own = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
     most = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
     kappa_2 = 0.0 if pixel.corrected else -own / most
+    spread = pixel.histogram.threshold_spread
+    blurred: Lanes = 0.0 if spread is None else spread * spread
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
 
     def found(threshold: Lanes, signal: Lanes) -> Lanes:
         shot = ops.maximum(own * signal + kappa_2 * signal * signal, 0.0)
-        total = ops.maximum(variance + shot, 1e-30)
+        total = ops.maximum(variance + shot + blurred, 1e-30)
         unit = (variance * background_unit + shot * own_unit) / total
         return matched_filter.detection_probability(
-            threshold=threshold, signal=signal, background=variance, own=shot, unit=unit
+            threshold=threshold, signal=signal, background=variance, own=shot, unit=unit, blurred=blurred
         )
 
     def false_peak(threshold: Lanes) -> Lanes:

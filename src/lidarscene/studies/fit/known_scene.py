@@ -39,7 +39,8 @@ IN_SENSOR: Mapping[str, tuple[str, str]] = {
 PARAMETERS = (
     "laser.peak_power_w", "near_field_m", "spot_over_field", "laser.pulse_fwhm_ns", "detector.spads",
     "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
-    "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde", "optics.efficiency_laser", "detector.jitter_ps",
+    "histogram.threshold_spread", "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde",
+    "optics.efficiency_laser", "detector.jitter_ps",
 )  # fmt: skip
 """All of them, what is best known from publications last: of what cannot be told apart, the last is held."""
 
@@ -74,6 +75,7 @@ class Scene:
     spot_over_field  of the laser's spot, for the law of defocus; None: the near field is the sensor's own, whatever its
                   optics, over a range that `near_field_m` stretches
     jitter_s      that a `detector.jitter_ps` of 0 stands for
+    spread        that a `histogram.threshold_spread` of 0 stands for, if the sensor has none
     floor_m       scatter that all ranges have, for a `scatter_floor` of 0: clock's steps, what is not modelled
     texture       scatter of the surfaces' reflectivities within a group, relative
     strangers     share of the pulses that met something else than is known: it may be kept or lost
@@ -87,6 +89,7 @@ class Scene:
     group: Numbers
     spot_over_field: float | None
     jitter_s: float = 100e-12
+    spread: float = 1.0
     floor_m: float = LEAST_FLOOR_M
     texture: float = 0.0
     strangers: float = 0.0
@@ -178,6 +181,11 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
         detector: Any = sensor.detector
         detector = replace(detector, jitter_s=scene.jitter_s * grown("detector.jitter_ps"))
         sensor = replace(sensor, detector=detector)
+    if "histogram.threshold_spread" in parameters:
+        histogram: Any = sensor.histogram
+        own = scene.spread if histogram.threshold_spread is None else float(histogram.threshold_spread)
+        histogram = replace(histogram, threshold_spread=own * grown("histogram.threshold_spread"))
+        sensor = replace(sensor, histogram=histogram)
     shared = _shared(scene, lanes(scene.range_m), grown)
     surface = lanes(np.exp(np.asarray(reflectivity) * np.ones_like(scene.range_m)))
     power = (

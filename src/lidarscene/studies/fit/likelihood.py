@@ -30,6 +30,9 @@ FARTHEST = math.log(5.0)
 """A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter
 that is that much smaller than it was stays there, as it is none."""
 
+MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
+"""Scatters that may be none at all."""
+
 OUTLIER = 5.0
 """Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
 
@@ -40,11 +43,11 @@ not quite where they are believed to be. That costs a clean recording 1 % of sig
 _WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
 _EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
 _INSIDE = _WITHIN - _EDGE
-_MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
-_SLOPE = 2.0 * _INSIDE / _MEAN_SQUARE
+MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
+_SLOPE = 2.0 * _INSIDE / MEAN_SQUARE
 _VARIANCE = (
     3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
-) / _MEAN_SQUARE**2 - 1.0
+) / MEAN_SQUARE**2 - 1.0
 """Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma; variance.
 Without a limit both are 2."""
 
@@ -131,7 +134,7 @@ def fit_known(
             values[name] += float(one)
         gone = [name for name in active if abs(values[name]) > FARTHEST]
         null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in gone]
-        values |= {name: 0.0 for name in gone if name != "scatter_floor"}
+        values |= {name: 0.0 for name in gone if name not in MAY_VANISH}
         held += gone
         active = [name for name in active if name not in gone]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
@@ -235,7 +238,7 @@ def _step(
     light = np.isfinite(reported.near_ir)
     apart = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / now.sigma_m, 0.0)
     near = strong & (np.abs(apart) < OUTLIER)
-    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / _MEAN_SQUARE - 1.0, 0.0)
+    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,

@@ -52,7 +52,10 @@ class Check:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """All that was fitted; None where the recording does not tell."""
+    """All that was fitted; None where the recording does not tell.
+
+    spread  of the threshold, without what the sensor's filter adds to its width
+    """
 
     recording: str
     sensor: str
@@ -62,6 +65,7 @@ class Fit:
     threshold: Threshold | None
     scatter: Scatter | None
     rows: RowGains | None
+    spread: Estimate | None = None
     products: Products | None = None
     notes: tuple[str, ...] = ()
 
@@ -69,7 +73,8 @@ class Fit:
     def estimates(self) -> tuple[Estimate, ...]:
         """Of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
-        return tuple(one for law in laws if law is not None for one in law.estimates)
+        found = [one for law in laws if law is not None for one in law.estimates]
+        return tuple(found if self.spread is None else [*found, self.spread])
 
     @property
     def checks(self) -> tuple[Check, ...]:

@@ -2,6 +2,8 @@
 
 Neighbouring rows see nearly the same light. The median over the columns of ln(NEAR_IR of a row over the next one's) is
 the step from row to row; summed up, and less what is smooth over the rows, which is the scene's, these are the gains.
+The steps of SIGNAL between neighbours at one range tell whether it follows: a receiver that detects more counts more of
+both, one that only sees a wider field counts more background.
 """
 
 from __future__ import annotations
@@ -15,16 +17,36 @@ from .pulses import Pulses
 
 LEAST_COLUMNS = 64
 
+LEAST_SIGNAL = 40.0
+"""Photons from which on all pulses are kept, so that the median is none of a selection."""
+
+SAME_RANGE = 0.02
+"""Most difference of the ranges of two pixels whose signals are compared."""
+
 SMOOTH = 8
 """Rows to either side that the scene's own course is taken from."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RowGains:
-    """Gain and its sigma, (rows,), from the top row down; their geometric mean is 1."""
+    """Gain and its sigma, (rows,), from the top row down; their geometric mean is 1.
+
+    follows  exponent of the gain with which SIGNAL goes from row to row, and its sigma; None if that is not told
+    """
 
     gain: Numbers
     sigma: Numbers
+    follows: tuple[float, float] | None = None
+
+    @property
+    def key(self) -> str | None:
+        """Of `[scanner]`, that these gains are; None if the recording does not tell which."""
+        if self.follows is None:
+            return None
+        exponent, sigma = self.follows
+        if abs(exponent - 0.5) < 2.0 * sigma:
+            return None
+        return "responsivity" if exponent > 0.5 else "background_gain"
 
     @property
     def spread(self) -> float:
@@ -40,7 +62,7 @@ def fit_rows(pulses: Pulses) -> RowGains | None:
     ):
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        light = np.log(_unstaggered(pulses))
+        light = np.log(_unstaggered(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
     halves = [light[:, (pulses.block % 2) == k] for k in (0, 1)]
     found = [_gains(one) for one in (light, *halves) if one.shape[1] >= LEAST_COLUMNS // 2]
     if len(found) < 3 or not all(np.isfinite(one).all() for one in found):
@@ -48,14 +70,34 @@ def fit_rows(pulses: Pulses) -> RowGains | None:
     # The halves differ by twice the sigma of the whole.
     apart = 0.5 * (found[1] - found[2])
     sigma = np.full(len(apart), float(np.sqrt(np.mean(apart**2))))
-    return RowGains(gain=np.exp(found[0]), sigma=sigma)
+    return RowGains(gain=np.exp(found[0]), sigma=sigma, follows=_follows(pulses, found[0]))
+
+
+def _follows(pulses: Pulses, gains: Numbers) -> tuple[float, float] | None:
+    """Slope of the gains of SIGNAL over those of NEAR_IR, and its sigma."""
+    if pulses.signal is None:
+        return None
+    strong = pulses.kept & (pulses.signal >= LEAST_SIGNAL)
+    light = _unstaggered(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
+    range_m, there = _unstaggered(pulses, np.nan_to_num(pulses.range_m)), _unstaggered(pulses, 1.0 * strong)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        same = (there[1:] * there[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
+    found = _gains_of_steps(np.where(same, light[1:] - light[:-1], np.nan))
+    if not np.isfinite(found).all():
+        return None
+    square = float(gains @ gains)
+    exponent = float(found @ gains) / square
+    return exponent, float(np.std(found - exponent * gains)) / square**0.5
 
 
 def _gains(light: Numbers) -> Numbers:
-    steps = light[1:] - light[:-1]
+    return _gains_of_steps(light[1:] - light[:-1])
+
+
+def _gains_of_steps(steps: Numbers) -> Numbers:
     good = np.isfinite(steps)
     if (good.sum(axis=1) < LEAST_COLUMNS // 4).any():
-        return np.full(len(light), np.nan)
+        return np.full(len(steps) + 1, np.nan)
     course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
     place = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
@@ -66,14 +108,12 @@ def _gains(light: Numbers) -> Numbers:
     return np.asarray(gains - gains.mean())
 
 
-def _unstaggered(pulses: Pulses) -> Numbers:
-    """NEAR_IR with each row's columns turned so that those of one index look in one direction, if that is known."""
-    assert pulses.near_ir is not None
-    light = np.where(pulses.recorded, pulses.near_ir, np.nan)
-    columns = light.shape[1]
+def _unstaggered(pulses: Pulses, values: Numbers) -> Numbers:
+    """Values with each row's columns turned so that those of one index look in one direction, if that is known."""
+    columns = values.shape[1]
     if pulses.frames > 1 or columns < 4 or not np.isfinite(pulses.azimuth_rad).all():
-        return light
+        return values
     step = np.angle(np.exp(1j * np.diff(pulses.azimuth_rad[0]))).mean()
     aside = np.angle(np.exp(1j * (pulses.azimuth_rad[:, 0] - pulses.azimuth_rad[0, 0])))
     turns = np.rint(aside / step).astype(int)
-    return np.stack([np.roll(one, turn) for one, turn in zip(light, turns, strict=True)])
+    return np.stack([np.roll(one, turn) for one, turn in zip(values, turns, strict=True)])

@@ -41,9 +41,12 @@ def fit_recordings(
         pulses, recording=", ".join(one.name for one in recordings), sensor=sensor, optics=before
     )
     if before.histogram is not None:
+        if fit.threshold is not None:
+            fit = replace(fit, spread=fit.threshold.spread(before))
         known = [one.key for one in fit.estimates if one.known and one.key in QUANTITIES]
         fit = replace(fit, products=products_of(before, known) if known else None)
-    text, notes = fitted_text(base, {one.key: one for one in fit.estimates}, fit.recording, where)
+    estimates = {one.key: one for one in fit.estimates}
+    text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
     fit = replace(fit, notes=notes)
     sensor_of(text, str(output))
     put_text(output, text)

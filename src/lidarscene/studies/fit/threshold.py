@@ -1,26 +1,47 @@
 """The threshold: which pulses are kept, over SIGNAL and NEAR_IR, of kept and lost pulses alike.
 
 The chance of a return is a logistic function of SIGNAL - floor - slope sqrt(NEAR_IR), over the width. Its parameters
-are the maximum of the likelihood, by Newton's method; it has but one.
+are the maximum of the likelihood, by Newton's method; it has but one. Pulses count that have a surface to both sides in
+their row: real sensors ask the neighbours, and what stands alone is noise, or treated as such.
+
+SIGNAL is not what is compared with the threshold: it counts photons in a box, and the filter weighs them. So a part of
+the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...detection.photon_counting.bins import BOX, BOX_SHARE
 from ...maths.arrays import Numbers
+from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
+from ...sensor.model import Sensor
 from .estimates import Estimate, Solved
 from .pulses import Pulses
 
 REACH = 3.0
 """Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
 
+BESIDE = 10
+"""Columns to either side in which a pulse's neighbours are looked for."""
+
+LEAST_BESIDE = 8
+"""Neighbours with a return, of twice as many columns, that make a surface."""
+
+FLAT = 0.1
+"""Most difference of a neighbour's range from their median, relative. The pulse's own range does not count: a lost one
+has none."""
+
 LEAST = 200
 """Kept, and lost, pulses near the threshold."""
 
 BINS = 20
+
+NORMAL = 1.702
+"""Standard deviation of the normal distribution that is nearest to a logistic one of width 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,11 +49,13 @@ class Threshold:
     """The fit: chance of a return 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
 
     solved   a, b, c
+    near_ir  median of the pulses near the threshold
     expected, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
              fitted, by the chance
     """
 
     solved: Solved
+    near_ir: float
     expected: Numbers
     found: Numbers
     pulses: Numbers
@@ -60,12 +83,41 @@ class Threshold:
             self.solved.estimate("threshold_width", "photons", lambda p: 1.0 / p[0]),
         )
 
+    def spread(self, sensor: Sensor) -> Estimate | None:
+        """Standard deviation of this sensor's threshold; None if its filter's noise explains all of the width."""
+        own = filter_variance(sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir)
+        if (NORMAL / self.solved.value[0]) ** 2 <= own:
+            return None
+        return self.solved.estimate(
+            "threshold_spread", "photons", lambda p: math.sqrt(max((NORMAL / p[0]) ** 2 - own, 0.0))
+        )
+
+
+def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
+    """Variance of the filter's value where SIGNAL has this value, var F - cov(F, S)^2 / var S.
+
+    Photons are independent, so each of the three is the integral of the two weights over what is counted.
+    """
+    sigma_s = float(sensor.pixel(0.0).sigma_s)
+    place = np.linspace(-8.0, 8.0, 1601)
+    background = near_ir * sigma_s / float(sensor.tdc.ambient_s)
+    counted = background + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
+    weight = SCALE * np.exp(-0.5 * (place / TEMPLATE) ** 2)
+    box = (np.abs(place) < BOX) / BOX_SHARE
+    filtered, boxed, both = (
+        float(np.sum(a * b * counted)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
+    )
+    return filtered - both * both / boxed
+
 
 def fit_threshold(pulses: Pulses) -> Threshold | None:
     """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
-    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)
+    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
+    if pulses.reflectivity is not None:
+        # With a reflectivity and no range an echo was found and withheld, not missed.
+        told &= pulses.kept | ~(pulses.reflectivity > 0.0)
     most = np.inf
     value = np.zeros(3)
     columns = np.broadcast_to(pulses.fitted, told.shape)
@@ -102,10 +154,21 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     counts = np.bincount(place, minlength=BINS)
     some = counts > 0
     return Threshold(
-        solved=Solved(value=found, slope=slope, scores=scores),
+        solved=Solved(value=found, slope=slope, scores=scores), near_ir=float(np.median(design[:, 2])) ** 2,
         expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
         found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some], pulses=counts[some],
     )  # fmt: skip
+
+
+def _on_surface(pulses: Pulses) -> Numbers:
+    """Mask of the pulses whose neighbours in the row are returns of one surface."""
+    range_m = pulses.range_m
+    around = np.stack([np.roll(range_m, by, axis=1) for by in range(-BESIDE, BESIDE + 1) if by])
+    enough = np.isfinite(around).sum(axis=0) >= LEAST_BESIDE
+    found = np.zeros(range_m.shape, bool)
+    middle = np.nanmedian(around[:, enough], axis=0)
+    found[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle
+    return found
 
 
 def _design(signal: Numbers, near_ir: Numbers) -> Numbers:

@@ -21,6 +21,7 @@ from ...sensor.file import sensor_from_tables
 from ...sensor.model import Sensor
 from .estimates import Estimate
 from .products import near_field_m, pulse_fwhm_s, white_m2
+from .rows import RowGains
 
 WRITTEN = 0.3
 """Most sigma of an estimate over its value: what is known less well stays as it was."""
@@ -31,6 +32,7 @@ FITTED = {
     "scatter_c": "laser.pulse_fwhm_ns",
     "threshold_floor": "histogram.threshold_floor",
     "threshold_slope": "histogram.threshold_slope",
+    "threshold_spread": "histogram.threshold_spread",
 }
 """What of the file follows from which estimate."""
 
@@ -72,9 +74,11 @@ def sensor_of(text: str, where: str) -> Sensor:
 
 
 def fitted_text(
-    text: str, estimates: Mapping[str, Estimate], recording: str, where: str
+    text: str, estimates: Mapping[str, Estimate], recording: str, where: str, *, rows: RowGains | None = None
 ) -> tuple[str, tuple[str, ...]]:
     """The file with the estimates in place, and what was left as it was, and why.
+
+    rows  gains of the rows
 
     Near field first, since the power follows from what is left.
     """
@@ -90,7 +94,7 @@ def fitted_text(
     notes = tuple(
         f"{told} is left as it was: {key} is {_why(estimates.get(key))}"
         for key, told in FITTED.items()
-        if key not in known
+        if key not in known and not (key == "threshold_spread" and key not in estimates)
     )
 
     def told(key: str, also: str = "") -> str:
@@ -118,7 +122,8 @@ def fitted_text(
             notes += (
                 "optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",
             )
-        text = without(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+        two = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
+        text = without(text, "optics.overlap", two)
         if re.search(r"(?m)^exit_diameter_mm", text):
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
         text = without(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
@@ -147,17 +152,40 @@ def fitted_text(
                 )
             else:
                 text = changed
-    for key in ("threshold_floor", "threshold_slope"):
+    for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
         if key in known:
             text = put(
                 text, "histogram", key, known[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost")
             )
+    if rows is not None:
+        text, told_of_rows = _with_rows(text, rows, recording)
+        notes += told_of_rows
     if "white_m2" in known:
         after = sensor_of(text, where)
         power_w = float(after.laser.peak_power_w) * known["white_m2"].value / white_m2(after)
         source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = put(text, "laser", "peak_power_w", power_w, source)
     return text, notes
+
+
+def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[str, ...]]:
+    """The file with the gains of the rows, and what there is to say if they are not written."""
+    beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
+    if len(beams) != len(rows.gain):
+        return text, (
+            f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",
+        )
+    if rows.key is None:
+        told = "SIGNAL of some rows is too weak"
+        if rows.follows is not None:
+            told = "it goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
+        return text, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is not told ({told})",)
+    assert rows.follows is not None
+    source = (
+        f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; SIGNAL goes with their "
+        f"power of {rows.follows[0]:.2f} +/- {rows.follows[1]:.2f}"
+    )
+    return put(text, "scanner", rows.key, rows.gain.tolist(), source), ()
 
 
 def _why(one: Estimate | None) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Literal, get_args
 
 import numpy as np
@@ -28,6 +29,10 @@ from .plane import Target
 
 Tail = Literal["gaussian", "mcintyre", "webb", "exact"]
 TAILS: tuple[Tail, ...] = get_args(Tail)
+
+
+_DEVIATES = [NormalDist().inv_cdf((k + 0.5) / 200.0) for k in range(200)]
+"""Of a normal distribution, with as much of it between any two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +104,7 @@ def operating_curve(
     threshold = tuned.threshold(point) + 0.0 * ratios
     signal = point.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
-    rate_hz = np.asarray(sensor.false_alarm_rate_hz(point, threshold))
+    rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
     p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
     m = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
     mean = rate_hz * sensor.tdc.listening_s
@@ -159,7 +164,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     and alarms after it need a stop that is left.
     """
     point = sensor.working_point(_background_w(sensor, target, range_m is None))
-    rate = float(np.ravel(sensor.false_alarm_rate_hz(point, sensor.threshold(point)))[0])
+    rate = float(np.ravel(_alarms_hz(sensor, point, sensor.threshold(point)))[0])
     blanking_s, window_s = float(sensor.tdc.blanking_s), float(sensor.tdc.window_s)
     stops = sensor.tdc.stops
     per_pulse = _mean_of_first(rate * (window_s - blanking_s), stops)
@@ -239,6 +244,17 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
         efficiency=sensor.optics.efficiency_sun,
     )  # fmt: skip
     return np.atleast_1d(np.asarray(power, dtype=np.float64))
+
+
+def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
+    """Mean rate of false alarms, over the points' thresholds where these scatter (T98b)."""
+    histogram = sensor.histogram
+    spread = None if histogram is None or histogram.neighbours else histogram.threshold_spread
+    if spread is None:
+        return sensor.false_alarm_rate_hz(point, threshold)
+    drawn = [np.maximum(threshold + spread * place, 1e-3) for place in _DEVIATES]
+    rates = [np.asarray(sensor.false_alarm_rate_hz(point, one)) for one in drawn]
+    return np.asarray(np.mean(rates, axis=0))
 
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:

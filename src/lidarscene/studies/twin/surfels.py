@@ -35,6 +35,10 @@ BEHIND_M = 0.3
 LOST_SHARE = 0.5
 """Of a lost pulse's highest peak, for its echo: the peak may be all echo or all noise."""
 
+EDGE = 0.5
+"""Where a neighbour was lost, a surface ends so far from the pixel's middle, in halves of its width. As far beyond the
+edge of the pixel it is of a strength between the two, as what stands between them is."""
+
 BEAM_SHARE = 0.5
 """Of a pixel that the nearer of two returns covers."""
 
@@ -79,13 +83,19 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.there, planes.range_m, sweep.range_m)
     two = _two_returns(grid)
+    left, right = (_ends(grid, side) & kept & ~two for side in (1, -1))
+    span = np.where(left, EDGE, 1.0), np.where(right, -EDGE, -1.0)
     parts = [
-        _quads(grid, chosen, range_m, planes.normal, apparent, kind)
+        _quads(grid, chosen, range_m, planes.normal, apparent, kind, span=span)
         for kind, chosen in (
             (SMOOTH, kept & smooth & ~two), (ROUGH, kept & ~smooth & ~two),
             (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
         )
     ]  # fmt: skip
+    for side, ends in ((1, left), (-1, right)):
+        between = 0.5 * (apparent + np.fmin(apparent, _beside(grid, gauge, range_m, side)))
+        beyond = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
+        parts.append(_quads(grid, ends, range_m, planes.normal, between, ROUGH, span=beyond))
     if two.any():
         parts += _both(grid, two, range_m, planes.normal, gauge)
     if ground is not None:
@@ -126,6 +136,25 @@ def _two_returns(grid: Grid) -> Numbers:
     return np.asarray(grid.sweep.kept & np.isfinite(second.range_m))
 
 
+def _ends(grid: Grid, side: int) -> Numbers:
+    """Mask of the pixels whose neighbour to the left (side 1) or right (-1) was lost, and no echo of it withheld."""
+    sweep = grid.sweep
+    return _neighbour(grid, sweep.lost & ~dropped(sweep), side)
+
+
+def _beside(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Numbers:
+    """Most that the lost neighbour's strength allows at this pixel's range."""
+    if gauge is None:
+        return np.full(grid.sweep.shape, np.inf)
+    at = _neighbour(grid, range_m, -side)
+    return _neighbour(grid, _allowed(grid, gauge, at), side)
+
+
+def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
+    """Of the pixel to the left of each (side 1), or to the right (-1)."""
+    return np.roll(values, -side if grid.step_rad > 0.0 else side, axis=1)
+
+
 def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None) -> list[Surfels]:
     """Of pixels with two returns: the nearer quad covers half of the pixel, the farther shows beside it.
 
@@ -142,9 +171,9 @@ def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Ga
     for nearer in (True, False):
         of_first = two & (first_nearer == nearer)
         of_second = two & (first_nearer != nearer)
-        half = BEAM_SHARE if nearer else 1.0
-        made.append(_quads(grid, of_first, range_m, normal, one / BEAM_SHARE, ROUGH, half=half))
-        made.append(_quads(grid, of_second, second.range_m, facing, other / BEAM_SHARE, ROUGH, half=half))
+        span = (1.0, 1.0 - 2.0 * BEAM_SHARE) if nearer else (1.0, -1.0)
+        made.append(_quads(grid, of_first, range_m, normal, one / BEAM_SHARE, ROUGH, span=span))
+        made.append(_quads(grid, of_second, second.range_m, facing, other / BEAM_SHARE, ROUGH, span=span))
     return made
 
 
@@ -190,11 +219,12 @@ def _in_sight(kept: Numbers, on: Numbers, range_m: Numbers, meets_m: Numbers) ->
 
 
 def _quads(
-    grid: Grid, chosen: Numbers, range_m: Numbers, normal: Numbers, apparent: Numbers, kind: int, *, half: float = 1.0
+    grid: Grid, chosen: Numbers, range_m: Numbers, normal: Numbers, apparent: Numbers, kind: int, *,
+    span: tuple[Numbers | float, Numbers | float] = (1.0, -1.0),
 ) -> Surfels:  # fmt: skip
     """Quads of these pixels: where the four corners of a pixel, seen from its exit, meet its plane.
 
-    half  share of the pixel's width that is covered, from its left edge
+    span  from where to where it is covered, from its middle to the left, in halves of its width
     """
     sweep = grid.sweep
     direction = sweep.direction[chosen]
@@ -214,8 +244,9 @@ def _quads(
     above, below = (LAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
     depth = np.einsum("ni,ni->n", facing, direction) * middle_m
     corners = []
-    for left, up in ((1.0, above), (1.0 - 2.0 * half, above), (1.0 - 2.0 * half, -below), (1.0, -below)):
-        a, e = azimuth + left * wide, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
+    left, right = (np.broadcast_to(one, sweep.shape)[chosen] for one in span)
+    for aside, up in ((left, above), (right, above), (right, -below), (left, -below)):
+        a, e = azimuth + aside * wide, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
         along = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
             reach_m = depth / np.einsum("ni,ni->n", facing, along)

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ....maths.arrays import Numbers
 from ..known_scene import MOST_FIRED, STRONG, Expected, expected
+from ..likelihood import FARTHEST_SQUARE, MEAN_SQUARE, OUTLIER, KnownFit
 from .laid import Laid
 
 RANGES, CHANCES = 8, 10
 """Bins of the range, with as many pulses each, and of the chance to be kept."""
 
 LEAST = 50
-"""Fewer pulses in a bin are not told."""
+"""Fewer pulses in a bin are not told, and nothing of `RANGES` times fewer on smooth surfaces: they stand on a few, and
+the law of one that was simulated misses the others."""
 
-NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+OF_ONE = 0.75
+"""Sigma of the logarithm of a scatter (`capped_scatter`), times the root of the number of pulses."""
 
 NEAR_M = 0.3
 """A recorded return farther from the scene's surface is of another one."""
@@ -30,7 +31,8 @@ class Judged:
 
     signal   (k, 3) range [m], mean of the recorded signal, of the expected one
     kept     (k, 3) chance that is expected, share that was kept, number of pulses
-    scatter  (k, 3) signal, scatter of the recorded range [m], the expected one
+    scatter  (k, 4) signal, scatter of the recorded range [m], the expected one, sigma of the logarithm of their ratio:
+             of so many pulses, and of the law, which is known no better than its parameters
     """
 
     signal: Numbers
@@ -54,20 +56,30 @@ class Judged:
         """Recorded over expected scatter, by octave of the signal."""
         return np.asarray(self.scatter[:, 1] / self.scatter[:, 2])
 
+    def beyond(self, most: float) -> bool:
+        """Whether one of the ratios is above `most`, or below its inverse, by more than two of its sigmas.
 
-def judged(laid: Laid, values: Mapping[str, float]) -> Judged:
+        Of a ratio that is `most` chance says so in one of 40 bins; of one that is 1, in fewer than one of 1000.
+        """
+        return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
+
+
+def judged(laid: Laid, known: KnownFit) -> Judged:
     """Hold the sensor with these numbers to these pulses; their surfaces are as bright as they are believed to be."""
-    now = expected(laid.scene, values)
+    now = expected(laid.scene, known.values)
     strong = _strong(laid, now)
     rows = []
-    if strong.sum() >= LEAST * RANGES:
+    enough = strong.sum() >= LEAST * RANGES
+    if enough:
         range_m = laid.scene.range_m[strong]
         edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
         place = np.searchsorted(edges, range_m)
         columns = range_m, laid.reported.signal[strong], np.asarray(now.signal)[strong]
         rows = [[float(np.mean(one[place == k])) for one in columns] for k in range(RANGES)]
     return Judged(
-        signal=np.array(rows).reshape(-1, 3), kept=_kept(laid, now), scatter=_scatter(laid, now, strong)
+        signal=np.array(rows).reshape(-1, 3),
+        kept=_kept(laid, now),
+        scatter=_scatter(laid, now, strong, known) if enough else np.zeros((0, 4)),
     )
 
 
@@ -91,17 +103,41 @@ def _kept(laid: Laid, now: Expected) -> Numbers:
     return np.array(rows).reshape(-1, 3)
 
 
-def _scatter(laid: Laid, now: Expected, strong: Numbers) -> Numbers:
+def capped_scatter(relative: Numbers) -> float:
+    """Standard deviation as the likelihood has it, in which what is far off counts no more.
+
+    A median would say less where surfaces are not quite as they are believed to be: they are a tail, which is in the
+    law that was fitted.
+    """
+    near = relative[np.abs(relative) < OUTLIER]
+    return float(np.sqrt(np.mean(np.minimum(near * near, FARTHEST_SQUARE)) / MEAN_SQUARE))
+
+
+def _scatter(laid: Laid, now: Expected, strong: Numbers, known: KnownFit) -> Numbers:
     signal = np.asarray(now.signal)[strong]
-    relative = (laid.reported.range_m - laid.scene.range_m)[strong] / np.asarray(now.sigma_m)[strong]
+    relative = (laid.reported.range_m - laid.scene.range_m)[strong]
     octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
+    step = 1e-3
+    sigma_m = np.asarray(now.sigma_m)[strong]
+    moved = [
+        np.asarray(expected(laid.scene, {**known.values, name: known.values[name] + step}).sigma_m)[strong]
+        for name in known.names
+    ]
+    slopes = [np.log(one / sigma_m) / step for one in moved]
+    covariances = known.solved.covariance, known.solved.bootstrap
     rows = []
     for one in np.unique(octave):
         there = octave == one
         if there.sum() >= LEAST:
-            law = float(np.median(np.asarray(now.sigma_m)[strong][there]))
-            apart = relative[there]
+            law = float(np.median(sigma_m[there]))
+            slope = np.array([np.median(each[there]) for each in slopes])
+            variance = OF_ONE**2 / there.sum() + max(float(slope @ each @ slope) for each in covariances)
             rows.append(
-                [2.0 ** (one + 0.5), law * NORMAL * float(np.median(np.abs(apart - np.median(apart)))), law]
+                [
+                    2.0 ** (one + 0.5),
+                    law * capped_scatter(relative[there] / sigma_m[there]),
+                    law,
+                    variance**0.5,
+                ]
             )
-    return np.array(rows).reshape(-1, 3)
+    return np.array(rows).reshape(-1, 4)

@@ -71,10 +71,10 @@ class SceneFit:
                 held=None if kept is None else kept <= KEPT_ERROR,
             ),
             Check(
-                name="scatter by octave of the signal", wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law",
+                name="scatter by octave of the signal",
+                wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
                 found="too few" if not len(ratios) else f"{ratios.min():.2f} to {ratios.max():.2f}",
-                held=None if not len(ratios)
-                else bool(ratios.max() <= SCATTER_RATIO and ratios.min() >= 1.0 / SCATTER_RATIO),
+                held=None if not len(ratios) else not judged.beyond(SCATTER_RATIO),
             ),
         )  # fmt: skip
 
@@ -166,7 +166,7 @@ def _figures(judged: Judged) -> list[Figure]:
             (("chance", "kept", "pulses"), judged.kept.tolist()),
         ))  # fmt: skip
     if len(judged.scatter):
-        scaled = judged.scatter * np.array([1.0, 1e3, 1e3])
+        scaled = judged.scatter[:, :3] * np.array([1.0, 1e3, 1e3])
         made.append((
             "scatter", "Scatter of the range about the scene's surface, by signal.",
             _chart(scaled, "SIGNAL [photons]", "scatter of the range [mm]", log=True),

@@ -25,7 +25,7 @@ from ..known_scene import LEAST_FLOOR_M, PARAMETERS, expected
 from ..likelihood import KnownFit, fit_known
 from ..report import check_places, told
 from ..unit import base_text, sensor_of
-from .checks import NORMAL, judged
+from .checks import judged
 from .laid import Laid, laid_on
 from .report import SceneFit, as_dict, as_text, write_report
 from .written import written_text
@@ -37,6 +37,9 @@ ROUNDS = 2
 """Of the fit, with texture and strangers found from the one before."""
 
 LEAST_TEXTURE = 0.01
+
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 _OF_TWIN = (
@@ -129,7 +132,7 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
     others = replace(others, scene=scene)
     return SceneFit(
         recording="", scene="", sensor=sensor.name, frames=1, pulses=(len(fitted.block), len(others.block)),
-        known=known, judged=judged(others, known.values), evaluations=evaluations, texture=texture, strangers=strangers,
+        known=known, judged=judged(others, known), evaluations=evaluations, texture=texture, strangers=strangers,
     )  # fmt: skip
 
 
