@@ -51,7 +51,7 @@ def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH
     cloud = lidarscene.render(scene, overrides=overrides)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.png"
-        frame_picture(cloud, path, **picture, view=scene.view)
+        frame_picture(cloud, path, **picture, view=scene.camera)
         store(Image.open(path), f"{name}.png", colours=colours, width=width)
 
 

@@ -358,9 +358,15 @@ class PointCloud:
 
         return to_open3d(self, colours=None if colour_by is None else self.colours(colour_by), legacy=legacy)
 
-    def show(self, **options: Any) -> Any:
-        """The cloud in a notebook, to be turned, coloured and clicked: `lidarscene.show`, with its options."""
-        return facts.shown(self, **options)
+    def view(self, *, scene: Any = None, sensor: str | None = None, height_px: int = 620) -> Any:
+        """The page of `lidarscene view` in a notebook, where the cloud is turned, coloured and clicked.
+
+        scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
+        sensor     catalogue name or file; what the cloud names if None
+        height_px  of the frame in the notebook
+        What comes back also has `save(path)`, which writes the page. Raises InputError.
+        """
+        return facts.viewed(self, scene=scene, sensor=sensor, height_px=height_px)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

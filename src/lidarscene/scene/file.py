@@ -170,7 +170,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
-        view=file.picture.in_si() if file.picture else None,
+        camera=file.picture.in_si() if file.picture else None,
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )

@@ -257,7 +257,7 @@ class Live:
         """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
         own = None if self.asked.pose else self.scene
         camera = _camera(self._first, own, time_s=start_s)
-        if own is not None and own.view is not None:
+        if own is not None and own.camera is not None:
             return camera
         # From above and behind the sensor there may be a ceiling between: the camera stays on the sensor's side.
         sensor_m, eye_m = self._place.position_m, np.array(camera["eye"])
@@ -373,8 +373,8 @@ def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> d
 
     A scene's view is that of its vehicle, which may have driven on.
     """
-    if scene is not None and scene.view is not None:
-        view = scene.view
+    if scene is not None and scene.camera is not None:
+        view = scene.camera
         vehicle = pose_at(scene.ego, time_s) if scene.ego else Pose()
         eye, target = vehicle.apply(np.array([view.eye_m, view.target_m])).tolist()
         return {"eye": eye, "target": target, "fov_deg": view.fov_deg}
