@@ -20,8 +20,8 @@ from .points import PointCloud
 BLOCK_POINTS = 2**18
 SHORTEST_S = 1e-9
 
-REMOVED = "removed"
-"""What the metadata's `ego_motion` says afterwards."""
+KEPT, REMOVED = "in the points", "removed"
+"""What the metadata's `ego_motion` says before and afterwards."""
 
 
 def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
