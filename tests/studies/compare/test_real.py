@@ -100,4 +100,5 @@ def test_the_verdict_names_what_differs_most() -> None:
     assert told == f"{counts}; what differs most is 'ground [m]': 10 against 40."
     assert verdict("twin", "real", [points, same, ring]) == f"{counts}; nothing else differs by 10 % or more."
     assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
+    assert verdict("a", "b", [("points", 3, 3, 1.0)]).startswith("a has 3 points, as many as b; nothing")
     assert verdict("a", "b", [("points", 3, 0, None)]).startswith("a has 3 points, b 0; nothing else")

@@ -16,10 +16,10 @@ def test_the_verdict_names_the_limits_that_are_missed() -> None:
     assert verdict([met, met, told]) == "The twin meets all 2 limits."
     assert verdict([told]) == "Nothing of this frame can be held to a limit."
     assert verdict([met, told, missed[0]]) == (
-        "The twin meets 1 of 2 limits; it misses range, bias (smooth surfaces), 14 where -10 to 10 is allowed."
+        "The twin meets 1 of 2 limits; it misses 'range, bias (smooth surfaces)', 14 where -10 to 10 is allowed."
     )
-    assert verdict([met, *missed]).startswith("The twin meets 1 of 5 limits; it misses range, bias")
-    assert verdict([met, *missed]).endswith("; signal, 0.5 where at most 0.15 is allowed; 1 more.")
+    assert verdict([met, *missed]).startswith("The twin meets 1 of 5 limits; it misses 'range, bias (")
+    assert verdict([met, *missed]).endswith("; 'signal', 0.5 where at most 0.15 is allowed; 1 more.")
 
 
 def test_a_row_without_numbers_is_left_out() -> None:

@@ -123,8 +123,9 @@ Line = tuple[str, Any, Any, Any]
 def verdict(name: str, other: str, rows: Sequence[Line]) -> str:
     """The outcome in one sentence: how many points, and what differs most."""
     (_, mine, theirs, ratio), *others = (row for row in rows if not row[0].startswith(OF_RING))
-    counts = f"{name} has {mine:,} points, {other} {theirs:,}"
-    found = f"{counts} ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else counts
+    found = f"{name} has {mine:,} points, {'as many as ' if mine == theirs else ''}{other}"
+    if mine != theirs:
+        found += f" {theirs:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
     known = [row for row in others if row[3] is not None and row[3] > 0.0]
     if not known:
         return f"{found}; nothing else is known of both."

@@ -110,7 +110,7 @@ def verdict(rows: list[Row]) -> str:
     named = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
-        named.append(f"{row.quantity}{condition}, {_shown(row.value)} where {_limit(row)} is allowed")
+        named.append(f"'{row.quantity}{condition}', {_shown(row.value)} where {_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
     return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(named + more)}."
 
@@ -138,7 +138,9 @@ def _limit(row: Row) -> str:
 
 
 def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+    if value is None:
+        return ""
+    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 
 def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
