@@ -90,8 +90,14 @@ def load_scene(
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
     path = Path(scene)
-    named = not path.suffix and path.name == str(scene) and not os.path.isdir(path)
-    return catalog.path_of("scenes", path.name) if named else path
+    if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
+        return catalog.path_of("scenes", path.name)
+    # Outside of a clone there is no folder `scenes`, as examples have it.
+    if path.suffix == ".toml" and not os.path.exists(path) and path.stem in catalog.names("scenes"):
+        raise InputError(
+            f"{path}: no such file; the scene that comes with lidarscene goes by its name, {path.stem}"
+        )
+    return path
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
