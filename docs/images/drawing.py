@@ -37,12 +37,13 @@ def saved(figure, name: str, *, colours: int = 64) -> None:
         store(Image.open(path), name, colours=colours)
 
 
-def bar_of(figure, shown, axes, label: str) -> None:
+def bar_of(figure, shown, axes, label: str):
     """The scale of what is shown, beside it."""
     bar = figure.colorbar(shown, ax=axes, pad=0.01, aspect=30, shrink=0.95)
     bar.set_label(label, color=INK)
     bar.ax.tick_params(colors=INK, which="both")
     bar.outline.set_visible(False)
+    return bar
 
 
 def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH, **picture) -> None:
@@ -51,7 +52,7 @@ def frame(name: str, *, overrides=(), colours: int = COLOURS, width: int = WIDTH
     cloud = lidarscene.render(scene, overrides=overrides)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.png"
-        frame_picture(cloud, path, **picture, view=scene.view)
+        frame_picture(cloud, path, **picture, view=scene.camera)
         store(Image.open(path), f"{name}.png", colours=colours, width=width)
 
 

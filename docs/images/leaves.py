@@ -23,7 +23,7 @@ def glass() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "glass.png"
         frame_picture(
-            cloud, path, colour_by="interactions", strips=("range", "interactions"), view=scene.view
+            cloud, path, colour_by="interactions", strips=("range", "interactions"), view=scene.camera
         )
         frame = Image.open(path).convert("RGB")
         glint(scene).savefig(path, facecolor=BACKGROUND)

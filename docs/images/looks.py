@@ -88,7 +88,7 @@ def ouster() -> None:
 def classes() -> None:
     """The car scene coloured by class, the truth that datasets are written from."""
     cloud = lidarscene.render(SCENES / "car.toml", overrides=FINER)
-    view = lidarscene.load_scene(SCENES / "car.toml").view
+    view = lidarscene.load_scene(SCENES / "car.toml").camera
     _stored(cloud, "classes.png", colour_by="class", height=860, view=view)
 
 

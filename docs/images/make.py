@@ -8,6 +8,7 @@ import charts
 import counting
 import effects
 import leaves
+import live
 import looks
 import numpy as np
 import patterns
@@ -15,7 +16,7 @@ import recorded
 import response
 import retro
 import surfaces
-from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, frame, store
+from drawing import BACKGROUND, FINER, HERE, INK, SCENES, WIDTH, store
 from PIL import Image
 
 import lidarscene
@@ -50,8 +51,12 @@ def main() -> None:
 
 
 def car() -> None:
-    """The car scene, as `make car` renders it."""
-    frame("car", overrides=FINER, width=900)
+    """The car scene, as `make car` renders it, with finer steps."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "car.png"
+        outputs = lidarscene.Outputs(Path(folder) / "car.ply", picture=picture)
+        lidarscene.record("car", outputs=outputs, overrides=FINER)
+        store(Image.open(picture), "car.png", width=900)
 
 
 def compare() -> None:
@@ -138,6 +143,7 @@ def view() -> None:
 
 PICTURES = {
     "car": car,
+    "live": live.live,
     "glass": leaves.glass,
     "compare": compare,
     "drive": drive,

@@ -8,7 +8,7 @@
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__ as __version__
-from .files.facts import show_with
+from .files.facts import view_with
 
 if TYPE_CHECKING:
     # isort: off
@@ -48,9 +48,6 @@ if TYPE_CHECKING:
     # what is written
     from .outputs.record import record as record
     from .outputs.options import Outputs as Outputs
-
-    # what is looked at
-    from .view.notebook import show as show
 
     # what goes wrong
     from .errors import LidarSceneError as LidarSceneError
@@ -92,8 +89,6 @@ _HOME = {
     # what is written
     "record": "outputs.record",
     "Outputs": "outputs.options",
-    # what is looked at
-    "show": "view.notebook",
     # what goes wrong
     "LidarSceneError": "errors",
     "InputError": "errors",
@@ -113,12 +108,14 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 
-def _show(thing: object, **options: Any) -> Any:
-    return __getattr__("show")(thing, **options)
+def _viewed(thing: Any, **options: Any) -> Any:
+    from .view.notebook import viewed
+
+    return viewed(thing, **options)
 
 
-# Clouds and scenes stand below what shows them.
-show_with(_show)
+# Clouds and scenes stand below the page that views them.
+view_with(_viewed)
 
 
 def __dir__() -> list[str]:

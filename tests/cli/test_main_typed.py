@@ -5,7 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from helpers.clouds import small_cloud
 from helpers.command_line import Run
 from helpers.documentation import ROOT
 
@@ -96,6 +98,13 @@ TYPED = [
     ("twin none.pcap -o out", "none.pcap: no such recording"),
     ("fit", "see lidarscene fit -h"),
     ("stream wall.toml --sensor vlp-16", "see lidarscene stream -h"),
+    # in another order, in another place, of another kind
+    ("--sensor vlp-16 render car -o a.ply", "the command goes first: lidarscene COMMAND --sensor ...; see"),
+    ("render wall.toml -o a.ply --set laser.peak_power_w 75", "arguments: 75; a value goes with =: --set laser.peak"),
+    ("render nowhere/street.toml -o a.ply", "goes by its name, street"),
+    ("view nowhere/street.toml --save a.html", "goes by its name, street"),
+    ("render cloud.ply -o a.ply", "got none; a point cloud is for `lidarscene view`"),
+    ("range table1-apd --over gain", "must be one of distance, illuminance,"),
     # catalog, schema, doctor, paper
     ("catalog sensor", "invalid choice: 'sensor'; did you mean sensors?"),
     ("catalog materials brik", "no material 'brik' in the catalogue; did you mean brick"),
@@ -120,6 +129,11 @@ CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.render("wall.toml", colour=1), "unknown option 'colour'; known here: rays,"),
     (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "trimesh.Scene, got Sensor"),
     (lambda: lidarscene.record("wall.toml", outputs="a.xyz"), "path a.xyz: the name must end in one of .ply,"),
+    (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "yaw, pitch, roll in degrees, got array([[1., 0.,"),
+    (lambda: small_cloud().column("intesity"), "column 'intesity': not in this cloud; did you mean intensity?"),
+    (lambda: small_cloud().select(small_cloud().status), "select: must be a mask such as cloud.status == 0"),
+    (lambda: small_cloud().view(scene="kar"), "no scene 'kar' in the catalogue; did you mean car"),
+    (lambda: lidarscene.deskewed(small_cloud(), (1, 0, 0)), "must be a motion such as Simulator.motion, got tuple"),
     (lambda: lidarscene.PointCloud.load("wall.toml"), "suffix '.toml' names no point cloud format; known: .ply,"),
 ]  # fmt: skip
 
@@ -130,6 +144,7 @@ def place(tmp_path: Path, wall: str) -> Path:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     (tmp_path / "notes.txt").write_text("hello")
     (tmp_path / "empty.pcap").write_bytes(b"")
+    small_cloud().save(tmp_path / "cloud.ply")
     return tmp_path
 
 

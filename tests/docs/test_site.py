@@ -58,6 +58,17 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
         assert not [one for one in loaded if re.match(r"(https?:)?//", one)], page.name
 
 
+def test_equations_have_no_scroll_bar(site: Path, browser: Chromium) -> None:
+    """In a window of 1280 pixels, on the page with most of them: neither across nor beside."""
+    browser.navigate((site / "theory.html").as_uri())
+    browser.until("document.readyState === 'complete' && document.querySelectorAll('.equation').length > 10")
+    barred = browser.value("""[...document.querySelectorAll('.equation')].filter(one =>
+        one.scrollWidth > one.clientWidth
+        || getComputedStyle(one).overflowY !== 'hidden' && one.scrollHeight > one.clientHeight
+    ).map(one => one.textContent)""")
+    assert barred == []
+
+
 def test_the_site_is_searched_without_a_server(site: Path, browser: Chromium) -> None:
     """Its pages are opened as files, where browsers have no workers."""
     browser.navigate((site / "index.html").as_uri())

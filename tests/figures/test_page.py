@@ -25,3 +25,14 @@ def test_names_are_text_in_markdown(where: str) -> None:
     assert text.count(ESCAPED) == (2 if where == "caption" else 1)
     assert "javascript" not in text.replace(ESCAPED, "")
     assert "<script" not in page.as_html()
+
+
+def test_a_number_stays_on_the_line_of_its_unit() -> None:
+    """In HTML alone, where lines wrap; words and numbers without a unit wrap as they like."""
+    page = Page("t")
+    page.table(["h"], [["99.37 to 99.50 %"], ["-2.74 ± 0.29 mm"], ["3 motorcycles of 7"]])
+    text = page.as_html()
+    assert "99.37 to 99.50\u00a0%" in text
+    assert "-2.74 ± 0.29\u00a0mm" in text
+    assert "3 motorcycles of 7" in text
+    assert "\u00a0" not in page.as_markdown()

@@ -259,10 +259,25 @@ def test_projection_against_trigonometry() -> None:
 def test_nearest_point_is_on_top_whatever_the_order() -> None:
     camera = camera_for(PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0))
     for x in ([10.0, 5.0, -5.0, 20.0], [5.0, 10.0, 20.0, -5.0]):
-        front, depth = splat(camera, np.array([[d, 0, 0] for d in x]), size=(101, 51))
-        assert set(np.unique(front)) == {NOTHING, x.index(5.0)}
-        assert depth[25, 50] == 5.0
-        assert np.isinf(depth[0, 0])
+        front = splat(camera, np.array([[d, 0, 0] for d in x]), size=(101, 51))
+        shown = set(np.unique(front.rank)) - {NOTHING}
+        assert [front.point[rank] for rank in shown] == [x.index(5.0)]
+        assert front.depth_m[front.rank[25, 50]] == 5.0
+        assert front.rank[0, 0] == NOTHING
+
+
+def test_a_disc_is_cut_at_the_edge() -> None:
+    """A point in a corner, and one just outside: what is drawn of both is what a larger picture shows there."""
+    camera = camera_for(
+        PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0), fov_deg=90.0
+    )
+    xyz_m = np.array([[10.0, 10.0, 4.99], [10.0, -10.02, 0.0], [10.0, 0.0, -5.02]])
+    rank = splat(camera, xyz_m, size=(400, 200)).rank
+    drawn = {k: np.argwhere(rank == k) for k in range(3)}
+    assert all(len(pixels) > 5 for pixels in drawn.values())
+    assert drawn[0].max() <= 8
+    assert drawn[1][:, 1].min() >= 392
+    assert drawn[2][:, 0].min() >= 192
 
 
 @pytest.mark.parametrize("shift_m", [0.0, 4e5])
@@ -341,10 +356,16 @@ def test_first_return_is_shown() -> None:
 
 def test_light_makes_edges_dark() -> None:
     """A wall behind a nearer one: darker right beside it, unchanged away from it."""
-    image = np.full((20, 40, 3), 200, np.uint8)
-    depth = np.where(np.arange(40) < 20, 5.0, 20.0)[None].repeat(20, axis=0).astype(np.float32)
-    shown = pixels.lit(image, depth, reduction=2)
+    rank = np.where(np.arange(40) < 20, 1, 0)[None].repeat(20, axis=0).astype(np.int32)
+    rank[:, 36:] = NOTHING
+    front = pixels.Front(point=np.array([1, 0]), depth_m=np.array([20.0, 5.0], np.float32), rank=rank)
+    image, seen = pixels.lit(
+        front, np.full((2, 3), 200, np.uint8), nothing=np.array([9, 8, 7], np.uint8), reduction=2
+    )
+    shown = pixels.unpacked(image)
     assert shown.shape == (10, 20, 3)
+    assert (seen == (np.arange(20) < 18)).all()
+    assert (shown[:, 18:] == [9, 8, 7]).all()
     assert shown[5, 10, 0] < 150
     assert (shown[5, [3, 15], 0] == 200).all()
 

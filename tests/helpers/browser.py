@@ -18,9 +18,9 @@ def scene_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def _chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    """Started once for all tests of a file, which takes longer than most of them."""
+    """Started once for all tests, which takes longer than most of them."""
     if executable() is None:
         if os.environ.get("LIDARSCENE_REQUIRE_CHROMIUM") == "1":
             pytest.fail("LIDARSCENE_REQUIRE_CHROMIUM=1, and there is no Chromium")

@@ -128,6 +128,10 @@ class Chromium:
             "Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], clickCount=1, **common
         )
 
+    def store_in(self, folder: Path) -> None:
+        """Put what a page gives to be saved into this folder; a file has its name when it is whole."""
+        self._send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
+
     def screenshot(self, path: Path) -> None:
         """As PNG."""
         path.write_bytes(base64.b64decode(self._send("Page.captureScreenshot", format="png")["data"]))

@@ -166,7 +166,11 @@ def test_scenes_of_the_package_go_by_their_names() -> None:
 
 @pytest.mark.parametrize(
     ("name", "told"),
-    [("kar", "no scene 'kar' in the catalogue; did you mean car"), ("out/kar", "out/kar: no such file")],
+    [
+        ("scenes/none/car.toml", "no such file; the scene that comes with lidarscene goes by its name, car"),
+        ("kar", "no scene 'kar' in the catalogue; did you mean car"),
+        ("out/kar", "out/kar: no such file"),
+    ],
 )
 def test_names_that_are_none(name: str, told: str) -> None:
     with pytest.raises(InputError, match=told):

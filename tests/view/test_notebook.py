@@ -25,20 +25,19 @@ def inner(shown: object) -> str:
 
 def test_a_cloud_is_a_page_in_a_frame(tmp_path):
     cloud = street(step_deg=3.0)
-    shown = cloud.show(height_px=400)
+    shown = cloud.view(height_px=400)
     text = inner(shown)
     assert text.startswith("<!DOCTYPE html>")
     assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', text))
     assert 'height="400"' in shown._repr_html_()
-    assert inner(lidarscene.show(cloud)) == text
     shown.save(tmp_path / "a.html")
     assert (tmp_path / "a.html").read_text() == text
-    assert re.match(r"Shown\(.*: [0-9.]+ MB; ", repr(shown))
+    assert re.match(r"Viewed\(.*: [0-9.]+ MB; ", repr(shown))
 
 
 def test_a_large_page_is_not_put_into_a_notebook(monkeypatch):
     monkeypatch.setattr(notebook, "LARGE_BYTES", 1000)
-    told = small_cloud().show()._repr_html_()
+    told = small_cloud().view()._repr_html_()
     assert "<iframe" not in told
     assert "save it" in told
 
@@ -48,24 +47,20 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(SCENE)
     live = notebook.Live
     monkeypatch.setattr(notebook, "Live", lambda scene, sensor: live(scene, sensor=sensor, overrides=COARSE))
-    assert "blob-frame-0" in inner(lidarscene.load_scene(tmp_path / "s.toml").show())
+    assert "blob-frame-0" in inner(lidarscene.load_scene(tmp_path / "s.toml").view())
 
 
 @pytest.mark.parametrize(
-    ("what", "options", "told"),
+    ("options", "told"),
     [
-        (3, {}, "show: must be a PointCloud or a Scene, got int"),
-        ("car", {"scene": "car"}, "show: scene goes with a cloud"),
-        (
-            "car",
-            {"sensor": lidarscene.load_sensor("table1-apd")},
-            "show: sensor: must be a catalogue name or a file",
-        ),
+        ({"sensor": 3}, "view: sensor: must be a catalogue name or a file, got int"),
+        ({"sensor": lidarscene.load_sensor("table1-apd")}, "a catalogue name or a file, got Sensor"),
+        ({"scene": 3}, "scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got int"),
     ],
 )
-def test_what_cannot_be_shown(what, options, told):
+def test_what_cannot_be_viewed(options, told):
     with pytest.raises(InputError, match=re.escape(told)):
-        lidarscene.show(what, **options)
+        small_cloud().view(**options)
 
 
 def test_a_large_page_is_warned_of(tmp_path, monkeypatch):

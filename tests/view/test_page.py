@@ -92,7 +92,7 @@ def test_points_stand_where_they_should_in_their_colours(
     matplotlib's map. Tolerances: a hundredth of a pixel, float32; 6 of 255: 17 stops miss the map by 5 at most.
     """
     browser.open(saved.as_uri())
-    view = load_scene(tmp_path / "view.toml").view
+    view = load_scene(tmp_path / "view.toml").camera
     assert view is not None
     camera = camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
     left, top, width, height = browser.value(

@@ -138,8 +138,7 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
     from ..scene.file import scene_path
 
     try:
-        if path.suffix.lower() != ".toml":
-            path = scene_path(path)
+        path = scene_path(path)
         if path.suffix.lower() != ".toml":
             yield from _whole("scene", path)
             return

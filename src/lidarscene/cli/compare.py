@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 COMPARE_HELP = """\
 examples:
-  lidarscene compare scenes/street.toml --sensors table1-apd,table1-sipm -o out/compare
-  lidarscene compare scenes/garage.toml --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
-  lidarscene compare scenes/car.toml --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
+  lidarscene compare street --sensors table1-apd,table1-sipm -o out/compare
+  lidarscene compare garage --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
+  lidarscene compare car --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds
   lidarscene compare out/street.ply --real os1.pcap --frame 3 -o out/real
   lidarscene compare out/twin/scene.toml --real os1.pcap -o out/judged

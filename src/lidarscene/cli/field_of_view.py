@@ -20,8 +20,8 @@ FOV_HELP = """\
 examples:
   lidarscene fov table1-apd table1-sipm -o out/fov
   lidarscene fov my-risley.toml --time 0.1,0.5,1 --cell 0.28 -o out/fov
-  lidarscene fov table1-apd --scene scenes/car.toml -o out/fov
-  lidarscene fov --rig scenes/rig.toml --scene scenes/drive.toml -o out/fov
+  lidarscene fov table1-apd --scene car -o out/fov
+  lidarscene fov --rig scenes/rig.toml --scene drive -o out/fov
 """
 
 SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0

@@ -68,9 +68,13 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
+        self.option_first = ""
 
     def parse_known_args(self, *arguments: Any, **options: Any) -> Any:
         """What a command does not know is told by the command itself, which knows its own options."""
+        words = sys.argv[1:] if not arguments or arguments[0] is None else arguments[0]
+        first = words[0] if words else ""
+        self.option_first = first if first.startswith("--") and self._subparsers is not None else ""
         known, left = super().parse_known_args(*arguments, **options)
         if left:
             self.error(f"unrecognized arguments: {' '.join(left)}{self._meant(left[0])}")
@@ -78,6 +82,10 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         if choice := _CHOICE.search(message):
+            if self.option_first:
+                raise InputError(
+                    f"the command goes first: {self.prog} COMMAND {self.option_first} ...; see {self.prog} -h"
+                )
             choices = re.findall(r"[\w-]+", choice[2])
             near = difflib.get_close_matches(choice[1].lower(), choices, n=1)
             meant = f"did you mean {near[0]}? " if near else ""
@@ -88,6 +96,8 @@ class _Parser(argparse.ArgumentParser):
         """What an argument that is left over was perhaps meant to be."""
         options = [option for option in self._option_string_actions if option.startswith("--")]
         if not left.startswith("-"):
+            if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", left):
+                return "; a value goes with =: --set laser.peak_power_w=75"
             return "; sensors go with commas: --sensors A,B" if "--sensors" in options else ""
         near = difflib.get_close_matches(left.split("=")[0], options, n=1, cutoff=0.75)
         return f"; did you mean {near[0]}?" if near else ""

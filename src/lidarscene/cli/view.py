@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 VIEW_HELP = """\
 examples:
-  lidarscene view scenes/car.toml
-  lidarscene view scenes/car.toml --sensor table1-sipm --set laser.peak_power_w=75
-  lidarscene view out/car.ply scenes/car.toml
+  lidarscene view car
+  lidarscene view car --sensor table1-sipm --set laser.peak_power_w=75
+  lidarscene view out/car.ply car
   lidarscene view out/frames --save out/frames.html
   lidarscene view os1.pcap --metadata os1.json --frame 3
 """

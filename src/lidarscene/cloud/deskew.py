@@ -20,8 +20,8 @@ from .points import PointCloud
 BLOCK_POINTS = 2**18
 SHORTEST_S = 1e-9
 
-REMOVED = "removed"
-"""What the metadata's `ego_motion` says afterwards."""
+KEPT, REMOVED = "in the points", "removed"
+"""What the metadata's `ego_motion` says before and afterwards."""
 
 
 def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
@@ -35,6 +35,10 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     Raises InputError for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say
     when it began.
     """
+    if not hasattr(motion, "span_s"):
+        raise InputError(
+            f"deskewed: motion: must be a motion such as Simulator.motion, got {type(motion).__name__}"
+        )
     if len(cloud.sensor_names) > 1:
         raise InputError("deskewed: must be a cloud of one sensor, deskew before merging")
     if cloud.metadata.get("ego_motion") == REMOVED:

@@ -18,7 +18,7 @@ from ..files.open3d import open3d
 from ..files.optional import optional
 from ..formats.columns import Cloud
 from ..maths.arrays import Numbers
-from .pixels import camera_for, coloured, lit, splat
+from .pixels import camera_for, lit, splat, unpacked
 
 THUMBNAIL_PX = (720, 405)
 BACKGROUND = (11, 14, 20)
@@ -65,15 +65,15 @@ def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = Fa
 def thumbnail(cloud: Cloud) -> bytes:
     """A PNG of the cloud from above and behind its sensor, coloured by range."""
     width, height = THUMBNAIL_PX
-    point, depth_m = splat(camera_for(cloud), cloud.xyz_m, size=(2 * width, 2 * height))
+    front = splat(camera_for(cloud), cloud.xyz_m, size=(2 * width, 2 * height))
     order = np.log(np.maximum(cloud.column("range"), 1e-3))
     low, high = np.percentile(order, (2, 98)) if len(cloud) else (0.0, 1.0)
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
     rgb = np.stack(
         [np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1
     )
-    image = coloured(point, rgb, nothing=np.array([BACKGROUND]))
-    return encoded(lit(image, depth_m, reduction=2))
+    image, _ = lit(front, rgb.astype(np.uint8), nothing=np.array(BACKGROUND, np.uint8), reduction=2)
+    return encoded(unpacked(image))
 
 
 def to_html(cloud: Cloud) -> str:

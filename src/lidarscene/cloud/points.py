@@ -6,6 +6,7 @@ can rely on shapes, types and finite numbers. The table `formats.columns.COLUMNS
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -203,7 +204,11 @@ class PointCloud:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {c.name: c for c in self.columns}
         if name not in choices:
-            raise InputError(f"column '{name}': not in this cloud; the choices are {', '.join(choices)}")
+            near = difflib.get_close_matches(name, choices, n=1) if isinstance(name, str) else []
+            meant = f"did you mean {near[0]}? " if near else ""
+            raise InputError(
+                f"column '{name}': not in this cloud; {meant}the choices are {', '.join(choices)}"
+            )
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
@@ -212,6 +217,12 @@ class PointCloud:
         if isinstance(mask_or_index, str):
             raise InputError(
                 f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
+            )
+        if (
+            getattr(mask_or_index, "dtype", None) == np.uint8
+        ):  # a column of categories, which NumPy takes for an index
+            raise InputError(
+                "select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8"
             )
         return replace(self, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
@@ -358,9 +369,15 @@ class PointCloud:
 
         return to_open3d(self, colours=None if colour_by is None else self.colours(colour_by), legacy=legacy)
 
-    def show(self, **options: Any) -> Any:
-        """The cloud in a notebook, to be turned, coloured and clicked: `lidarscene.show`, with its options."""
-        return facts.shown(self, **options)
+    def view(self, *, scene: Any = None, sensor: str | None = None, height_px: int = 620) -> Any:
+        """The page of `lidarscene view` in a notebook, where the cloud is turned, coloured and clicked.
+
+        scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
+        sensor     catalogue name or file; what the cloud names if None
+        height_px  of the frame in the notebook
+        What comes back also has `save(path)`, which writes the page. Raises InputError.
+        """
+        return facts.viewed(self, scene=scene, sensor=sensor, height_px=height_px)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

@@ -10,6 +10,7 @@ import csv
 import html
 import io
 import itertools
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -103,7 +104,8 @@ class Page:
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
         body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows
+            "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n"
+            for row in rows
         )
         self.body.append(
             f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
@@ -140,6 +142,11 @@ def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
     writer.writerow(header)
     writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
     return out.getvalue()
+
+
+def _with_unit(text: str) -> str:
+    """Text whose numbers stay on one line with their units."""
+    return re.sub(r"(?<=\d) (?=(?:%|s|m|mm|cm|km|ns|W)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
 def _escaped(text: str) -> str:

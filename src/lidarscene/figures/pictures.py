@@ -12,7 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, nearest, splat, surfaces_behind
+from ..cloud.pixels import (
+    Camera,
+    Cells,
+    camera_for,
+    cells_of,
+    coloured,
+    lit,
+    splat,
+    surfaces_behind,
+    unpacked,
+)
 from ..cloud.points import PointCloud
 from ..cloud.scales import Scale, scale_of
 from ..cloud.shades import Shades, rgb
@@ -96,9 +106,10 @@ def frame_picture(
     whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
     cloud = whole.cloud()
     parts = _sensors_apart(cloud)
-    images = [(cloud, name, "") for name in strips] if len(parts) < 2 else [
+    images = [(cloud, name, "") for name in strips] if not parts else [
         (part, "range", label) for label, part in parts[:MOST_STRIPS]
     ]  # fmt: skip
+    cells = {id(part): cells_of(part) for part in {id(part): part for part, _, _ in images}.values()}
     canvas = Canvas(size_px, BACKGROUND, INK)
     width, height = size_px
     strip, foot = STRIP / 1600 * height, FOOT * canvas.unit if images else 0.0
@@ -107,13 +118,14 @@ def frame_picture(
     rest = round(foot + strip * len(images))
     box = (0, head, width, max(height - head - rest, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=True, surfaces=surfaces)
-    own_axes = len(parts) > 1  # sensors look in different directions, so their strips share no axis
+    own_axes = bool(parts)  # sensors look in different directions, so their strips share no axis
     for i, (part, name, label) in enumerate(reversed(images)):
         below = foot + i * strip
         high = (0.68 if own_axes else 0.88) * strip
         box = _strip_box(width, height - below - high, high, canvas.unit)
         last = own_axes or i == 0
-        _draw_range_image(canvas, box, cells_of(part), Shades(part, name), labels=last, name=label)
+        own = shades if part is cloud and name == colour_by else Shades(part, name)
+        _draw_range_image(canvas, box, cells[id(part)], own, labels=last, name=label)
     canvas.save(path)
 
 
@@ -137,7 +149,9 @@ def _camera(cloud: PointCloud, view: View | None, size: tuple[int, int]) -> Came
 
 
 def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
-    """Label and points of each sensor of a rig."""
+    """Label and points of each sensor of a rig; none of a single sensor."""
+    if len(cloud.sensor_names) < 2:
+        return []
     return [
         (label, cloud.select(cloud.sensor_index == number)) for number, label in enumerate(cloud.sensor_names)
     ]
@@ -156,11 +170,11 @@ def _draw_perspective(
         large = cloud.status == 1
         if large.any():
             colours = np.where(large[:, None], rgb(ALARM), colours)
-    front, depth_m = splat(camera, cloud.xyz_m, size=size, large=large)
-    image = lit(coloured(front, colours, nothing=rgb(BACKGROUND)), depth_m, reduction=SUPERSAMPLING)
+    front = splat(camera, cloud.xyz_m, size=size, large=large)
+    image, seen = lit(front, colours, nothing=rgb(BACKGROUND), reduction=SUPERSAMPLING)
     if surfaces is not None:
-        image = surfaces_behind(image, ~np.isfinite(nearest(depth_m, SUPERSAMPLING)), camera, surfaces)
-    canvas.show(image, left, top)
+        image = surfaces_behind(image, seen, camera, surfaces)
+    canvas.show(unpacked(image), left, top)
     if not len(cloud):
         canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
 

@@ -22,14 +22,14 @@ def table(kind: str, name: str, facts: Mapping[str, str]) -> str:
 
 
 _VIEWERS: list[Callable[..., Any]] = []
-"""Who shows clouds and scenes. They stand above all that can be shown, so they say themselves that they are there."""
+"""Who views clouds and scenes. They stand above all that can be seen, so they say themselves that they are there."""
 
 
-def show_with(viewer: Callable[..., Any]) -> None:
-    """Let `shown` call this one; `lidarscene` itself does so."""
+def view_with(viewer: Callable[..., Any]) -> None:
+    """Let `viewed` call this one; `lidarscene` itself does so."""
     _VIEWERS[:] = [viewer]
 
 
-def shown(thing: object, **options: Any) -> Any:
+def viewed(thing: object, **options: Any) -> Any:
     """What the viewer makes of a cloud or a scene."""
     return _VIEWERS[0](thing, **options)

@@ -206,11 +206,11 @@ class FrameFiles:
         coordinates, scene = self.frame.coordinates, self.scene
         if coordinates == "sensor" or (scene.ego is None and self.placed):
             return None
-        if scene.view is None or coordinates != "world":
-            return scene.view
+        if scene.camera is None or coordinates != "world":
+            return scene.camera
         vehicle = pose_at(scene.ego or Course(), start_s)
-        eye_m, target_m = vehicle.apply(np.array([scene.view.eye_m, scene.view.target_m])).tolist()
-        return View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=scene.view.fov_deg)
+        eye_m, target_m = vehicle.apply(np.array([scene.camera.eye_m, scene.camera.target_m])).tolist()
+        return View(eye_m=tuple(eye_m), target_m=tuple(target_m), fov_deg=scene.camera.fov_deg)
 
 
 @contextmanager

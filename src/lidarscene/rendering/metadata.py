@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..cloud.deskew import KEPT
 from ..formats.columns import SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
 from ..scene.model import Scene
@@ -33,7 +34,7 @@ def metadata_of(scene: Scene, sensor: Sensor, now: Frame, asked: FrameOptions) -
         SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
     }
     if now.moves:
-        metadata["ego_motion"] = "in the points"
+        metadata["ego_motion"] = KEPT
     if asked.coordinates != "sensor":
         goal = now.goal(asked.coordinates)
         metadata["sensor_position_m"] = _text(goal.position_m)

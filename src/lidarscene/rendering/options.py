@@ -130,8 +130,8 @@ def placed(pose: object) -> Pose:
     numbers = list(pose) if isinstance(pose, Iterable) and not isinstance(pose, str) else []
     if not 3 <= len(numbers) <= 6 or not all(isinstance(n, Real) and math.isfinite(n) for n in numbers):
         raise OptionError(
-            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0!r}",
-            pose,
+            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
+            " ".join(repr(pose).split()),
         )
     x, y, z, yaw, pitch, roll = [float(n) for n in numbers] + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

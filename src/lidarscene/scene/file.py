@@ -90,8 +90,14 @@ def load_scene(
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
     path = Path(scene)
-    named = not path.suffix and path.name == str(scene) and not os.path.isdir(path)
-    return catalog.path_of("scenes", path.name) if named else path
+    if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
+        return catalog.path_of("scenes", path.name)
+    # Outside of a clone there is no folder `scenes`, as examples have it.
+    if path.suffix == ".toml" and not os.path.exists(path) and path.stem in catalog.names("scenes"):
+        raise InputError(
+            f"{path}: no such file; the scene that comes with lidarscene goes by its name, {path.stem}"
+        )
+    return path
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
@@ -170,7 +176,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         sensor_name=_sensor_name(file.sensor.name, path.parent),
         sensor_pose=file.sensor.pose(),
         ego=ego,
-        view=file.picture.in_si() if file.picture else None,
+        camera=file.picture.in_si() if file.picture else None,
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
     )

@@ -175,7 +175,7 @@ class Scene:
     sensor_name     catalogue name or file of the default sensor
     sensor_pose     where the sensor stands: on the ego vehicle, or in the world if there is none
     ego             motion of the vehicle that carries the sensor, or None: it stands at the world's origin
-    view            camera for pictures; chosen from what is near the sensor if None
+    camera          of pictures and of the first view; chosen from what is near the sensor if None
     base            a Mitsuba XML scene whose shapes are added, or None
     base_materials  BSDF id in that file to material name; other BSDFs are the file's, two-sided
     """
@@ -191,7 +191,7 @@ class Scene:
     sensor_name: str = "table1-apd"
     sensor_pose: Pose = field(default_factory=Pose)
     ego: Motion | None = None
-    view: View | None = None
+    camera: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
 
@@ -201,9 +201,14 @@ class Scene:
     def _repr_html_(self) -> str:
         return facts.table("Scene", self.name, self.facts())
 
-    def show(self, **options: Any) -> Any:
-        """The scene, rendered by its sensor, in a notebook: `lidarscene.show`, with its options."""
-        return facts.shown(self, **options)
+    def view(self, *, sensor: str | None = None, height_px: int = 620) -> Any:
+        """The page of `lidarscene view` in a notebook, with a frame of the scene.
+
+        sensor     catalogue name or file; the scene's own if None
+        height_px  of the frame in the notebook
+        What comes back also has `save(path)`, which writes the page. Raises InputError, BackendError.
+        """
+        return facts.viewed(self, sensor=sensor, height_px=height_px)
 
     def facts(self) -> dict[str, str]:
         """What a line about the scene says."""

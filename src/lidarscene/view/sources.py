@@ -34,10 +34,11 @@ from ..rendering.stages import ambient_of
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
-from ..studies.budget import budget_of, pulses_of
+from ..studies.budget import Budget, budget_of, pulses_of
 from .blob import packed
 from .conditions import KEYS, command, conditions, controls
 from .controls import DETECTOR, Equipment, Settings
+from .layers import RECORDED, still_m
 from .points import frame_blob
 from .solid import solid_of
 
@@ -110,11 +111,15 @@ class Clouds:
         """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
         cloud = self._loaded(number) if number else self._first
         sensor = self._sensor_of(cloud)
-        budget, told = None, {}
+        still, why = still_m(cloud, self.scene)
+        budget: Budget | None = None
+        told: dict[str, Any] = {"layers": why}
         if sensor is not None and self.scene is not None and cloud.has_truth:
             budget = budget_of(cloud, sensor, ambient_of(self.scene, sensor))
-            told = {"approximate": _not_lambertian(self.scene, cloud)}
-        return frame_blob(cloud, name=self.frames[number], origin_m=self._origin, budget=budget, told=told)
+            told["approximate"] = _not_lambertian(self.scene, cloud)
+        return frame_blob(
+            cloud, name=self.frames[number], origin_m=self._origin, budget=budget, told=told, still_m=still
+        )
 
     def rendered(self, settings: Settings) -> bytes:
         """A cloud is as it is."""
@@ -138,7 +143,10 @@ class Clouds:
             riding = Pose()
         place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
         position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
-        metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position}
+        rotation = " ".join(repr(float(x)) for x in (place.rotation @ cloud.sensor_place.rotation).ravel())
+        metadata = {
+            **cloud.metadata, "frame": "world", "sensor_position_m": position, "sensor_rotation": rotation
+        }  # fmt: skip
         turned = cloud.vectors_turned(place.rotation)
         return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata, **turned)
 
@@ -170,7 +178,8 @@ class Recorded:
     def frame(self, number: int) -> bytes:
         """Read a frame, in the sensor's coordinates."""
         cloud = cloud_of(self.recording[self.numbers[number]]) if number else self._first
-        return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, told={})
+        told = {"layers": RECORDED}
+        return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, told=told)
 
     def rendered(self, settings: Settings) -> bytes:
         """A recording is as it is."""
@@ -257,7 +266,7 @@ class Live:
         """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
         own = None if self.asked.pose else self.scene
         camera = _camera(self._first, own, time_s=start_s)
-        if own is not None and own.view is not None:
+        if own is not None and own.camera is not None:
             return camera
         # From above and behind the sensor there may be a ceiling between: the camera stays on the sensor's side.
         sensor_m, eye_m = self._place.position_m, np.array(camera["eye"])
@@ -373,8 +382,8 @@ def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> d
 
     A scene's view is that of its vehicle, which may have driven on.
     """
-    if scene is not None and scene.view is not None:
-        view = scene.view
+    if scene is not None and scene.camera is not None:
+        view = scene.camera
         vehicle = pose_at(scene.ego, time_s) if scene.ego else Pose()
         eye, target = vehicle.apply(np.array([view.eye_m, view.target_m])).tolist()
         return {"eye": eye, "target": target, "fov_deg": view.fov_deg}

@@ -1,5 +1,6 @@
 """A cloud beside a recording: what is counted on each side."""
 
+import html
 import json
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.compare.real import Side, compare_real, ground_of, numbers_of, side_of_sweep
+from lidarscene.studies.compare.real import Side, compare_real, ground_of, numbers_of, side_of_sweep, verdict
 
 HEIGHT_M = 1.8
 RINGS = 24
@@ -74,7 +75,30 @@ def test_page_and_numbers(tmp_path: Path) -> None:
     )  # fmt: skip
     text = compare_real(nothing, real, tmp_path)
     assert f"wrote {tmp_path / 'index.html'}" in text
-    told = {row["quantity"]: row for row in json.loads((tmp_path / "real.json").read_text())["rows"]}
+    written = json.loads((tmp_path / "real.json").read_text())
+    told = {row["quantity"]: row for row in written["rows"]}
     assert told["points"] == {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}
     assert told["sensor above ground [m]"]["bare"] is None
-    assert "channels with points" in (tmp_path / "index.html").read_text()
+    page = (tmp_path / "index.html").read_text()
+    assert "channels with points" in page
+    assert "64 to 128" not in page  # of which neither side knows anything
+    assert text.splitlines()[0] == written["verdict"]
+    assert html.escape(written["verdict"]) in page.partition("<table>")[0]
+    assert json.loads(compare_real(nothing, real, tmp_path, as_json=True)) == written
+
+
+def test_the_verdict_names_what_differs_most() -> None:
+    points = ("points", 90, 100, 0.9)
+    same, far, ring = (
+        ("range", 1.0, 1.05, 0.952),
+        ("ground [m]", 10.0, 40.0, 0.25),
+        ("points at 3", 1, 9, 0.11),
+    )
+    counts = "twin has 90 points, real 100 (-10 %)"
+    unknown = ("share", None, 0.9, None)
+    told = verdict("twin", "real", [points, same, far, ring, unknown])
+    assert told == f"{counts}; what differs most is 'ground [m]': 10 against 40."
+    assert verdict("twin", "real", [points, same, ring]) == f"{counts}; nothing else differs by 10 % or more."
+    assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
+    assert verdict("a", "b", [("points", 3, 3, 1.0)]).startswith("a has 3 points, as many as b; nothing")
+    assert verdict("a", "b", [("points", 3, 0, None)]).startswith("a has 3 points, b 0; nothing else")

@@ -151,9 +151,13 @@ def test_another_sensor_is_not(made: Made) -> None:
 def test_page_and_numbers(made: Made, tmp_path: Path) -> None:
     recording, folder, _ = made
     text = compare_twin(folder / "scene.toml", recording, tmp_path / "page")
-    assert "limits met" in text
+    (first, *_) = text.splitlines()
+    assert first.startswith("The twin meets all ")
     assert "every second column" in text
     told = json.loads((tmp_path / "page" / "twin.json").read_text())
+    assert told["verdict"] == first
+    assert first in (tmp_path / "page" / "index.html").read_text().partition("<table>")[0]
+    assert all(row["value"] is not None or row["real"] is not None for row in told["rows"])
     assert told["twin"]["held_out"] == COLUMNS
     assert {"quantity", "value", "low", "high", "met"} <= told["rows"][0].keys()
     assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()

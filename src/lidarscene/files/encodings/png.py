@@ -27,13 +27,14 @@ def encoded(image: Numbers, *, text: Mapping[str, str] | None = None, is_sparse:
     height, width = image.shape[:2]
     depth, kind = (8, COLOUR) if is_colour else (16, GREY)
     rows = np.ascontiguousarray(image, np.uint8 if is_colour else ">u2").view(np.uint8).reshape(height, -1)
-    # Each row is stored as its difference to the one above (filter 2): ranges vary little there.
-    above = np.zeros_like(rows) if is_sparse else np.vstack([np.zeros_like(rows[:1]), rows[:-1]])
-    filtered = np.insert(rows - above, 0, 0 if is_sparse else 2, axis=1)
+    filtered = np.zeros((height, rows.shape[1] + 1), np.uint8)
+    filtered[:, 0], filtered[:, 1:] = 0 if is_sparse else 2, rows
+    if not is_sparse:  # each row is its difference to the one above (filter 2): ranges vary little there
+        filtered[1:, 1:] -= rows[:-1]
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))]
     for key, value in (text or {}).items():
         chunks.append((b"tEXt", f"{key}\0{value}".encode("latin-1", "replace")))
-    chunks += [(b"IDAT", zlib.compress(filtered.tobytes(), 1 if is_sparse else 6)), (b"IEND", b"")]
+    chunks += [(b"IDAT", zlib.compress(filtered.data, 1 if is_sparse else 6)), (b"IEND", b"")]
     return SIGNATURE + b"".join(_chunk(name, data) for name, data in chunks)
 
 

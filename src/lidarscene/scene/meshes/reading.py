@@ -40,7 +40,8 @@ def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
     """The pieces that have triangles. Raises InputError, one line, if there are none or if numbers are invalid."""
     pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
-        raise InputError(f"{where}: the mesh must have at least one triangle, got none")
+        cloud = "; a point cloud is for `lidarscene view`" if where.lower().endswith(".ply") else ""
+        raise InputError(f"{where}: the mesh must have at least one triangle, got none{cloud}")
     for piece in pieces:
         count = len(piece.vertices_m)
         # NaN, infinite, or so large that a scale could make it infinite.

@@ -7,6 +7,8 @@ strengths are counted on each side, and the table says how far apart they are.
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,12 @@ GROUND_NEAR_M = 25.0
 
 LEAST_GROUND = 100
 """Fewer points make no plane."""
+
+OF_RING = "points at "
+"""How the rows of single channels begin."""
+
+ALIKE = 0.1
+"""Ratios nearer to one are not worth a word: two frames of one sensor in one street differ as much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,9 +98,13 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
         require_writable(folder / name)
     sides = [numbers_of(one) for one in (side, real)]
     rows = [*_rows(sides), *_ring_rows(sides)]
-    told = {"sides": sides, "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True))
-                                     for row in rows]}  # fmt: skip
+    found = verdict(side.name, real.name, rows)
+    told = {
+        "verdict": found, "sides": sides,
+        "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True)) for row in rows],
+    }  # fmt: skip
     page = Page(f"{side.name} beside {real.name}", folder=folder)
+    page.paragraph(found)
     page.paragraph(_NOTE)
     page.table(("quantity", side.name, real.name, "ratio"), [[_shown(cell) for cell in row] for row in rows])
     put_text(folder / PAGE, page.as_html())
@@ -101,7 +113,26 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
         return json.dumps(told)
     lines = [f"{row[0]:34s} {_shown(row[1]):>12s} {_shown(row[2]):>12s} {_shown(row[3]):>8s}" for row in rows]
     head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
-    return "\n".join([head, *lines, f"wrote {folder / PAGE}"])
+    return "\n".join([found, head, *lines, f"wrote {folder / PAGE}"])
+
+
+Line = tuple[str, Any, Any, Any]
+"""Of the table: quantity, both sides, ratio."""
+
+
+def verdict(name: str, other: str, rows: Sequence[Line]) -> str:
+    """The outcome in one sentence: how many points, and what differs most."""
+    (_, mine, theirs, ratio), *others = (row for row in rows if not row[0].startswith(OF_RING))
+    found = f"{name} has {mine:,} points, {'as many as ' if mine == theirs else ''}{other}"
+    if mine != theirs:
+        found += f" {theirs:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
+    known = [row for row in others if row[3] is not None and row[3] > 0.0]
+    if not known:
+        return f"{found}; nothing else is known of both."
+    quantity, mine, theirs, ratio = max(known, key=lambda row: abs(math.log(row[3])))
+    if abs(ratio - 1.0) < ALIKE:
+        return f"{found}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
+    return f"{found}; what differs most is '{quantity}': {_shown(mine)} against {_shown(theirs)}."
 
 
 _NOTE = (
@@ -193,18 +224,23 @@ def _above(plane: Numbers, xyz_m: Numbers) -> Numbers:
     return np.asarray(xyz_m[:, 2] - plane[0] - xyz_m[:, :2] @ plane[1:])
 
 
-def _rows(sides: list[dict[str, Any]]) -> list[tuple[str, Any, Any, Any]]:
-    return [(name, *_with_ratio(sides[0][name], sides[1][name])) for name in sides[0] if name != "rings"]
+def _rows(sides: list[dict[str, Any]]) -> list[Line]:
+    """What one side at least knows."""
+    mine, theirs = sides
+    named = [name for name in mine if name != "rings" and (mine[name], theirs[name]) != (None, None)]
+    return [(name, *_with_ratio(mine[name], theirs[name])) for name in named]
 
 
-def _ring_rows(sides: list[dict[str, Any]]) -> list[tuple[str, Any, Any, Any]]:
+def _ring_rows(sides: list[dict[str, Any]]) -> list[Line]:
     a, b = (side["rings"] for side in sides)
-    rows: list[tuple[str, Any, Any, Any]] = [
+    if a is None and b is None:
+        return []
+    rows: list[Line] = [
         ("channels with points", *_with_ratio(*(None if one is None else len(one) for one in (a, b))))
     ]
     if a and b and len(a) == len(b):
         rows += [
-            (f"points at {up:.2f} degrees", *_with_ratio(mine, theirs))
+            (f"{OF_RING}{up:.2f} degrees", *_with_ratio(mine, theirs))
             for (_, mine), (up, theirs) in zip(a, b, strict=True)
         ]
     return rows

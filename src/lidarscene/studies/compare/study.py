@@ -78,7 +78,7 @@ def of_sensors(
         if illuminances_klux
         else None,
     )
-    return write(comparison, Output(folder, scene.view if bench.pose is None else None), as_json=as_json)
+    return write(comparison, Output(folder, scene.camera if bench.pose is None else None), as_json=as_json)
 
 
 def windows(seen: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:

@@ -43,6 +43,7 @@ NO_GROUND = (
     "SENSOR:mounting.position_m=[0,0,1.9], the ground around the vehicle, overlaps and blind zones are drawn."
 )
 DOTS = 60_000  # of a pattern that are drawn and listed
+OVERLAID = 120_000  # of all sensors together: three frames of 16 channels are whole
 _GAP_DEG = 5.0  # of azimuth that a turning head may leave out
 _WIDE = 1200  # pixels across a map at most
 
@@ -228,7 +229,7 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
 
 def patterns(everything: Sequence[Seen]) -> Figure:
     """The first frames of all sensors, one over the other."""
-    kept = max(DOTS // len(everything), 1)
+    kept = max(OVERLAID // len(everything), 1)
     extents = np.array([_extent(one) for one in everything])
     extent = (*extents.min(axis=0)[[0]], extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max())
     # The widest field lies at the bottom, so that it hides no other.

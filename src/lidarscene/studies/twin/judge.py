@@ -64,6 +64,11 @@ class Row:
     unit: str = ""
 
     @property
+    def is_told(self) -> bool:
+        """Whether there is anything to tell."""
+        return (self.real, self.simulated, self.value) != (None, None, None)
+
+    @property
     def met(self) -> bool | None:
         """Whether the value is within its limits; None without limits or value."""
         if self.value is None or (self.low is None and self.high is None):

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...cloud.points import PointCloud
 from ...figures.page import Page
-from ...figures.pictures import perspective_picture
+from ...figures.pictures import common_scale, perspective_picture
 from ...files.atomic import put_text, require_writable
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
@@ -28,6 +28,9 @@ from .pulses import pulses_of
 PAGE, NUMBERS = "index.html", "twin.json"
 REAL, SIMULATED = "recorded", "simulated"
 """Pictures."""
+
+MOST_NAMED = 3
+"""Limits that the sentence names."""
 
 _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 """From behind and above the sensor."""
@@ -60,10 +63,10 @@ def compare_twin(
     pulses, cloud = pulses_of(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
     following = (number + 1) % len(recording)
     between = apart(whole, recording[following]) if following != number else None
-    rows = rows_of(pulses, sweep, cloud, between=between)
+    rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.is_told]
     told: dict[str, Any] = {
-        "recording": recording.path.name, "frame": number, "twin": made, "seen": seen(made, number),
-        "rows": [asdict(row) | {"met": row.met} for row in rows],
+        "verdict": verdict(rows), "recording": recording.path.name, "frame": number, "twin": made,
+        "seen": seen(made, number), "rows": [asdict(row) | {"met": row.met} for row in rows],
     }  # fmt: skip
     text = json.dumps(told, indent=1)
     put_text(folder / NUMBERS, text + "\n")
@@ -89,8 +92,27 @@ def as_text(rows: list[Row]) -> str:
         "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip()
         for line in (head, *cells)
     ]
-    judged = [row.met for row in rows if row.met is not None]
-    return "\n".join([*lines, f"{sum(judged)} of {len(judged)} limits met"])
+    return "\n".join([verdict(rows), *lines])
+
+
+def verdict(rows: list[Row]) -> str:
+    """The outcome in one sentence: how many limits are met, and which are not."""
+    judged = [row for row in rows if row.met is not None]
+    missed = [row for row in judged if not row.met]
+    if not judged:
+        return "Nothing of this frame can be held to a limit."
+    if not missed:
+        return (
+            f"The twin meets all {len(judged)} limits."
+            if len(judged) > 1
+            else "The twin meets the one limit."
+        )
+    named = []
+    for row in missed[:MOST_NAMED]:
+        condition = f" ({row.condition})" if row.condition else ""
+        named.append(f"'{row.quantity}{condition}', {_shown(row.value)} where {_limit(row)} is allowed")
+    more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
+    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(named + more)}."
 
 
 def _cells(row: Row) -> tuple[str, ...]:
@@ -116,14 +138,19 @@ def _limit(row: Row) -> str:
 
 
 def _shown(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+    if value is None:
+        return ""
+    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 
 def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
     sweep, cloud = clouds
-    for name, one in ((REAL, cloud_of(sweep)), (SIMULATED, cloud.in_sensor_frame())):
-        picture(one, folder / f"{name}.png")
+    shown = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
+    scale = common_scale(list(shown.values()), "range")
+    for name, one in shown.items():
+        picture(one, folder / f"{name}.png", scale=scale)
     page = Page(f"{told['recording']}, frame {told['frame']}, and its twin", folder=folder)
+    page.paragraph(told["verdict"])
     page.paragraph(told["seen"])
     page.paragraph(_NOTE)
     page.table(
@@ -133,10 +160,16 @@ def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud
     put_text(folder / PAGE, page.as_html())
 
 
-def picture(cloud: PointCloud, path: Path) -> None:
+def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
     """A cloud in the sensor's frame, as seen from behind and above the sensor. Raises OutputError."""
     perspective_picture(
-        cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720)
+        cloud,
+        path,
+        colour_by="range",
+        view=_VIEW,
+        highlight_false_alarms=False,
+        size_px=(1280, 720),
+        scale=scale,
     )
 
 

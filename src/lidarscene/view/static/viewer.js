@@ -190,6 +190,8 @@ class Viewer {
     if (known.join() !== this.names) showFields(this.fields, frame.groups, this.colourBy);
     this.names = known.join();
     byId("layers").hidden = !frame.arrays.still;
+    byId("no-layers").hidden = !frame.layers;
+    byId("no-layers").textContent = frame.layers ?? "";
     const statuses = frame.fields.find(field => field.name === "status").names;
     const counts = Array(statuses.length).fill(0);
     for (const one of status) counts[one] += 1;

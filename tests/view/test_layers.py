@@ -1,0 +1,55 @@
+"""The points of a file with and without the sensor's own motion, in the world; or why there is one layer."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.small_scene import COARSE, SCENE
+
+from lidarscene import Simulator, deskewed, load_scene, load_sensor
+from lidarscene.view import layers
+from lidarscene.view.blob import unpacked
+from lidarscene.view.sources import Clouds
+
+SPEED_M_S = 150.0  # a frame of the raster is short
+EGO = f"[ego]\nposition_m = [-2.0, 0.5, 0.0]\nyaw_deg = 5.0\nspeed_m_s = {SPEED_M_S}\n"
+
+
+@pytest.fixture
+def moving(mi: Any, tmp_path: Path) -> Simulator:
+    """The vehicle drives, and what it meets stands still."""
+    path = tmp_path / "moving.toml"
+    path.write_text(SCENE + EGO)
+    return Simulator(load_scene(path), load_sensor("table1-apd", overrides=COARSE))
+
+
+@pytest.mark.parametrize("coordinates", ["world", "vehicle", "sensor"])
+def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinates: str) -> None:
+    """Reference: what the simulator knows, which need not find the way of the sensor from its place at the start.
+
+    Tolerance: positions of 10 m in single precision, turned and added.
+    """
+    moving.render(coordinates=coordinates, number=1).save(tmp_path / "a.ply")
+    header, arrays = unpacked(Clouds([tmp_path / "a.ply"], scene=moving.scene, overrides=COARSE).frame(0))
+    cloud = moving.render(coordinates="world", number=1)
+    expected = deskewed(cloud, moving.motion).xyz_m
+    still = arrays["still"].reshape(-1, 3)
+    np.testing.assert_allclose(still, expected, atol=1e-4)
+    moved_m = np.linalg.norm(still - arrays["xyz"].reshape(-1, 3), axis=1)
+    np.testing.assert_allclose(moved_m, SPEED_M_S * cloud.time_s, atol=1e-4)
+    assert moved_m.max() > 0.1
+    assert header["layers"] == ""
+
+
+def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
+    """Without the scene, over one that stands still, of several sensors; what did not move lacks nothing."""
+    cloud = moving.render(coordinates="world")
+    assert layers.still_m(cloud, None) == (None, layers.NO_SCENE)
+    (tmp_path / "still.toml").write_text(SCENE)
+    still = load_scene(tmp_path / "still.toml")
+    assert layers.still_m(cloud, still) == (None, layers.OTHER_SCENE)
+    rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
+    assert layers.still_m(rig, moving.scene) == (None, layers.SEVERAL)
+    assert layers.still_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")

@@ -1,0 +1,74 @@
+"""What the page's buttons give away: a picture, a command."""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.chromium import Chromium
+from helpers.clouds import small_cloud
+from helpers.served import served
+from helpers.small_scene import COARSE
+from helpers.waiting import wait_until
+from matplotlib import image
+
+from lidarscene import PointCloud
+from lidarscene.cli.main import main
+
+
+def press(browser: Chromium, name: str) -> None:
+    """With the mouse, in the middle of a button."""
+    x, y = browser.value(f"""(button => {{
+        button.scrollIntoView();
+        const box = button.getBoundingClientRect();
+        return [box.x + box.width / 2, box.y + box.height / 2];
+    }})(document.getElementById("{name}"))""")
+    browser.click(x, y)
+
+
+def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
+    """The file that the browser stores is what the canvas shows: as large, and with points on the background."""
+    small_cloud(500).save(tmp_path / "a.ply")
+    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
+    browser.open((tmp_path / "a.html").as_uri())
+    browser.value("document.getElementById('size').value = 4")
+    press(browser, "go-fit")
+    browser.store_in(tmp_path)
+    press(browser, "picture")
+    wait_until(lambda: any(tmp_path.glob("*.png")))
+    picture = image.imread(next(tmp_path.glob("*.png")))
+    assert list(picture.shape[1::-1]) == browser.value("[viewer.canvas.width, viewer.canvas.height]")
+    background = np.array([11, 14, 20]) / 255
+    away = np.abs(picture[:, :, :3] - background).max(axis=2) > 0.1
+    assert away.sum() > 500
+
+
+def test_a_command_is_copied(browser: Chromium, mi: object, scene_file: Path, tmp_path: Path) -> None:
+    """It goes to the clipboard, and run, it writes the points that the page shows; without the right to write there
+    it is told in a window, to be copied by hand.
+    """
+    with served(scene_file, *[f"--set={one}" for one in COARSE]) as view:
+        browser.open(view.url)
+        browser.value("viewer.settings['laser.peak_power_w'] = 20, viewer.render(), 0")
+        browser.until("!viewer.busy")
+        browser.value("""(() => {
+            window.written = [];
+            navigator.clipboard.writeText = async text => { window.written.push(text); };
+        })()""")
+        press(browser, "copy")
+        browser.until("document.getElementById('copy').textContent === 'copied'")
+        (command,) = browser.value("window.written")
+        browser.value("""(() => {
+            navigator.clipboard.writeText = async () => { throw new Error("not allowed"); };
+            window.prompt = (...told) => window.written.push(told[1]);
+        })()""")
+        press(browser, "copy")
+        browser.until("window.written.length === 2")
+        assert browser.value("window.written[1]") == command
+        snr = browser.value("[...viewer.frame.arrays.snr]")
+    words = shlex.split(command)
+    assert words[:2] == ["lidarscene", "render"]
+    output = words.index("-o") + 1
+    words[output] = str(tmp_path / "again.ply")
+    assert main(words[1:]) == 0
+    assert PointCloud.load(tmp_path / "again.ply").snr.tolist() == pytest.approx(snr, rel=1e-6)
