@@ -6,6 +6,7 @@ import html.parser
 import io
 import json
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,8 @@ def test_both_pages_tell_the_same_claims(found: tuple[Path, Any, str]) -> None:
     folder, told, _ = found
     page = (folder / "index.html").read_text("utf-8")
     assert page.count("<tr>") == len(told["claims"]) + len(told["errata"]) + 2
+    assert told["claims"] == json.loads(json.dumps([asdict(one) for one in results().claims]))
+    assert told["errata"] == json.loads(json.dumps([asdict(one) for one in results().errata]))
     assert len(told["claims"]) >= 35
     assert all(Path(name).is_file() for name in told["files"])
 
