@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import atexit
 import difflib
-import functools
 import gc
 import re
 import sys
@@ -97,7 +96,6 @@ class _Parser(argparse.ArgumentParser):
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
 
-@functools.cache
 def _parser() -> argparse.ArgumentParser:
     """All commands. Each sets ``run``, which returns its text, or an `Answer` if it may end with a code of its own."""
     parser = _Parser(
