@@ -68,6 +68,17 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(700, 10, 20)  # and half as many searches as by default through all that comes after
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """No scene of a file lives on in the next one: what is compiled would depend on which files a worker has had.
+
+    What is left then stays, so that the next search does not go through it again.
+    """
+    if nextitem is None or nextitem.path != item.path:
+        gc.collect()
+        gc.freeze()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("gpu"):
         _mitsuba()

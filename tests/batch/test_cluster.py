@@ -138,9 +138,9 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
 def test_a_scheduler_that_dies(
     equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
 ) -> None:
-    """SIGKILL after the third frame of forty: one line; with a new scheduler the rest is rendered, and no more."""
+    """SIGKILL after the third frame of twenty: one line; with a new scheduler the rest is rendered, and no more."""
     path = write_job(tmp_path, step=0.2)
-    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 20"))
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 10"))
     job, out = Job.read(path), tmp_path / "out"
 
     def kill(progress: Progress, *_: object) -> None:
@@ -148,16 +148,16 @@ def test_a_scheduler_that_dies(
             equipped.processes[0].kill()
 
     with pytest.raises(
-        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 40 frames were done"
+        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 20 frames were done"
     ) as told:
         run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""
     equipped.end(0)
     done = len(list(out.rglob("*.json")))
-    assert 3 <= done < 40
+    assert 3 <= done < 20
     progress = run_job(job, out, connect=threads)
-    assert (progress.reused, progress.rendered, progress.failed) == (done, 40 - done, {})
+    assert (progress.reused, progress.rendered, progress.failed) == (done, 20 - done, {})
 
 
 @pytest.mark.parametrize(

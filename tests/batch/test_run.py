@@ -28,9 +28,9 @@ WriteJob = Callable[..., Path]
 
 @pytest.fixture
 def long_job(write_job: WriteJob, tmp_path: Path) -> Path:
-    """Forty frames of 20 301 beams: long enough to be killed among them."""
+    """Twenty frames of 20 301 beams: long enough to be killed among them."""
     path = write_job(tmp_path, step=0.2)
-    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 20"))
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 10"))
     return path
 
 
@@ -58,19 +58,19 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
 
     progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, told=kill)
     assert len(killed) == 1
-    assert (progress.rendered, progress.failed) == (40, {})
-    assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 40
+    assert (progress.rendered, progress.failed) == (20, {})
+    assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 20
     assert clouds(tmp_path / "killed") == clouds(tmp_path / "calm")
 
 
 def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Path) -> None:
     """SIGKILL to the command after some frames: its worker ends with it, and the next run does the rest only.
 
-    The first has 2,000 seeds, so that it cannot be done before the kill; of the twenty of the second it begins with one
+    The first has 2,000 seeds, so that it cannot be done before the kill; of the ten of the second it begins with one
     half, those of the first sun.
     """
     out, text = tmp_path / "out", long_job.read_text()
-    long_job.write_text(text.replace("seed_count = 20", "seed_count = 2000"))
+    long_job.write_text(text.replace("seed_count = 10", "seed_count = 2000"))
     command = [
         sys.executable,
         "-m",
@@ -97,9 +97,9 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
         times(out),
         sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()),
     )
-    assert 3 <= done <= 20
+    assert 3 <= done <= 10
     second = run_job(Job.read(long_job), out, connect=lambda: nullcontext(client), threads=1)
-    assert (second.frames, second.reused, second.rendered, second.failed) == (40, done, 40 - done, {})
+    assert (second.frames, second.reused, second.rendered, second.failed) == (20, done, 20 - done, {})
     after = times(out)
     assert sum(after[name] == when for name, when in before.items()) >= done
     assert all_done(Job.read(long_job), out)
@@ -249,6 +249,6 @@ def test_a_bundle_that_fails_is_taken_apart(
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
     assert (progress.rendered, list(progress.failed.values())) == (
-        38,
+        18,
         ["the worker said RuntimeError: broken"] * 2,
     )

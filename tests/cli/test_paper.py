@@ -6,17 +6,19 @@ import html.parser
 import io
 import json
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.command_line import Run
-from helpers.paper_results import results
+from helpers.paper_results import results, use
 
 from lidarscene.cli import main
 from lidarscene.figures.lines import Chart
 from lidarscene.studies.paper import study
 
+TESTS = Path(__file__).parents[1]
 PICTURES = [name for name in study.file_names() if name.endswith((".png", ".svg"))]
 
 
@@ -26,11 +28,18 @@ DRAWN_AGAIN = ("fig-4e", "fig-6c")
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
-    """The command run once, in a process without a back end: its folder, its JSON, what it loaded."""
+    """The command run once, in a process without a back end: its folder, its JSON, what it loaded.
+
+    What it computes is kept for the other tests of the paper.
+    """
     where = tmp_path_factory.mktemp("paper") / "new" / "out"
     code = f"""
 import sys
+sys.path.insert(0, r"{TESTS}")
+import pytest
+from helpers.paper_results import computed, use
 from lidarscene.cli.main import main
+use(pytest.MonkeyPatch(), computed())
 code = main(["paper", "-o", r"{where}", "--json"])
 print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
@@ -47,10 +56,10 @@ def folder(found: tuple[Path, Any, str]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def again(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+def again(found: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """And once more in this process, on what is found once for all tests: its folder, what it prints."""
     where = tmp_path_factory.mktemp("paper again") / "out"
-    known, told, save = results(), io.StringIO(), study.charts.save
+    told, save = io.StringIO(), study.charts.save
 
     def save_some(chart: Chart, paths: list[Path]) -> None:
         if paths[0].stem in DRAWN_AGAIN:
@@ -58,10 +67,7 @@ def again(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
     with contextlib.redirect_stdout(told), pytest.MonkeyPatch.context() as patch:
         patch.setattr(study.charts, "save", save_some)
-        patch.setattr(study, "figures", lambda: known.figures)
-        patch.setattr(study, "claims_of_the_model", lambda: known.of_the_model)
-        patch.setattr(study, "claims_of_the_results", lambda: known.of_the_results)
-        patch.setattr(study, "errata", lambda: known.errata)
+        use(patch, results())
         assert main.main(["paper", "-o", str(where)]) == 0
     return where, told.getvalue()
 
@@ -129,6 +135,8 @@ def test_both_pages_tell_the_same_claims(found: tuple[Path, Any, str]) -> None:
     folder, told, _ = found
     page = (folder / "index.html").read_text("utf-8")
     assert page.count("<tr>") == len(told["claims"]) + len(told["errata"]) + 2
+    assert told["claims"] == json.loads(json.dumps([asdict(one) for one in results().claims]))
+    assert told["errata"] == json.loads(json.dumps([asdict(one) for one in results().errata]))
     assert len(told["claims"]) >= 35
     assert all(Path(name).is_file() for name in told["files"])
 

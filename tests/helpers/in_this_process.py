@@ -44,17 +44,23 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Charts and maps of fewer pixels and with nothing moved to its place, which takes as long; pictures as above."""
+    _arrange_nothing(monkeypatch)
     for module in (lines, maps):
         monkeypatch.setattr(module, "DPI", 60)
-        monkeypatch.setattr(module, "arrange", lambda figure: None)
     monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
     monkeypatch.setitem(pictures.perspective_picture.__kwdefaults__, "size_px", (480, 270))
+
+
+def _arrange_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (lines, maps):
+        monkeypatch.setattr(module, "arrange", lambda figure: None)
 
 
 def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Charts, maps and pictures are put together and not drawn: one white pixel each. Other tests draw all of them."""
     from matplotlib.figure import Figure
 
+    _arrange_nothing(monkeypatch)
     whole = Figure.savefig
 
     def white(_: Figure, path: Any, **options: Any) -> None:

@@ -7,6 +7,7 @@ job of four frames for twelve on a thread of this process, the view written by `
 like. Of two commands of which one has more options than the other only that one is run.
 """
 
+import functools
 import re
 import shlex
 from collections.abc import Iterable
@@ -106,7 +107,12 @@ def parsed_only(command: str) -> bool:
 def in_a_longer_one(command: str) -> bool:
     """Whether another command that is shown is this one with more options."""
     start = f"{by_names(command)} --"
-    return any(by_names(one).startswith(start) for page in PAGES for one in commands(page))
+    return any(one.startswith(start) for one in _all_by_names())
+
+
+@functools.cache
+def _all_by_names() -> tuple[str, ...]:
+    return tuple(by_names(one) for page in PAGES for one in commands(page))
 
 
 def coarse_job() -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from helpers.command_line import COARSE, Run
 from helpers.in_this_process import draw_nothing
+from helpers.paper_results import results, use
 
 from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
@@ -113,6 +114,8 @@ def test_long_commands_tell_how_far_they_are(
 ) -> None:
     """From the first step to the last, on a terminal."""
     draw_nothing(monkeypatch)
+    if command == "paper":
+        use(monkeypatch, results())
     told: list[tuple[int, int]] = []
 
     @contextmanager

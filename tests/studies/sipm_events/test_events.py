@@ -48,7 +48,7 @@ def test_busy_cells_are_binomial(photons, busy):
 
     Two samples two dead times apart: the start is stationary and stays so.
     """
-    shots = 5_000
+    shots = 2_500
     share = sipm.busy_share_steady_state(
         photons=photons, pde=0.22, cells=400, dark_count_rate_hz=0.0, dead_time_s=TAU
     )
@@ -76,7 +76,7 @@ def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, si
     The slow engine at one width: of the pulse both know nothing but `Rates`.
     """
     monkeypatch.setattr("lidarscene.studies.sipm_events.events.fire_independent", engine)
-    shots = 2_000
+    shots = 1_000
     light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=width * TAU)
     found = moments(*pulse_outputs(TABLE1, light, shots=shots, seed=3))
     x = background * 0.22 / 400 + 2007.0 * TAU
@@ -94,7 +94,7 @@ def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, si
 
 def test_weak_background_gives_the_paper():
     """(23)-(27) where x is far below one, with a pulse far shorter than tau and (24) given its photons."""
-    shots, background, whole = 40_000, 20.0, 300.0
+    shots, background, whole = 20_000, 20.0, 300.0
     factor = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=0.02 * TAU, dead_time_s=TAU)
     assert factor == pytest.approx(2.128934, abs=1e-6)
     light = Light(background_photons=background, signal_photons=whole / factor, pulse_fwhm_s=0.02 * TAU)
@@ -116,7 +116,7 @@ def test_weak_background_gives_the_paper():
 
 def test_detection_is_the_binomial_tail():
     """P_d at the peak and P_f of a sample by exact counting; the Gaussian of (9) is not enough at low light."""
-    shots = 40_000
+    shots = 20_000
     light = Light(background_photons=30.0, signal_photons=30.0, pulse_fwhm_s=6e-9)
     found = measure(TABLE1, light, threshold=9.5, shots=shots, seed=5)
     x = 30.0 * 0.22 / 400 + 2007.0 * TAU
@@ -156,7 +156,7 @@ def test_rate_of_false_alarms(steps):
 
     A comparator that looks once in a dead time sees P_f B_w of (10); one that looks oftener sees more.
     """
-    shots, light = 40_000, Light(background_photons=200.0)
+    shots, light = 30_000, Light(background_photons=200.0)
     x = 200.0 * 0.22 / 400 + 2007.0 * TAU
     share, level = x / (1 + x), 20.0
     found = measure(TABLE1, light, threshold=level, shots=shots, seed=6, steps=steps)
@@ -174,11 +174,11 @@ def test_rate_of_false_alarms(steps):
 
 def test_timing_is_that_of_the_edge():
     """A strong echo crosses early, and its jitter is noise over slope: 10 % (counts are steps, an edge bends; the
-    deviations of 4,000 shots are good to 1.1 % each).
+    deviations of 2,000 shots are good to 1.6 % each).
     """
-    found = measure(TABLE1, AT_100_M, shots=4_000, seed=7, steps=32)
+    found = measure(TABLE1, AT_100_M, shots=2_000, seed=7, steps=32)
     light = AT_100_M
-    time_s, wave = pulse_outputs(TABLE1, light, shots=4_000, seed=8, steps=32)
+    time_s, wave = pulse_outputs(TABLE1, light, shots=2_000, seed=8, steps=32)
     edge = moments(time_s, wave)
     level = found.before + found.threshold
     at = np.interp(level, edge.mean[: np.argmax(edge.mean)], edge.time_s[: np.argmax(edge.mean)])
@@ -204,7 +204,7 @@ def test_recovery_weakens_and_the_engines_agree():
     """Both recoveries on, both engines: nothing is known in closed form but that they must agree."""
     array = dataclasses.replace(TABLE1, recovery_s=4e-9, trigger_recovery_s=3e-9)
     light = Light(background_photons=1000.0, signal_photons=1000.0, pulse_fwhm_s=6e-9)
-    shots = 800
+    shots = 400
     window = {"start_s": -6e-9, "end_s": 3e-9, "shots": shots, "seed": 9}
     step = TAU / 4
     found = []
@@ -233,7 +233,7 @@ def test_crosstalk_and_afterpulses_add_as_branching():
         cells=1000, pde=0.5, dead_time_s=TAU, crosstalk=0.15, afterpulse=0.2, afterpulse_s=20e-9
     )
     light = Light(background_photons=2.0)
-    total, shots = 0, 8_000  # 4 errors are 4 %; 9 % are missing without avalanches of avalanches
+    total, shots = 0, 5_000  # 4 errors are 5 %; 9 % are missing without avalanches of avalanches
     for _, avalanches in simulate(array, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=10):
         inside = (avalanches.time_s > 0.0) & (avalanches.time_s <= 2 * TAU)
         total += int(np.count_nonzero(inside))
@@ -274,12 +274,12 @@ def test_a_lone_avalanche_has_its_shape():
 
 def test_tables_by_events_and_by_equation():
     grid = {"background_photons": [20.0, 700.0], "signal_photons": [50.0, 1000.0], "pulse_fwhm_s": 6e-9}
-    events = response_by_events(TABLE1, **grid, shots=4_000, seed=12)
+    events = response_by_events(TABLE1, **grid, shots=2_000, seed=12)
     exact = response_by_equation(TABLE1, **grid, steps=96)
     # The peak is sought in a noisy mean, which lifts it by a fraction of its error.
-    agree(events.mean, exact.mean, 1.3 * np.sqrt(exact.variance / 4_000))
-    agree(events.variance, exact.variance, exact.variance * math.sqrt(2.5 / 4_000))
-    agree(events.skewness, exact.skewness, 1.2 * math.sqrt(6 / 4_000))
+    agree(events.mean, exact.mean, 1.3 * np.sqrt(exact.variance / 2_000))
+    agree(events.variance, exact.variance, exact.variance * math.sqrt(2.5 / 2_000))
+    agree(events.skewness, exact.skewness, 1.2 * math.sqrt(6 / 2_000))
     np.testing.assert_allclose(events.snr, exact.snr, rtol=0.06)
 
 
