@@ -11,7 +11,7 @@ from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene
-from lidarscene.studies.fit.likelihood import KnownFit, fit_known, slopes_of
+from lidarscene.studies.fit.likelihood import KnownFit, _beside, fit_known, slopes_of
 
 TRUTH = drawn_unit(0)
 
@@ -125,3 +125,20 @@ def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
     )
     assert pulse.sigma < 1.5 * clean.sigma
     assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma
+
+
+def test_what_is_held_widens_what_moves_with_it() -> None:
+    """A matrix of four parameters, the last of which has a prior of a factor of e: the rows of the whole inverse are what
+    the three have without it, and what comes with it. The fourth of a product adds nothing.
+    """
+    rng = np.random.default_rng(5)
+    slopes = rng.normal(size=(4, 40))
+    slopes[3] = 0.9 * slopes[0] + 0.03 * slopes[3]
+    matrix = slopes @ slopes.T
+    whole = np.linalg.inv(matrix + np.diag([0.0, 0.0, 0.0, 1.0]))[:3, :3]
+    alone = np.linalg.inv(matrix[:3, :3])
+    beside = _beside(matrix, [0, 1, 2], [3])
+    np.testing.assert_allclose(alone + beside, whole, rtol=1e-9)
+    assert beside[0, 0] > 10.0 * alone[0, 0]
+    slopes[3] = slopes[0]
+    np.testing.assert_array_equal(_beside(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)

@@ -71,6 +71,7 @@ class Solved:
     scores  (b, p) of each block, at the solution
     meat    (p, p) variance of the sum of the scores if the law is right; None: H
     evaluations  of the law
+    beside  (p, p) covariance that comes with what is held, not from the scores; None: none
     """
 
     value: Numbers
@@ -78,12 +79,14 @@ class Solved:
     scores: Numbers
     meat: Numbers | None = None
     evaluations: int = 0
+    beside: Numbers | None = None
 
     @property
     def covariance(self) -> Numbers:
         """(p, p) Fisher's; infinite where H has no inverse."""
         inverse = _inverse(self.slope)
-        return np.asarray(inverse if self.meat is None else inverse @ self.meat @ inverse.T)
+        found = inverse if self.meat is None else inverse @ self.meat @ inverse.T
+        return np.asarray(found if self.beside is None else found + self.beside)
 
     def drawn(self, seed: int = 0) -> Numbers:
         """(DRAWS, p) solutions of resampled blocks."""
@@ -98,7 +101,8 @@ class Solved:
         blocks = len(self.scores)
         if blocks < 2 or not np.isfinite(_inverse(self.slope)).all():
             return np.full_like(self.slope, np.inf)
-        return np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
+        found = np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
+        return np.asarray(found if self.beside is None else found + self.beside)
 
     def estimate(self, key: str, unit: str, formula: Callable[[Numbers], float]) -> Estimate:
         """A number that follows from the parameters, its sigma by the formula's slopes."""

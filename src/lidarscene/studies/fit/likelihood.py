@@ -54,6 +54,9 @@ Without a limit both are 2."""
 HUBER = 4.0
 """Sigmas from which on a signal counts less: an edge, a surface that is not as it is believed to be."""
 
+PRODUCT = 1e-6
+"""Share of a parameter's information that no other has: below, it is but a factor of a product."""
+
 DONE = 1e-2
 """A step of so many sigmas is the last."""
 
@@ -152,7 +155,7 @@ def fit_known(
     scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
     solved = Solved(
         value=np.array([values[name] for name in active]), slope=step.matrix[np.ix_(rows, rows)], scores=scores,
-        evaluations=evaluations,
+        evaluations=evaluations, beside=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
     )  # fmt: skip
     return KnownFit(
         solved=solved,
@@ -162,6 +165,20 @@ def fit_known(
         values=values,
         reflectivity=surfaces,
     )
+
+
+def _beside(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Numbers:
+    """(p, p) covariance of the parameters of these rows that comes from those that are held.
+
+    A held one may be off by as much as it is not known, a factor of e or what the recording says if that is better; the
+    others then move along. Those that come in a product alone are held by agreement and add nothing.
+    """
+    own = matrix[np.ix_(rows, rows)]
+    drag = np.linalg.solve(own, matrix[np.ix_(rows, held)])
+    left = matrix[np.ix_(held, held)] - matrix[np.ix_(held, rows)] @ drag
+    told = np.diag(left) > PRODUCT * np.diag(matrix)[held]
+    drag, left = drag[:, told], left[np.ix_(told, told)]
+    return np.asarray(drag @ np.linalg.solve(left + np.eye(len(left)) * UNKNOWN**-2, drag.T))
 
 
 def _told_apart(
