@@ -128,8 +128,8 @@ def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
 
 
 def test_what_is_held_widens_what_moves_with_it() -> None:
-    """A matrix of four parameters, the last of which has a prior of a factor of e: the rows of the whole inverse are what
-    the three have without it, and what comes with it. The fourth of a product adds nothing.
+    """Four parameters, the last with a prior of a factor of e: the others' block of the whole inverse is what they have
+    without it, and what comes with it. The fourth of a product adds nothing.
     """
     rng = np.random.default_rng(5)
     slopes = rng.normal(size=(4, 40))
