@@ -24,7 +24,7 @@ from ...maths.arrays import Lanes, Mask, xp
 from ...physics.optics import dielectrics, reflection
 from ..device import transfer
 from ..device.backend import mitsuba
-from ..device.types import DeviceVector, Surface
+from ..device.types import Bsdf, DeviceVector, Surface
 from .rough import ROUGH_PLUGIN, register_rough_diffuse
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
@@ -35,7 +35,7 @@ asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
 _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 
-def bsdf_dict(values: dict[str, Any], reflectance: dict[str, Any] | None = None) -> dict[str, Any]:
+def bsdf_dict(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> dict[str, Any]:
     """Return a Mitsuba dictionary for `Material.at`: reflectivity and parameters at the laser's wavelength.
 
     reflectance  Mitsuba texture in place of the reflectivity of a diffuse material
@@ -48,7 +48,7 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, Any] | None = None)
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
-def made(values: dict[str, Any], reflectance: dict[str, Any] | None = None) -> Any:
+def made(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> Any:
     """Return Mitsuba's BSDF of a material, as of `bsdf_dict`."""
     if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
         return _coat(values)
@@ -90,22 +90,22 @@ def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
     """A diffuse base under a rough dielectric coat; the reflectivity is the diffuse part, seen from outside."""
-    white = mitsuba().load_dict(_roughplastic(values) | {"diffuse_reflectance": _spectrum(1.0)})
-    return _two_sided(_roughplastic(values) | {"diffuse_reflectance": _spectrum(_base(values, white))})
+    white = mitsuba().load_dict(_roughplastic(values, _spectrum(1.0)))
+    return _two_sided(_roughplastic(values, _spectrum(_base(values, white))))
 
 
 def _coat(values: dict[str, Any]) -> Any:
     """Mitsuba's own of `_coated`: to tabulate a coat takes it 20 ms, so one over a white base is darkened."""
     mi = mitsuba()
     reflectance = mi.load_dict(_spectrum(1.0))
-    white = mi.load_dict(_roughplastic(values) | {"diffuse_reflectance": reflectance})
+    white = mi.load_dict(_roughplastic(values, reflectance))
     parameters = mi.traverse(reflectance)
     parameters["value"] = transfer.opaque(_base(values, white))
     parameters.update()
     return mi.load_dict(_two_sided(white))
 
 
-def _base(values: dict[str, Any], white: Any) -> float:
+def _base(values: dict[str, Any], white: Bsdf) -> float:
     """Return the reflectivity of the base of a coat; ``white`` is Mitsuba's BSDF over a white one."""
     ior, roughness = float(values["coat_ior"]), float(values["coat_roughness"])
     limit = diffuse_throughput(white)
@@ -119,14 +119,14 @@ def _base(values: dict[str, Any], white: Any) -> float:
     return float(values["reflectivity"] / limit)
 
 
-def _roughplastic(values: dict[str, Any]) -> dict[str, Any]:
+def _roughplastic(values: Mapping[str, float], base: object) -> dict[str, object]:
     return {
         "type": "roughplastic", "distribution": "ggx", "int_ior": float(values["coat_ior"]),
-        "alpha": float(values["coat_roughness"]), "nonlinear": False,
+        "alpha": float(values["coat_roughness"]), "nonlinear": False, "diffuse_reflectance": base,
     }  # fmt: skip
 
 
-def diffuse_throughput(coat: Any) -> float:
+def diffuse_throughput(coat: Bsdf) -> float:
     """Return the share of light that passes the coat, is scattered by a white base and leaves again; normal incidence.
 
     Reflectivities are measured near normal incidence and over the hemisphere. So a base whose reflectivity is the
