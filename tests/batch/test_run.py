@@ -58,7 +58,9 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
 
     progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, told=kill)
     assert len(killed) == 1
-    assert (progress.rendered, progress.failed) == (20, {})
+    # A frame that the worker had written, but not told of, is found when it is asked for again.
+    assert (progress.rendered + progress.reused, progress.failed) == (20, {})
+    assert progress.rendered >= 15
     assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 20
     assert clouds(tmp_path / "killed") == clouds(tmp_path / "calm")
 
