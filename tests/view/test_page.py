@@ -142,7 +142,7 @@ def test_a_click_shows_the_budget(
         "incidence angle": np.degrees(cloud.incidence_angle_rad[i]), "reflectivity": cloud.reflectivity[i],
         "echo power": budget.echo_power_w[i], "lambertian power": budget.lambertian_power_w[i],
         "background power": budget.background_power_w[i], "threshold": budget.threshold[i],
-        "signal": budget.signal[i], "noise": budget.noise[i], "snr": cloud.snr[i],
+        "peak signal": budget.signal[i], "signal": 0.0, "noise": budget.noise[i], "snr": cloud.snr[i],
         "detection probability": cloud.detection_probability[i], "intensity": cloud.intensity[i],
     }.items():  # fmt: skip
         assert number(table[label]) == pytest.approx(value, rel=6e-4, abs=6e-5 * (" range" in label)), label

@@ -18,12 +18,14 @@ SYMBOLS = {
     "range": "R", "true_range": "R", "range_error": "ΔR", "incidence_angle": "θ", "reflectivity": "ρ",
     "sun_angle": "θₛ", "snr": "SNR", "detection_probability": "P_d", "echo_power": "P_r",
     "lambertian_power": "P_r, (5)", "background_power": "P_rs", "noise": "σ₀", "noise_at_peak": "σ",
-    "threshold": "U", "signal": "s", "intensity": "s + noise",
+    "threshold": "U", "peak_signal": "s", "intensity": "s + noise",
 }  # fmt: skip
-LOGARITHMIC = ("intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal")
+LOGARITHMIC = (
+    "intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal", "peak_signal",
+)  # fmt: skip
 OF_BUDGET = (
-    "echo_power", "lambertian_power", "background_power", "signal", "noise", "noise_at_peak", "threshold", "snr",
-    "detection_probability", "intensity",
+    "echo_power", "lambertian_power", "background_power", "peak_signal", "noise", "noise_at_peak", "threshold",
+    "snr", "detection_probability", "intensity",
 )  # fmt: skip
 """As light and signal go."""
 
@@ -136,7 +138,7 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
         ("echo_power", budget.echo_power_w, "W", "peak power of the echo on the detector"),
         ("lambertian_power", budget.lambertian_power_w, "W", "the same by (5), of a Lambertian surface"),
         ("background_power", budget.background_power_w, "W", "sun and sky on the detector, by (8)"),
-        ("signal", budget.signal, unit, "peak of the echo at the comparator, without noise"),
+        ("peak_signal", budget.signal, unit, "peak of the echo at the comparator, without noise"),
         ("noise", budget.noise, unit, "standard deviation without an echo"),
         ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
         ("threshold", budget.threshold, unit, "level of the comparator"),
