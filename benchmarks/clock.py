@@ -10,6 +10,9 @@ import numpy as np
 
 Seconds = dict[str, np.ndarray]
 
+SETTLED_S = 0.04
+"""Dr.Jit's threads look for work for 20 ms after they had some, and would take a core from the task that comes next."""
+
 
 def in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: int = 2) -> Seconds:
     """Seconds of each task in each round: A B C, A B C, ... What a task returns is freed off the clock."""
@@ -25,6 +28,7 @@ def both_in_turns(
         for number in range(warm_up + rounds):
             for name, task in tasks.items():
                 sweep()
+                time.sleep(SETTLED_S)
                 since, busy = time.perf_counter(), time.process_time()
                 result = task()
                 spent = time.perf_counter() - since, time.process_time() - busy
