@@ -71,7 +71,7 @@ SECTIONS = {
     "From process start to a file": [
         "process start to end: render car.toml",
         "its time of the processor",
-        *(f"of which: {step}" for step in ("interpreter", "import trimesh", "read files", "write")),
+        *(f"of which: {step}" for step in ("interpreter", "import lidarscene", "read files", "write")),
     ],
     "A large frame": [
         "peak memory, car.toml to .ply",
