@@ -54,9 +54,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        folder, *rest = item.path.relative_to(TESTS).parts
-        if rest:
-            item.add_marker(folder)
+        if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
+            item.add_marker(item.path.relative_to(TESTS).parts[0])
     turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 

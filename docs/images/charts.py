@@ -193,7 +193,10 @@ def sensors() -> None:
     for name in catalog.names("sensors"):
         for one in catalogue.check(name).also:
             if one.published and one.simulated:
-                names.setdefault((one.published, round(one.simulated, 1)), []).append(name)
+                place = one.published, one.simulated
+                # One label for points that lie on each other.
+                same = (other for other in names if np.allclose(other, place, rtol=0.02))
+                names.setdefault(next(same, place), []).append(name)
     for place, there in names.items():
         axes.plot(*place, "o", color=APD)
         above = place[1] > place[0] or len(there) > 1
