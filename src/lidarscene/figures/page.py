@@ -149,6 +149,11 @@ def _with_unit(text: str) -> str:
     return re.sub(r"(?<=\d) (?=(?:%|s|m|mm|cm|km|ns|W)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things in words: "1 frame", "2 frames"."""
+    return f"{number:,} {what}{'' if number == 1 else 's'}"
+
+
 def _escaped(text: str) -> str:
     """Text with Markdown's special characters escaped, also for tables."""
     # The backslash first; brackets make links, and a line break would end the table, heading or paragraph.

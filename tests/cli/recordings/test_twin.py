@@ -11,7 +11,7 @@ def test_a_twin_of_a_recording(run: Run) -> None:
     """One packet of an OS0: 16 of 1024 columns."""
     ran = run("twin", str(OUSTER), "--held-out", "columns", "-o", "twin")
     assert (ran.code, ran.err) == (0, "")
-    assert "quads of 1 frame(s)" in ran.out
+    assert "quads of 1 frame" in ran.out
     assert {path.name for path in Path("twin").iterdir()} == {
         "scene.toml", "sensor.toml", "twin.json", "meshes",
     }  # fmt: skip

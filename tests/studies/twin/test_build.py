@@ -75,7 +75,7 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     unit = unit_json(tmp_path / "unit.json")
     recording = recording_of(tmp_path / "room.pcap", sweep)
     text = build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit)
-    assert "quads of 1 frame(s), 20 klux" in text
+    assert "quads of 1 frame, 20 klux" in text
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
     assert scene.sun.illuminance_klux == 20.0

@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import InputError
 from ...figures import lines
 from ...figures.lines import Chart, Line
-from ...figures.page import Page, csv_text
+from ...figures.page import Page, counted, csv_text
 from ...files.atomic import put_text, require_writable
 from .estimates import Estimate, Solved
 from .near_field import NearField
@@ -198,8 +198,8 @@ def write_report(fit: Fit, folder: Path) -> None:
     """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
-        f"{fit.pulses:,} pulses of {fit.frames} frame(s). Three of four blocks of columns were fitted, the fourth "
-        "judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as much."
+        f"{fit.pulses:,} pulses of {counted(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "
+        "fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as much."
     )
     add_checks(page, fit.checks)
     page.heading("Estimates")

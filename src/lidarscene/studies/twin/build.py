@@ -18,6 +18,7 @@ import numpy as np
 
 from ...catalog import path_of
 from ...errors import InputError
+from ...figures.page import counted
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
@@ -136,7 +137,7 @@ def build_twin(
     }  # fmt: skip
     put_text(folder / ABOUT, json.dumps(about, indent=1) + "\n")
     notes.append(
-        f"wrote {folder / SCENE}: {len(quads)} quads of {len(choice.frames)} frame(s), {light:.3g} klux"
+        f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
     )
     return "\n".join([*notes, _told(gauge)])
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....figures.lines import Chart, Line
-from ....figures.page import Page
+from ....figures.page import Page, counted
 from ....maths.arrays import Numbers
 from ..estimates import Estimate
 from ..likelihood import KnownFit
@@ -116,8 +116,8 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
     page.paragraph(
-        f"{fit.pulses[0]:,} pulses of {fit.frames} frame(s) were fitted; {fit.pulses[1]:,} of every fourth block of "
-        f"columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, of signals "
+        f"{fit.pulses[0]:,} pulses of {counted(fit.frames, 'frame')} were fitted; {fit.pulses[1]:,} of every fourth "
+        f"block of columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, of signals "
         f"and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within 10 % of the "
         "scene's."
     )
