@@ -199,7 +199,8 @@ def write_report(fit: Fit, folder: Path) -> None:
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses:,} pulses of {counted(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "
-        "fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as much."
+        "fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as "
+        "much."
     )
     add_checks(page, fit.checks)
     page.heading("Estimates")
