@@ -117,9 +117,9 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses[0]:,} pulses of {counted(fit.frames, 'frame')} were fitted; {fit.pulses[1]:,} of every fourth "
-        "block of columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, of "
-        f"signals and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within 10 % of the "
-        "scene's."
+        "block of columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, "
+        f"of signals and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within "
+        "10 % of the scene's."
     )
     add_notes(page, fit.notes)
     add_checks(page, fit.checks)
