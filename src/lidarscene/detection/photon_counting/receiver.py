@@ -21,7 +21,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.model import Sensor
-from ...sensor.photon_counting.model import Macropixel
+from ...sensor.photon_counting.model import LEAST_THRESHOLD, Macropixel
 from .. import ambient, comparator, intensity
 from ..outcomes import Outcome, Status
 from ..returns import Detection, Returns, alarm_status
@@ -29,9 +29,6 @@ from ..rises import Rise, visit_all
 from ..shots import Shots
 from .bins import Bins
 from .folding import folded
-
-_LEAST_THRESHOLD = 1e-3
-"""Photons: any count exceeds it."""
 
 _EMPTY = -1e30
 """Key of an unused stop: below every other key."""
@@ -87,14 +84,15 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
     """
-    assert sensor.histogram is not None
-    light = folded(pulse_train, sensor.histogram)
+    histogram = sensor.histogram
+    assert histogram is not None
+    light = folded(pulse_train, histogram)
     background = pulse_train.background_power_w
     point = sensor.working_point(background)
     sigma = sensor.pixel(background).sigma_s
     receiver = _Receiver(
-        sensor=sensor, point=point, threshold=_of_noise(sensor.threshold(point), sensor, seed, pulse),
-        seed=seed, pulse=pulse,
+        sensor=sensor, point=point, seed=seed, pulse=pulse,
+        threshold=_drawn(sensor.threshold(point), histogram.noise_spread, seed, pulse),
         train=light.train, folds_m=light.folds_m,
         light=waveform(*broadened(light.train, sensor, sigma)),
         seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
@@ -105,21 +103,13 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
 
 
-def _drawn(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes:
-    """The threshold of each point, (n,), which all of its peaks share; always above 0 (T98b)."""
-    assert sensor.histogram is not None
-    spread = sensor.histogram.threshold_spread
+def _drawn(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) -> Lanes:
+    """The threshold of each point, (n,), which all of its peaks share (T98b); spread: None, the threshold itself."""
     if spread is None:
         return threshold
     deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))
     drawn = threshold + spread * deviate
-    return xp(drawn).maximum(drawn, _LEAST_THRESHOLD)
-
-
-def _of_noise(threshold: Lanes, sensor: Sensor, seed: Lanes, pulse: Array) -> Lanes:
-    """The threshold that noise meets, (n,): one that asks the neighbours scatters for echoes alone."""
-    assert sensor.histogram is not None
-    return threshold if sensor.histogram.neighbours else _drawn(threshold, sensor, seed, pulse)
+    return xp(drawn).maximum(drawn, LEAST_THRESHOLD)
 
 
 def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
@@ -186,7 +176,7 @@ class _Receiver(Shots):
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
-        threshold = _drawn(sensor.threshold(point), sensor, self.seed, self.pulse)
+        threshold = _drawn(sensor.threshold(point), pixel.histogram.threshold_spread, self.seed, self.pulse)
         detections = pixel.detections(lone_w)
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)

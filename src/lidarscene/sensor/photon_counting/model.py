@@ -63,13 +63,17 @@ class Spad:
         return True
 
 
+LEAST_THRESHOLD = 1e-3
+"""Photons: a threshold that scatters is never lower, and any count exceeds it."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
     shots       added up for one point
-    neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone, and noise, which no
-                neighbour shares, meets the middle of it and `lone_photons`
+    neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone. No neighbour shares
+                noise, which meets the middle of the threshold and `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -106,6 +110,11 @@ class Histogram:
     reach: int
     search: int
     neighbours: bool = False
+
+    @property
+    def noise_spread(self) -> Lanes | None:
+        """Standard deviation of the threshold that noise meets; None where that is sharp."""
+        return None if self.neighbours else self.threshold_spread
 
 
 _LEAST_RATE_HZ = 1e-3

@@ -210,9 +210,8 @@ def _narrowed(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tu
     with np.errstate(divide="ignore", invalid="ignore"):
         above, below = np.log(_ratio(*_response(sensor, echoes_of_plane(sensor, target, ends))[1:]))
         guess = above / (above - below)
-    guess = np.where(
-        (guess > 0.0) & (guess < 1.0), guess, 0.5
-    )  # without noise or without signal there is none
+    # Without noise, or without signal, there is no guess.
+    guess = np.where((guess > 0.0) & (guess < 1.0), guess, 0.5)
     even = np.multiply.outer(_EVEN, np.ones_like(near))
     closer = np.multiply.outer(_CLOSER, np.ones_like(near))
     parts = np.concatenate([even, guess - guess * closer, guess[None], guess + (1.0 - guess) * closer])

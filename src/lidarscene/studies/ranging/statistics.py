@@ -24,6 +24,7 @@ from ...physics.electronics import apd, mcintyre, tdc
 from ...physics.optics import radiometry, sunlight
 from ...sensor.detectors import Apd, WorkingPoint
 from ...sensor.model import Sensor
+from ...sensor.photon_counting.model import LEAST_THRESHOLD
 from . import plane
 from .plane import Target
 
@@ -248,11 +249,10 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
     """Mean rate of false alarms, over the points' thresholds where these scatter (T98b)."""
-    histogram = sensor.histogram
-    spread = None if histogram is None or histogram.neighbours else histogram.threshold_spread
+    spread = None if sensor.histogram is None else sensor.histogram.noise_spread
     if spread is None:
         return sensor.false_alarm_rate_hz(point, threshold)
-    drawn = [np.maximum(threshold + spread * place, 1e-3) for place in _DEVIATES]
+    drawn = [np.maximum(threshold + spread * place, LEAST_THRESHOLD) for place in _DEVIATES]
     rates = [np.asarray(sensor.false_alarm_rate_hz(point, one)) for one in drawn]
     return np.asarray(np.mean(rates, axis=0))
 
