@@ -88,6 +88,11 @@ class NumpyOps:
         return np.asarray(x).astype(np.int32)
 
     @staticmethod
+    def divmod(number: Any, by: Any) -> tuple[Any, Any]:
+        """Quotient and rest of whole numbers."""
+        return cast(tuple[Any, Any], np.divmod(np.asarray(number, np.int32), np.int32(by)))
+
+    @staticmethod
     def take(table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index."""
         return (table.values if isinstance(table, Table) else table).ravel()[index]
@@ -179,6 +184,15 @@ class DrjitOps:
     def int32(self, x: Any) -> Any:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
+
+    def divmod(self, number: Any, by: Any) -> tuple[Any, Any]:
+        """Quotient and rest of whole numbers."""
+        # Processors divide whole numbers one by one, and a scan pattern divides twice for each pulse. So they are
+        # multiplied in double precision: (n + 1/2) / d is at least 1 / 2d off every whole number, and for n < 2^31 its
+        # rounding is below 2^-20 / d, so that its floor is the quotient.
+        double = self._dr.float64_array_t(type(number))
+        whole = self.int32((double(number) + 0.5) * (1.0 / double(by)))
+        return whole, self.int32(number) - whole * by
 
     def take(self, table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index.

@@ -126,6 +126,9 @@ class Ops(Protocol):
     def int32(self, x: Lanes) -> Array:
         """32-bit signed integers."""
 
+    def divmod(self, number: Lanes, by: Lanes) -> tuple[Array, Array]:
+        """Quotient and rest of whole numbers, 0 to 2^31 - 1 by 1 to 2^31 - 1; 32-bit signed integers."""
+
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
         """Entries of a table's values, or of an array's, one after the other."""
 

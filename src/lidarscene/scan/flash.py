@@ -78,9 +78,9 @@ class Flash(Mechanism):
         return self.columns
 
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        number = xp(pulse).int32(pulse)
-        line = number // self.columns
-        return line % self.rows, number - line * self.columns
+        ops = xp(pulse)
+        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        return ops.divmod(line, self.rows)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         return ()

@@ -69,9 +69,9 @@ class MirrorRaster(Mechanism):
         return float(self.rows * self.line_s / self.frame_duty)
 
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        number = xp(pulse).int32(pulse)
-        line = number // self.columns
-        return line % self.rows, number - line * self.columns
+        ops = xp(pulse)
+        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        return ops.divmod(line, self.rows)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)

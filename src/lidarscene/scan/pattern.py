@@ -50,7 +50,8 @@ class Pattern(GivenAngles):
         )
 
     def _row(self, pulse: Lanes) -> Lanes:
-        return xp(pulse).int32(pulse) % self.pulses
+        ops = xp(pulse)
+        return ops.divmod(ops.int32(pulse), self.pulses)[1]
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops, row = xp(pulse), self._row(pulse)

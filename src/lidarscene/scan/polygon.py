@@ -128,9 +128,9 @@ class Polygon(Mechanism):
         return self.columns
 
     def _facet_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
-        number = xp(pulse).int32(pulse)
-        line = number // self.columns
-        return line % self.facets, number - line * self.columns
+        ops = xp(pulse)
+        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        return ops.divmod(line, self.facets)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         column = self._facet_and_column(pulse)[1]

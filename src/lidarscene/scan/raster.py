@@ -65,10 +65,14 @@ class Raster(GivenAngles):
         """Pulses of a row."""
         return self.columns
 
+    def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
+        ops = xp(pulse)
+        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        return ops.divmod(line, self.rows)[1], column
+
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
-        line = ops.int32(pulse) // self.columns
-        row, column = line % self.rows, ops.int32(pulse) - line * self.columns
+        row, column = self._row_and_column(pulse)
         # Twice the offset from the centre is a whole number, so the middle of the grid is exactly zero.
         azimuth = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.azimuth_step_rad)
         elevation = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.elevation_step_rad)
@@ -76,7 +80,7 @@ class Raster(GivenAngles):
 
     def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pulse, 0 at the top."""
-        return xp(pulse).int32(pulse) // self.columns % self.rows
+        return self._row_and_column(pulse)[0]
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""

@@ -136,8 +136,8 @@ class Risley(Mechanism):
 
     def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
-        number = xp(pulse).int32(pulse)
-        return number - number // self.beams * self.beams
+        ops = xp(pulse)
+        return ops.divmod(ops.int32(pulse), self.beams)[1]
 
     def through(
         self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None

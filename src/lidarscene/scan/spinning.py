@@ -171,9 +171,8 @@ class Spinning(Mechanism):
 
     def _place(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Cycle of each pulse, and the laser's place in the firing order."""
-        number = xp(pulse).int32(pulse)
-        cycle = number // self.lasers
-        return cycle, number - cycle * self.lasers
+        ops = xp(pulse)
+        return ops.divmod(ops.int32(pulse), self.lasers)
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         cycle, place = self._place(pulse)
