@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -40,10 +40,6 @@ from ..maths.pose import Pose
 from .builder import CloudBuilder
 
 
-class NotANumber(ValueError):
-    """A column of a cloud has a NaN."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud:
     """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
@@ -56,6 +52,8 @@ class PointCloud:
               may be empty
     metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
               "sensor_position_m": "x y z", three numbers for each sensor
+
+    checked   whether the numbers are known to be good: only shapes and types are looked at then
 
     The arrays are not copied: who hands them over leaves them alone from then on. Raises ValueError for a
     wrong shape, an integer out of range, a NaN anywhere.
@@ -98,8 +96,9 @@ class PointCloud:
     class_names: tuple[str, ...] = ()
     material_names: tuple[str, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
+    checked: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, checked: bool) -> None:
         """Check and freeze every array; none is copied unless its dtype has to change."""
         absent = [a for a in TRUTH if getattr(self, a) is None]
         if absent and len(absent) < len(TRUTH):
@@ -111,12 +110,15 @@ class PointCloud:
             )
         n = len(self.xyz_m)
         for attribute in attributes(truth=not absent, vectors=not without):
-            object.__setattr__(self, attribute, _checked(attribute, getattr(self, attribute), n))
+            array = fitted(attribute, getattr(self, attribute), n)
+            if not checked:
+                _check_nan(attribute, array)
+            object.__setattr__(self, attribute, array)
         for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
         object.__setattr__(self, "metadata", {str(k): str(v) for k, v in self.metadata.items()})
         for attribute, names in NAMES.items():
-            if attribute not in absent:
+            if attribute not in absent and not checked:
                 _check_index(attribute, getattr(self, attribute), getattr(self, names))
         if not all(0 < len(key) <= 100 for key in self.metadata):
             raise ValueError("PointCloud.metadata: keys must have 1 to 100 characters")
@@ -224,7 +226,7 @@ class PointCloud:
             raise InputError(
                 "select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8"
             )
-        return replace(self, **{a: v[mask_or_index] for a, v in self._arrays().items()})
+        return replace(self, checked=True, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
     def without_points(self) -> PointCloud:
         """Names, metadata and types alone: it keeps nothing of this cloud in memory, as an empty slice would."""
@@ -233,7 +235,7 @@ class PointCloud:
     def without_truth(self) -> PointCloud:
         """The same points as a real sensor would give them."""
         nothing: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
-        return replace(self, **nothing)
+        return replace(self, checked=True, **nothing)
 
     @staticmethod
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
@@ -253,7 +255,7 @@ class PointCloud:
             columns.clear()
         if consume:
             parts.clear()
-        return PointCloud(**builder.fields(**description))
+        return PointCloud(**builder.fields(**description), checked=True)
 
     def in_sensor_frame(self) -> PointCloud:
         """The same points with positions in the sensor's frame, float32.
@@ -397,13 +399,11 @@ class PointCloud:
         return {a: getattr(self, a) for a in own}
 
 
-def _checked(attribute: str, values: Any, n: int) -> Numbers:
-    """Return `fitted` values. Raises NotANumber if there is a NaN."""
-    array = fitted(attribute, values, n)
+def _check_nan(attribute: str, array: Numbers) -> None:
+    """ValueError if there is a NaN."""
     distinct = array[:1] if is_constant(array) else array
     if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
-        raise NotANumber(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
-    return array
+        raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
 
 
 def _check_index(attribute: str, index: Numbers, names: tuple[str, ...]) -> None:

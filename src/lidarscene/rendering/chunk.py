@@ -17,6 +17,7 @@ import numpy as np
 from ..detection.outcomes import Outcome
 from ..detection.returns import Detection
 from ..kernel.device import transfer
+from ..kernel.device.backend import mitsuba
 from ..kernel.rays.columns import Staged
 from ..light.beams import Beams
 from ..light.echoes import Echoes
@@ -27,6 +28,9 @@ from .frame import LARGEST_FLOAT32_M
 
 PulseNumbers = Callable[[], Numbers]
 """Gives pulse numbers as numpy, where they are needed."""
+
+NOT_A_NUMBER = 255
+"""In the place of the `Outcome` of a pulse whose signal is NaN: it would count as missed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,10 +117,21 @@ def without_continuing(
 ) -> Chunk:
     """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
-        return Chunk(pulse, paths, detection)
+        return Chunk(pulse, paths, _marked(detection))
     kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    return Chunk(pulse, paths, dataclasses.replace(detection, stops=tuple(kept), outcome=outcome), goes_on)
+    left = dataclasses.replace(detection, stops=tuple(kept), outcome=outcome)
+    return Chunk(pulse, paths, _marked(left), goes_on)
+
+
+def _marked(detection: Detection) -> Detection:
+    """The same with outcomes of one byte each, among them `NOT_A_NUMBER`."""
+    import drjit as dr
+
+    # NumPy would take a twentieth of a frame to look through these arrays, on one core.
+    broken = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
+    outcome = dr.select(broken, NOT_A_NUMBER, detection.outcome)
+    return dataclasses.replace(detection, outcome=mitsuba().UInt8(outcome))
 
 
 def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:

@@ -93,7 +93,9 @@ class Frame:
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 times since the start of the frame at which these pulses leave."""
-        return self._scanner.time_s(pulse) - self.scanner_s
+        times_s = self._scanner.time_s(pulse)
+        times_s -= self.scanner_s
+        return times_s
 
     def times(self, pulse: Callable[[], Numbers]) -> Any:
         """(n,) when pulses leave after the frame's first one, on the device; None where nothing moves.

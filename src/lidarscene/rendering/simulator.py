@@ -16,7 +16,7 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.points import NotANumber, PointCloud
+from ..cloud.points import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import columns as collect
@@ -30,7 +30,7 @@ from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
-from .chunk import Chunk, Order, Placing, all_of, numbered, of_every_pulse
+from .chunk import NOT_A_NUMBER, Chunk, Order, Placing, all_of, numbered, of_every_pulse
 from .extremes import not_a_number
 from .frame import Frame, check_frame, motion_of
 from .metadata import metadata_of
@@ -154,7 +154,7 @@ class Simulator:
         builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
         self._hand_out(now, builder.append, "assemble", asked, replace(told, summary=summary))
         since = time.perf_counter()
-        cloud = self._cloud(builder.fields(**self._description(now, asked)))
+        cloud = PointCloud(**builder.fields(**self._description(now, asked)), checked=True)
         summary.spent("assemble", since)
         return cloud
 
@@ -178,7 +178,7 @@ class Simulator:
         def take(columns: Mapping[str, Any]) -> None:
             nonlocal empty
             empty = False
-            sink(self._cloud({**columns, **description}))
+            sink(PointCloud(**columns, **description, checked=True))
 
         self._hand_out(now, take, "write", asked, told)
         if empty:
@@ -187,19 +187,12 @@ class Simulator:
     def _refuse_nan(self, parts: Sequence[Chunk]) -> None:
         """Raises InputError for pulses whose signal is NaN, which would count as missed."""
         for one in parts:
+            if not (one.detection.outcome.numpy() == NOT_A_NUMBER).any():
+                continue
             for name in ("snr", "detection_probability"):
-                values = np.asarray(getattr(one.detection, name).numpy())
-                if values.size and np.isnan(values.min()):  # a minimum hands NaN on, and makes no array
-                    count = int(np.isnan(values).sum())
+                if count := np.count_nonzero(np.isnan(getattr(one.detection, name).numpy())):
                     told = f"{name} of {count:,} pulses is not a number"
                     raise not_a_number(self.scene, self.sensor, told)
-
-    def _cloud(self, fields: Mapping[str, Any]) -> PointCloud:
-        """Of columns and names. Raises InputError where a number of scene or sensor has made a NaN."""
-        try:
-            return PointCloud(**fields)
-        except NotANumber as error:
-            raise not_a_number(self.scene, self.sensor, str(error)) from None
 
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
@@ -355,7 +348,10 @@ class Simulator:
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing
     ) -> tuple[Numbers, dict[str, Any] | None]:
-        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None."""
+        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None.
+
+        Raises InputError for points with NaN.
+        """
         found = [self._on_device(part, placing) for part in parts]
         # Without any point the columns of one part are computed all the same, for the kernels of later frames.
         kept = [one for one in found if one[1]] or found[:1]
@@ -368,6 +364,9 @@ class Simulator:
         if not count:
             return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
+        if columns.pop(collect.BROKEN).any():
+            name, many = next((n, c) for n, v in columns.items() if (c := np.count_nonzero(v != v)))
+            raise not_a_number(self.scene, self.sensor, f"{name} of {many:,} points is not a number")
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         # The device hands on pulse numbers; times need float64, which only NumPy has here.

@@ -65,7 +65,7 @@ class Scanner(Protocol):
         """Start of each beam in the sensor's frame, or None: all start at its origin."""
 
     def time_s(self, pulse: Numbers) -> Numbers:
-        """(n,) float64 emission time since the first pulse of frame 0."""
+        """(n,) float64 emission time since the first pulse of frame 0; a new array, which the caller may change."""
 
 
 Jitter = Annotated[

@@ -163,4 +163,4 @@ class Risley(Mechanism):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
-        return np.asarray(pulse, dtype=np.float64) / float(self.rate_hz)
+        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)

@@ -10,6 +10,8 @@ Symbols: n pulse lanes, k kept points; lane of a ray = pulse lane * rays + ray.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +38,9 @@ ABSENT: dict[str, Any] = {
     "signal": np.float32(0.0),
 }
 """Columns that only some worlds or sensors have, with their value in all others."""
+
+BROKEN = "broken"
+"""A column that is none of a cloud's: whether any number of the point is NaN."""
 
 OF_WAYS = ("interactions", "ghost")
 """Columns that only pulses have which go on through panes, mirrors or gaps."""
@@ -184,7 +189,7 @@ def columns(
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
-    xyz_m is a Point3f. The columns of `ABSENT` are left out if nothing moves, if no surface lets through or mirrors, or
+    xyz_m is a Point3f, and `BROKEN` is among them. The columns of `ABSENT` are left out if nothing moves, if no surface lets through or mirrors, or
     if the sensor measures no widths.
 
     sensor       its numbers opaque
@@ -240,7 +245,7 @@ def columns(
         given["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
         given["signal"] = of_stop("photons")
-    return given | {
+    found = given | {
         "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,
         "intensity": of_stop("intensity"),
@@ -262,6 +267,10 @@ def columns(
         "class_id": class_id,
         "material": _where_known(world.face_material, face),
     }
+    # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
+    floats = [*found["xyz_m"], *(values for values in found.values() if isinstance(values, mi.Float))]
+    broken = functools.reduce(operator.or_, map(dr.isnan, floats))
+    return found | {BROKEN: mi.UInt8(dr.select(broken, mi.UInt32(1), 0))}
 
 
 def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
