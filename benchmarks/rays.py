@@ -16,10 +16,9 @@ from lidarscene.kernel.device.profile import kernel_history
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams, echoes, pulse_train
 from lidarscene.light.footprint import footprint, spread
-from lidarscene.rendering.chunk import Order
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.rendering.tiles import PACKET, Tiling
+from lidarscene.rendering.tiles import PACKET, Order, Tiling
 
 LEAST_RATE = 1.0
 MOST_OF_A_RAY = 0.9

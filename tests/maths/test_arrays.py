@@ -41,3 +41,16 @@ def test_poisson_counts_of_mixed_means():
     few = mean < 10.0
     assert (found[few] != expected[few]).sum() <= 6
     assert np.abs(found - expected).max() <= 1.0
+
+
+@pytest.mark.parametrize("by", [1, 2, 3, 7, 128, 1001, 65_537, 2**20, 2**30 + 1, 2**31 - 1])
+def test_whole_numbers_are_divided_exactly(mi, by):
+    """Around each of many multiples, up to the largest pulse number; against integers of Python."""
+    largest = 2**31 - 1
+    rng = np.random.default_rng(5)
+    multiples = by * np.append(rng.integers(0, largest // by + 1, 300), largest // by)
+    numbers = np.clip(multiples[:, None] + np.arange(-2, 3), 0, largest).ravel().astype(np.uint32)
+    wanted = np.array([divmod(int(number), by) for number in numbers]).T
+    for lanes, divisor in ((mi.UInt32(numbers), mi.Int32(by)), (numbers, by)):
+        found = xp(lanes).divmod(xp(lanes).int32(lanes), divisor)
+        assert (np.array([np.asarray(one) for one in found]) == wanted).all()

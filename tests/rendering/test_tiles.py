@@ -7,7 +7,11 @@ import pytest
 from helpers import chain, scanners
 
 from lidarscene import Simulator
-from lidarscene.rendering.tiles import HEIGHT, PACKET, Tiling
+from lidarscene.maths.trajectory import Course
+from lidarscene.rendering.options import FrameOptions
+from lidarscene.rendering.tiles import HEIGHT, KEPT, PACKET, Numbering, Tiling
+
+PULSES = np.arange(200, dtype=np.uint32)
 
 
 def tiled():
@@ -84,7 +88,7 @@ def test_points_are_those_of_the_firing_order(name):
     for tiles in (True, False):
         simulator = Simulator(scene, sensor)
         if not tiles:
-            simulator._tiling = None
+            simulator.numbering = Numbering(sensor.scanner, tiled=False)
         lost, counts = [], []
         cloud = simulator.render(
             seed=5,
@@ -104,3 +108,29 @@ def test_points_are_those_of_the_firing_order(name):
     np.testing.assert_array_equal(np.sort(lost, axis=1)[0], np.sort(plain_lost, axis=1)[0])
     np.testing.assert_array_equal(lost[1][np.argsort(lost[0])], plain_lost[1][np.argsort(plain_lost[0])])
     np.testing.assert_array_equal(counts, plain_counts)
+
+
+@pytest.mark.usefixtures("mi")
+@pytest.mark.parametrize("name", ["raster", "mirror_step"])
+def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
+    """The times of pulses are kept from frame to frame. Reference: the same frame by a simulator that made no other."""
+    sensor = dataclasses.replace(chain.sensor("table1-apd"), scanner=scanners.ALL[name]())
+    scene = chain.scene(chain.facing(range_m=15.0, size_m=6.0), chain.ball(at=(0.0, 0.0, 0.0), radius_m=20.0))
+    scene = dataclasses.replace(scene, ego=Course(speed_m_s=3.0, yaw_rate_rad_s=0.5))
+    used, chunk = Simulator(scene, sensor), sensor.scanner.pulses // 3
+    for number in (0, 1, 5):
+        used.render(number=number, chunk=chunk)
+    assert len(used.numbering._times) == KEPT
+    for options in ({"number": 2}, {"number": 3, "chunk": chunk}):
+        cloud, alone = used.render(**options), Simulator(scene, sensor).render(**options)
+        assert len(cloud) > 100
+        for column in ("time_s", "true_range_m", "xyz_m"):
+            np.testing.assert_array_equal(getattr(cloud, column), getattr(alone, column))
+    times = {
+        n: used._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy()
+        for n in (0, 7)
+    }
+    assert (times[0] == times[7]).all()
+    # Tolerance: a float32 of a frame's length.
+    wanted = sensor.scanner.time_s(PULSES) - sensor.scanner.time_s(PULSES[:1])
+    np.testing.assert_allclose(times[0], wanted, atol=6e-8 * sensor.scanner.frame_s)

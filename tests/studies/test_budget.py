@@ -71,7 +71,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     now = Frame.of(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
     whole = light_of(
         simulator.world, sensor, ambient, sun=scene.sun.direction,
-        placements=now.placements(lambda: np.arange(count, dtype=np.uint32)), pulses=range(count), seed=3,
+        placements=now.placements(lambda: now.times(np.arange(count, dtype=np.uint32))), pulses=range(count), seed=3,
     )  # fmt: skip
     pulse = pulses_of(cloud, sensor.scanner)
     light = Echoes(**{name: getattr(whole, name)[pulse] for name in COLUMNS})

@@ -115,16 +115,14 @@ class Paths:
         bends = not all(motion.is_straight for motion in motions)
         steps = max(math.ceil(length_s / STEP_S), 1) if bends else 1
         times = start_s + np.linspace(0.0, length_s, steps + 1)
-        rows = []
-        for motion in motions:
+        table = np.zeros((len(motions), steps + 1, _NUMBERS))
+        rotations = np.zeros((len(motions), steps + 1, 3, 3))
+        for row, rotation, motion in zip(table, rotations, motions, strict=True):
             states = motion.at(times)
-            turns = _continuous(_quaternion(states.rotation))
-            rows.append(
-                np.concatenate(
-                    [states.position_m - centre_m, turns, states.velocity_m_s, states.turning_rad_s], axis=1
-                )
-            )
-        table = np.stack(rows)
+            rotation[:] = states.rotation
+            row[:, :3], row[:, 7:10], row[:, 10:] = states.position_m, states.velocity_m_s, states.turning_rad_s
+        table[:, :, :3] -= centre_m
+        table[:, :, 3:7] = _continuous(_quaternion(rotations))
         swept = None if carried_m is None else _swept(table[len(table) - len(carried_m) :], carried_m).ravel()
         return cls(
             table=table.ravel(),
@@ -196,12 +194,12 @@ def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
 
 
 def _quaternion(rotation: Numbers) -> Numbers:
-    """(n, 4) unit quaternions (w, x, y, z) of (n, 3, 3) rotations.
+    """(..., 4) unit quaternions (w, x, y, z) of (..., 3, 3) rotations.
 
     The entries of a rotation give 4 q q^T. Each of its rows is q times a number; the row of the largest element of q
     is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
     """
-    r = rotation
+    r = rotation.reshape(-1, 3, 3)
     k = np.zeros((len(r), 4, 4))
     k[:, 0, 0] = 1.0 + r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
     for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -210,11 +208,12 @@ def _quaternion(rotation: Numbers) -> Numbers:
         k[:, 0, 1 + i] = k[:, 1 + i, 0] = r[:, m, j] - r[:, j, m]
     largest = np.einsum("nii->ni", k).argmax(axis=1)
     rows = k[np.arange(len(r)), largest]
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True)).reshape(*rotation.shape[:-2], 4)
 
 
 def _continuous(quaternion: Numbers) -> Numbers:
-    """The same rotations with signs chosen so that neighbours are close: q and -q are one rotation."""
-    signs = np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1))
-    flips = np.concatenate([[1.0], np.cumprod(np.where(signs < 0.0, -1.0, 1.0))])
-    return np.asarray(quaternion * flips[:, None])
+    """(m, instants, 4), the same rotations, with signs so that neighbours are close: q and -q are one rotation."""
+    flips = np.ones(quaternion.shape[:2])
+    opposite = (quaternion[:, 1:] * quaternion[:, :-1]).sum(axis=2) < 0.0
+    flips[:, 1:] = np.cumprod(np.where(opposite, -1.0, 1.0), axis=1)
+    return np.asarray(quaternion * flips[:, :, None])

@@ -133,15 +133,15 @@ class Course:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
         time_s = np.asarray(time_s, dtype=np.float64) - self.since_s
         yaw = self.yaw_rate_rad_s * time_s
-        zero, one = np.zeros_like(yaw), np.ones_like(yaw)
+        cos, sin = np.cos(yaw), np.sin(yaw)
         # sin(x)/x and (1 - cos(x))/x = sin(x/2) sinc(x/2): no division by the yaw rate, exact at 0.
         ahead = time_s * np.sinc(yaw / np.pi)
         aside = time_s * np.sin(yaw / 2.0) * np.sinc(yaw / (2.0 * np.pi))
-        heading = np.stack([np.cos(yaw), np.sin(yaw), zero], axis=-1)
-        turn = np.stack(
-            [heading, np.stack([-np.sin(yaw), np.cos(yaw), zero], -1), np.stack([zero, zero, one], -1)], -1
-        )
-        way = self.speed_m_s * np.stack([ahead, aside, zero], axis=-1)
+        # Filled in place: a scene may have dozens of bodies on a course, and asks each of them twice a frame.
+        turn, way = np.zeros((len(yaw), 3, 3)), np.zeros((len(yaw), 3))
+        turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
+        way[:, 0], way[:, 1] = self.speed_m_s * ahead, self.speed_m_s * aside
+        heading = turn[:, :, 0]
         fixed = self.start.rotation
         added = np.asarray(self.velocity_m_s, dtype=np.float64)
         return States(

@@ -7,8 +7,7 @@ belongs to a chunk is in several parts until here.
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,20 +16,14 @@ import numpy as np
 from ..detection.outcomes import Outcome
 from ..detection.returns import Detection
 from ..kernel.device import transfer
-from ..kernel.device.backend import mitsuba
-from ..kernel.rays.columns import Staged
+from ..kernel.rays.columns import Staged, with_nan_told
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, inverse, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, is_drjit, xp
 from ..maths.pose import Pose
 from .frame import LARGEST_FLOAT32_M
-
-PulseNumbers = Callable[[], Numbers]
-"""Gives pulse numbers as numpy, where they are needed."""
-
-NOT_A_NUMBER = 255
-"""In the place of the `Outcome` of a pulse whose signal is NaN: it would count as missed."""
+from .tiles import Order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,60 +71,16 @@ class Chunk:
         return needed
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Order:
-    """In which order the pulses of a chunk are on the lanes.
-
-    pulse          (n,) uint32, of each lane, from the chunk's first one
-    lane           (n,) uint32, of each pulse
-    device_pulse, device_lane  the same, on the device
-    """
-
-    pulse: Numbers
-    lane: Numbers
-    device_pulse: Any
-    device_lane: Any
-
-    @classmethod
-    def of(cls, pulse: Numbers) -> Order:
-        """From the pulses of the lanes."""
-        lane = inverse(pulse)
-        return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
-
-    def pulse_from(self, first: int) -> Numbers:
-        """(n,) uint32 pulse numbers of the lanes of a chunk whose first one is given."""
-        return self.pulse + np.uint32(first)
-
-    def on_device(self, first: int) -> Any:
-        """The same, on the device."""
-        return self.device_pulse + transfer.opaque_uint32(first)
-
-
-def numbered(first: int, count: int) -> PulseNumbers:
-    """``count`` numbers from ``first`` on."""
-    return functools.partial(np.arange, first, first + count, dtype=np.uint32)
-
-
 def without_continuing(
     pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None
 ) -> Chunk:
     """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
-        return Chunk(pulse, paths, _marked(detection))
+        return Chunk(pulse, paths, with_nan_told(detection))
     kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
     left = dataclasses.replace(detection, stops=tuple(kept), outcome=outcome)
-    return Chunk(pulse, paths, _marked(left), goes_on)
-
-
-def _marked(detection: Detection) -> Detection:
-    """The same with outcomes of one byte each, among them `NOT_A_NUMBER`."""
-    import drjit as dr
-
-    # NumPy would take a twentieth of a frame to look through these arrays, on one core.
-    broken = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
-    outcome = dr.select(broken, NOT_A_NUMBER, detection.outcome)
-    return dataclasses.replace(detection, outcome=mitsuba().UInt8(outcome))
+    return Chunk(pulse, paths, with_nan_told(left), goes_on)
 
 
 def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:

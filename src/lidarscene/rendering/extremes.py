@@ -9,11 +9,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
+from ..kernel.rays.columns import NOT_A_NUMBER
+from ..maths.arrays import Numbers
 from ..maths.units import Quantity
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
@@ -24,6 +28,27 @@ USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
 
 _SHARE = 1e-3
 """Of its upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
+
+
+def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
+    """Raises InputError for pulses whose signal is NaN, which would count as missed.
+
+    detections  of `kernel.rays.columns.with_nan_told`, computed
+    """
+    for one in detections:
+        if (one.outcome.numpy() == NOT_A_NUMBER).any():
+            names = ("snr", "detection_probability")
+            raise _found(scene, sensor, {name: getattr(one, name).numpy() for name in names}, "pulses")
+
+
+def of_points(scene: Scene, sensor: Sensor, columns: Mapping[str, Numbers]) -> InputError:
+    """For columns of points among which one has NaN."""
+    return _found(scene, sensor, columns, "points")
+
+
+def _found(scene: Scene, sensor: Sensor, values: Mapping[str, Numbers], what: str) -> InputError:
+    name, count = next((name, n) for name, one in values.items() if (n := np.count_nonzero(np.isnan(one))))
+    return not_a_number(scene, sensor, f"{name} of {count:,} {what} is not a number")
 
 
 def not_a_number(scene: Scene, sensor: Sensor, told: str) -> InputError:

@@ -97,20 +97,23 @@ class Frame:
         times_s -= self.scanner_s
         return times_s
 
-    def times(self, pulse: Callable[[], Numbers]) -> Any:
-        """(n,) when pulses leave after the frame's first one, on the device; None where nothing moves.
+    def times(self, pulse: Numbers) -> Any:
+        """(n,) when these pulses leave after the frame's first one, on the device."""
+        # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
+        # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
+        since = np.concatenate([[0], pulse - np.uint32(self.first_pulse)]).astype(np.uint32)
+        time_s = self._scanner.time_s(since)
+        return transfer.from_numpy(time_s[1:] - time_s[0])
 
-        pulse  gives their numbers (n,), if they are needed
+    def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, Moving | None]:
+        """`placements` of the sensor and of the movers when pulses of so many rays leave.
+
+        times  gives `times` of the pulses, if they are needed
         """
-        # Single precision is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        return None if self.paths is None else transfer.from_numpy(self.time_s(pulse()))
-
-    def placements(self, pulse: Callable[[], Numbers], rays: int = 1) -> tuple[Placement, Moving | None]:
-        """`placements` of the sensor and of the movers when pulses of so many rays leave."""
-        times = self.times(pulse)
-        if times is not None and rays > 1:
-            times, _ = transfer.repeated(times, rays)
-        return placements(self.origin, self.paths, times, moves=self.moves)
+        found = None if self.paths is None else times()
+        if found is not None and rays > 1:
+            found, _ = transfer.repeated(found, rays)
+        return placements(self.origin, self.paths, found, moves=self.moves)
 
     def goal(self, coordinates: str) -> Pose:
         """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""

@@ -6,7 +6,6 @@ goes in as numbers on the device.
 
 from __future__ import annotations
 
-import functools
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from ..cloud.points import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import columns as collect
+from ..kernel.rays import kept
 from ..kernel.world.build import World, build_world
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Lanes, Numbers
@@ -30,8 +30,8 @@ from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
-from .chunk import NOT_A_NUMBER, Chunk, Order, Placing, all_of, numbered, of_every_pulse
-from .extremes import not_a_number
+from .chunk import Chunk, Placing, all_of, of_every_pulse
+from .extremes import check_detections, of_points
 from .frame import Frame, check_frame, motion_of
 from .metadata import metadata_of
 from .options import (
@@ -47,7 +47,7 @@ from .options import (
 )
 from .stages import Chain, Stages
 from .summary import Summary as Summary
-from .tiles import LANES, PACKET, Tiling
+from .tiles import PACKET, Numbering, Pulses
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +104,7 @@ class Simulator:
             see_through=trace.interactions > 0,
         )
         # The rays of one pulse are neighbours already.
-        self._tiling = Tiling.of(sensor.scanner) if trace.rays < PACKET else None
-        self._orders: dict[int, Order] = {}
+        self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET)
         if trace.interactions and not self.world.see_through:
             raise ValueError(
                 "world: must let beams go on (see_through) for interactions > 0, got one that does not"
@@ -184,16 +183,6 @@ class Simulator:
         if empty:
             sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
-    def _refuse_nan(self, parts: Sequence[Chunk]) -> None:
-        """Raises InputError for pulses whose signal is NaN, which would count as missed."""
-        for one in parts:
-            if not (one.detection.outcome.numpy() == NOT_A_NUMBER).any():
-                continue
-            for name in ("snr", "detection_probability"):
-                if count := np.count_nonzero(np.isnan(getattr(one.detection, name).numpy())):
-                    told = f"{name} of {count:,} pulses is not a number"
-                    raise not_a_number(self.scene, self.sensor, told)
-
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """The cloud of `render` without its points: names and metadata, known before anything is traced."""
         asked, _ = _asked(frame, None, options)
@@ -242,7 +231,7 @@ class Simulator:
         chunk = max(1, asked.chunk // max(self.trace.rays, self.trace.background_rays or 1))
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
-        step = LANES if self._tiling is None else self._tiling.step
+        step = self.numbering.step
         chunk = max(step, chunk - chunk % step)
         seed_word = transfer.opaque_uint32(asked.seed)
         placing = Placing.of(now.goal(asked.coordinates))
@@ -251,21 +240,17 @@ class Simulator:
             since = time.perf_counter()
             count = min(chunk, end - first)
             blocks.share_out(count * self.trace.rays)
-            order = self.order_of(count)
-            if order is None:
-                pulse, numbers = transfer.counter(first, count), numbered(first, count)
-            else:
-                pulse, numbers = order.on_device(first), functools.partial(order.pulse_from, first)
-            part = self._chain(now, pulse, numbers, seed_word, survey=self.trace.interactions > 0)
+            pulses = self.numbering.pulses(now, first, count)
+            part = self._chain(now, pulses, seed_word, survey=self.trace.interactions > 0)
             summary.spent("record", since)
-            return replace(part, order=order)
+            return replace(part, order=pulses.order)
 
         part, first = started(begin), begin
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             transfer.wait()
             parts = [part, *self._gone_on(now, part, seed_word)]
-            self._refuse_nan(parts)
+            check_detections(self.scene, self.sensor, [one.detection for one in parts])
             since = summary.spent("trace", since)
             pulse, columns = self._columns(now, parts, placing)
             outcome = of_every_pulse(parts, first, "outcome", ordered=told.missed is not None)
@@ -281,24 +266,14 @@ class Simulator:
                 part, first = started(following), following
             yield _Piece(done, columns, outcome)
 
-    def order_of(self, count: int) -> Order | None:
-        """Of a chunk of so many pulses; frames have chunks of two sizes, and the last two are kept."""
-        if self._tiling is None:
-            return None
-        known = self._orders.get(count)
-        if known is None:
-            known = Order.of(self._tiling.order(count))
-            self._orders = dict([*self._orders.items()][-1:]) | {count: known}
-        return known
-
     def _gone_on(self, now: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
         """The pulses of a chunk that meet panes or mirrors, once more and in full."""
-        lanes = None if part.goes_on is None else collect.lanes_where(part.goes_on)
+        lanes = None if part.goes_on is None else kept.lanes_where(part.goes_on)
         if lanes is None:
             return []
-        several = collect.more_than_one(lanes)
-        pulse = collect.gathered(part.pulse, several)
-        whole = self._chain(now, pulse, pulse.numpy, seed)
+        several = kept.more_than_one(lanes)
+        pulse = kept.gathered(part.pulse, several)
+        whole = self._chain(now, Pulses(pulse, lambda: now.times(pulse.numpy())), seed)
         transfer.wait()
         return [replace(whole, twice=several is not lanes)]
 
@@ -322,9 +297,7 @@ class Simulator:
         seed_word = transfer.opaque_uint32(asked.seed)
 
         def train_of(first: int, count: int) -> EchoTrain:
-            begin = now.first_pulse + first
-            pulse, numbers = transfer.counter(begin, count), numbered(begin, count)
-            return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulse, numbers, seed_word)))
+            return self._train(now, now.first_pulse + first, count, seed_word)
 
         return sampled_pulses(
             train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed
@@ -339,11 +312,14 @@ class Simulator:
         """
         asked, _ = _asked(frame, None, options)
         now = self._frame(asked)
-        begin, count = now.first_pulse, self.sensor.scanner.pulses
-        train = self._stages.pulse_train(
-            now, transfer.counter(begin, count), numbered(begin, count), transfer.opaque_uint32(asked.seed)
-        )
-        return cast(EchoTrain, transfer.fetched(train))
+        seed_word = transfer.opaque_uint32(asked.seed)
+        return self._train(now, now.first_pulse, self.sensor.scanner.pulses, seed_word)
+
+    def _train(self, now: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:
+        """Of pulses in firing order; NumPy arrays."""
+        numbers = np.arange(first, first + count, dtype=np.uint32)
+        pulses = Pulses(transfer.counter(first, count), lambda: now.times(numbers))
+        return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulses, seed)))
 
     def _columns(
         self, now: Frame, parts: Sequence[Chunk], placing: Placing
@@ -354,19 +330,18 @@ class Simulator:
         """
         found = [self._on_device(part, placing) for part in parts]
         # Without any point the columns of one part are computed all the same, for the kernels of later frames.
-        kept = [one for one in found if one[1]] or found[:1]
+        filled = [one for one in found if one[1]] or found[:1]
         # Whether any pulse went on must not decide: the first chunk where it is otherwise would compile kernels.
         alone = parts[0].goes_on is None
-        columns = transfer.columns(collect.one_by_one(kept[0][0]) if alone else collect.by_pulse(kept))
+        columns = transfer.columns(collect.one_by_one(filled[0][0]) if alone else collect.by_pulse(filled))
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        # A single point is there twice (`columns.more_than_one`): the count leaves the copy out.
-        count = sum(number for _, number in kept)
+        # A single point is there twice (`kept.more_than_one`): the count leaves the copy out.
+        count = sum(number for _, number in filled)
         if not count:
             return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
         if columns.pop(collect.BROKEN).any():
-            name, many = next((n, c) for n, v in columns.items() if (c := np.count_nonzero(v != v)))
-            raise not_a_number(self.scene, self.sensor, f"{name} of {many:,} points is not a number")
+            raise of_points(self.scene, self.sensor, columns)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
@@ -380,7 +355,7 @@ class Simulator:
     def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
         """`collect.columns` of some pulses, and the number of their points."""
         lane_of = None if part.order is None else part.order.device_lane
-        lane, stop, count = collect.kept_lanes(part.detection, lane_of, twice=part.twice)
+        lane, stop, count = kept.kept_lanes(part.detection, lane_of, twice=part.twice)
         columns = collect.columns(
             world=self.world, sensor=self._stages.sensor, staged=part.staged(self.trace.rays),
             air_classes=self._air_classes, lanes=(lane, stop), turn=placing.turn, shift=placing.shift,

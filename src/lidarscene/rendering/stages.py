@@ -12,7 +12,7 @@ from typing import Any
 from ..detection import receivers, returns
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
-from ..kernel.rays import columns
+from ..kernel.rays import kept
 from ..kernel.rays.trace import Firing, trace
 from ..kernel.world.build import World
 from ..light import beams, echoes
@@ -29,9 +29,10 @@ from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.model import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Lit, PulseNumbers, needed_of, numbers_of, of_light, without_continuing
+from .chunk import Chunk, Lit, needed_of, numbers_of, of_light, without_continuing
 from .frame import Frame, placements
 from .options import TraceOptions
+from .tiles import Pulses
 
 Places = Callable[[int], tuple[Placement, Moving | None]]
 """Where the sensor and what moves are when pulses of so many rays leave, ray by ray; None: nothing moves."""
@@ -99,14 +100,14 @@ class Stages:
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return without_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
-        goes_on = None if lit.goes_on is None else columns.any_of_pulse(lit.goes_on, self.rays)
+        goes_on = None if lit.goes_on is None else kept.any_of_pulse(lit.goes_on, self.rays)
         return without_continuing(
             pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on
         )
 
-    def pulse_train(self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes) -> EchoTrain:
+    def pulse_train(self, now: Frame, pulses: Pulses, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
-        return self._together(self._lit(partial(now.placements, numbers), pulse, seed), seed)
+        return self._together(self._lit(partial(now.placements, pulses.times), pulses.number, seed), seed)
 
     def of_rays(self, pulse: Array) -> OfRays:
         """The pulse of each ray, where pulses have several, by their number."""
@@ -209,10 +210,9 @@ class Chain:
         self._stages = stages
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
-    def __call__(
-        self, now: Frame, pulse: Array, numbers: PulseNumbers, seed: Lanes, *, survey: bool = False
-    ) -> Chunk:
+    def __call__(self, now: Frame, pulses: Pulses, seed: Lanes, *, survey: bool = False) -> Chunk:
         """Some pulses of a frame."""
+        pulse = pulses.number
         if self.repeats:
             # A recording takes arrays only, so the paths of what moves go in as their parts.
             moving = (
@@ -223,7 +223,7 @@ class Chain:
                     now.paths.rate_hz,
                     now.paths.last,
                     now.paths.boxes_m,
-                    now.times(numbers),
+                    pulses.times(),
                 )
             )
             place = now.origin.origin_m, now.origin.rotation
@@ -234,7 +234,7 @@ class Chain:
             transfer.start([*of_rays.values()])
             repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving, of_rays)
             return repeated
-        part = self._stages.chain(partial(now.placements, numbers), pulse, seed, survey=survey)
+        part = self._stages.chain(partial(now.placements, pulses.times), pulse, seed, survey=survey)
         transfer.start(part.arrays())
         return part
 

@@ -8,12 +8,16 @@ meet (docs/architecture.md). Only the order in which pulses are computed changes
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..maths.arrays import Numbers
+from ..kernel.device import transfer
+from ..maths.arrays import Numbers, inverse
 from ..scan.base import Scanner
+from .frame import Frame
 
 PACKET = 8
 """Rays that the CPU traces together: single precision in 256 bits."""
@@ -32,6 +36,9 @@ HEIGHT = 8
 
 UPRIGHT = 1.1
 """How much more an angle across counts than one upwards."""
+
+KEPT = 2
+"""Chunks whose order and times are kept: frames have chunks of two sizes at most, and mostly one chunk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,3 +106,80 @@ def _typical_angle(one: Numbers, other: Numbers) -> float:
     # numpy.median would import numpy.ma, which takes longer than all of this.
     apart = np.sort(np.linalg.norm(np.asarray(one, np.float64) - other, axis=-1), axis=None)
     return float(apart[(len(apart) - 1) // 2] + apart[len(apart) // 2]) / 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """In which order the pulses of a chunk are on the lanes.
+
+    pulse          (n,) uint32, of each lane, from the chunk's first one
+    lane           (n,) uint32, of each pulse
+    device_pulse, device_lane  the same, on the device
+    """
+
+    pulse: Numbers
+    lane: Numbers
+    device_pulse: Any
+    device_lane: Any
+
+    @classmethod
+    def of(cls, pulse: Numbers) -> Order:
+        """From the pulses of the lanes."""
+        lane = inverse(pulse)
+        return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
+
+    def on_device(self, first: int) -> Any:
+        """(n,) pulse numbers of the lanes of a chunk whose first one is given."""
+        return self.device_pulse + transfer.opaque_uint32(first)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pulses:
+    """Some pulses of a frame, on the device.
+
+    number  (n,) UInt32, one for each lane
+    times   gives (n,) when they leave, in seconds after the frame's first one; asked for where something moves
+    order   of the lanes; None: that of the numbers
+    """
+
+    number: Any
+    times: Callable[[], Any]
+    order: Order | None = None
+
+
+class Numbering:
+    """The pulses of each chunk, and what of them is the same in every frame: kept for the last `KEPT` chunks."""
+
+    def __init__(self, scanner: Scanner, *, tiled: bool) -> None:
+        self._tiling = Tiling.of(scanner) if tiled else None
+        self._orders: dict[int, Order] = {}
+        self._times: dict[tuple[int, int], Any] = {}
+
+    @property
+    def step(self) -> int:
+        """Chunks of a multiple of it are traced alike."""
+        return LANES if self._tiling is None else self._tiling.step
+
+    def pulses(self, now: Frame, first: int, count: int) -> Pulses:
+        """Of a chunk of a frame, from its first number on."""
+        order = self.order_of(count)
+
+        def times() -> Any:
+            key = first - now.first_pulse, count
+            if key not in self._times:
+                place = np.arange(count, dtype=np.uint32) if order is None else order.pulse
+                found = now.times(place + np.uint32(first))
+                self._times = dict([*self._times.items()][1 - KEPT :]) | {key: found}
+            return self._times[key]
+
+        number = transfer.counter(first, count) if order is None else order.on_device(first)
+        return Pulses(number, times, order)
+
+    def order_of(self, count: int) -> Order | None:
+        """Of a chunk of so many pulses; None: that of their numbers."""
+        if self._tiling is None:
+            return None
+        if count not in self._orders:
+            found = Order.of(self._tiling.order(count))
+            self._orders = dict([*self._orders.items()][1 - KEPT :]) | {count: found}
+        return self._orders[count]

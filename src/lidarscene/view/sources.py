@@ -342,7 +342,7 @@ class Live:
         count = sensor.scanner.pulses
         numbers = np.arange(now.first_pulse, now.first_pulse + count, dtype=np.uint32)
         light = light_of(
-            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(lambda: numbers),
+            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(lambda: now.times(numbers)),
             pulses=range(now.first_pulse, now.first_pulse + count), seed=frame.seed,
         )  # fmt: skip
         pulse = pulses_of(cloud, sensor.scanner) - now.first_pulse

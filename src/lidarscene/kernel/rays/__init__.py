@@ -9,6 +9,7 @@ nearby   which rays come near what moves
 onward   beyond a pane, gap or mirror
 gaps     which rays pass a porous surface
 glints   specular returns into the receiver
+kept     which lanes have a return
 columns  the points off the device
 relit    the light of chosen pulses, traced again
 """

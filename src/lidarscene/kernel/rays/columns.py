@@ -13,8 +13,8 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,12 +23,13 @@ from ...detection.returns import Detection
 from ...formats.columns import OF_VECTORS
 from ...light.beams import reported
 from ...light.hits import Hits
-from ...maths.arrays import Array, Lanes, Mask, Numbers, inverse, is_drjit, xp
+from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit
 from ...sensor.model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
 from ..world.build import World
+from .kept import interleaved, more_than_one
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -42,71 +43,21 @@ ABSENT: dict[str, Any] = {
 BROKEN = "broken"
 """A column that is none of a cloud's: whether any number of the point is NaN."""
 
+NOT_A_NUMBER = 255
+"""Stands for the `Outcome` of a pulse whose signal is NaN: it would count as missed."""
+
 OF_WAYS = ("interactions", "ghost")
 """Columns that only pulses have which go on through panes, mirrors or gaps."""
 
 
-def lanes_where(flag: Mask) -> Any:
-    """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
+def with_nan_told(detection: Detection) -> Detection:
+    """Return the detection with outcomes of one byte each, `NOT_A_NUMBER` among them."""
     import drjit as dr
 
-    lanes = dr.compress(flag)
-    return None if dr.width(lanes) == 0 else lanes
-
-
-def more_than_one(lanes: DeviceArray) -> Any:
-    """Return at least two lanes: the given ones, or a single one twice."""
-    import drjit as dr
-
-    # Dr.Jit treats an array of one element as a scalar that is broadcast, and would compile all that follows again for
-    # it. The copy is made by NumPy, because on the device it would be a kernel, too.
-    return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
-
-
-def gathered(values: Array, lanes: Array) -> Any:
-    """Return the entries of these lanes, computed."""
-    import drjit as dr
-
-    found = dr.gather(type(values), values, lanes)
-    dr.eval(found)
-    return found
-
-
-def any_of_pulse(flag: Mask, rays: int) -> Any:
-    """Return (n,) whether a flag of (n rays,) lanes is set for any ray of each pulse."""
-    ops = xp(flag)
-    found = ops.column(flag, 0, rays)
-    for ray in range(1, rays):
-        found = found | ops.column(flag, ray, rays)
-    return found
-
-
-def kept_lanes(
-    detection: Detection, lane_of: Array | None = None, *, twice: bool = False
-) -> tuple[Any, Any, int]:
-    """Return lane and stop number of every reported return, by pulse and then by stop, and their number k.
-
-    Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`). If k is 0 they are those of
-    the first lane: its columns are computed and left out, so that a later frame with a point compiles nothing.
-
-    lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
-    twice    the two lanes are one pulse: its returns are there twice
-    """
-    import drjit as dr
-
-    mi = mitsuba()
-    stops = len(detection.stops)
-    reported = [stop.reported for stop in detection.stops]
-    # Rays are traced tile by tile, because neighbours in angle meet the same triangles. The flags are put back into
-    # firing order here, before anything is gathered: then the points come out in firing order by themselves.
-    if lane_of is not None:
-        reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
-    index = dr.compress(_interleaved(reported))
-    count = dr.width(index) // (2 if twice else 1)
-    index = more_than_one(index) if count else transfer.unsigned_numbers(np.zeros(2, np.uint32))
-    place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
-    # `place` counts pulses in firing order; the lane at which the stages left a pulse's numbers is looked up.
-    return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
+    # NumPy, on one core, would take a twentieth of a frame to look for it in whole columns.
+    broken = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
+    outcome = mitsuba().UInt8(dr.select(broken, NOT_A_NUMBER, detection.outcome))
+    return replace(detection, outcome=cast(Array, outcome))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -189,12 +140,12 @@ def columns(
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
-    xyz_m is a Point3f, and `BROKEN` is among them. The columns of `ABSENT` are left out if nothing moves, if no surface lets through or mirrors, or
-    if the sensor measures no widths.
+    xyz_m is a Point3f, and `BROKEN` is among them. The columns of `ABSENT` are left out if nothing moves, if no surface
+    lets through or mirrors, or if the sensor measures no widths.
 
     sensor       its numbers opaque
     air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
-    lanes        lanes and stop numbers, from `kept_lanes`
+    lanes        lanes and stop numbers, from `kept.kept_lanes`
     turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
     """
     import drjit as dr
@@ -208,7 +159,7 @@ def columns(
         return dr.gather(type(values), values, lane)
 
     def of_stop(name: str) -> Any:
-        values = _interleaved([getattr(one, name) for one in detection.stops])
+        values = interleaved([getattr(one, name) for one in detection.stops])
         return dr.gather(type(values), values, lane * stops + stop)
 
     def own(name: str) -> Any:
@@ -301,8 +252,8 @@ def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, A
     together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
     that a frame with one part needs no other kernels than one with two.
 
-    parts  columns, and the number of their points; one point may be there twice (`more_than_one`). Either every part
-           has a point, or there is one part, and its lanes hold none
+    parts  columns, and the number of their points; one point may be there twice (`kept.more_than_one`). Either every
+           part has a point, or there is one part, and its lanes hold none
     """
     import drjit as dr
 
@@ -343,7 +294,7 @@ def _merged(pulses: Sequence[Numbers]) -> list[Numbers]:
 def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
-    Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes`.
+    Returns None if no pulse met a surface. A single one is there twice, as in `kept.kept_lanes`.
 
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
@@ -383,18 +334,3 @@ def _where_known(table: Array, index: Array) -> Any:
 
     mi = mitsuba()
     return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
-
-
-def _interleaved(arrays: Sequence[object]) -> Any:
-    """Join a arrays of n lanes into one of n a: the entry of array i at lane j becomes number j a + i."""
-    import drjit as dr
-
-    mi = mitsuba()
-    if len(arrays) == 1:
-        return arrays[0]
-    count, lanes = len(arrays), max(dr.width(one) for one in arrays)
-    place = dr.arange(mi.UInt32, lanes) * count
-    together = dr.zeros(type(arrays[0]), lanes * count)
-    for number, one in enumerate(arrays):
-        dr.scatter(together, one, place + number)
-    return together
