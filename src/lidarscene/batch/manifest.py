@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..files.atomic import atomic_output
-from ..files.toml import toml_text
+from ..files.overrides import toml_text
 from ..outputs import report
 from .store import Store
 from .tasks import FrameTask, Job, told_of

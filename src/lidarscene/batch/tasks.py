@@ -15,7 +15,7 @@ from typing import Any
 from .. import catalog
 from .._version import __version__
 from ..errors import InputError
-from ..files.toml import toml_text
+from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.options import FrameOptions, TraceOptions
 from ..scene.file import files_of_scene, scene_path, sensor_of_scene

@@ -5,6 +5,7 @@ key, and optional packages that are imported when they are first needed, with a 
 
 atomic    output that appears whole or not at all
 toml      TOML files as checked models
+overrides values in place of those of a file
 table     models of tables whose keys a dataclass declares
 spool     rows that wait on disk to be read again
 cache     where files are kept between runs

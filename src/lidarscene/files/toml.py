@@ -2,18 +2,15 @@
 
 Sensor, scene and job files are written by hand, so they have mistakes. pydantic finds them, but speaks of Python types
 and of its own models. Here its first error becomes a line in the words of the file, such as
-`car.toml: bodies[3 "car"].scale: must be > 0, got -2`, and `--set KEY=VALUE` changes tables before they are checked.
+`car.toml: bodies[3 "car"].scale: must be > 0, got -2`.
 """
 
 from __future__ import annotations
 
 import difflib
-import json
-import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import date, time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
 from .inputs import LARGEST_TEXT, require_file
+from .overrides import inside, key_path, numbered, shown
 
 
 class FileModel(BaseModel):
@@ -119,7 +117,7 @@ def validated(
         ]
         file = where
         for assignment in overrides:
-            path = _numbered(_key_path(assignment), tables)
+            path = numbered(key_path(assignment), tables)
             shared = min(len(path), len(place))
             where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
         hint = ""
@@ -199,7 +197,7 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
         meant = f"; did you mean {near[0]}? all known here" if near else "; known here"
         return f"unknown key '{key}'" + (f"{meant}: {', '.join(known)}" if known else "")
     if kind == "missing" and isinstance(location[-1], int):
-        return f"{_dotted(location[:-1], tables)}: must be a longer list, got {_shown(error['input'])}"
+        return f"{_dotted(location[:-1], tables)}: must be a longer list, got {shown(error['input'])}"
     if kind in ("missing", "union_tag_not_found"):
         return f"key '{key}' is missing"
     if kind == "value_error":
@@ -207,7 +205,7 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
         return f"{key}: {message}" if key else message
     valid = _MUST_BE[kind].format(**context) if kind in _MUST_BE else f"valid ({error['msg']})"
     asked = context.get("asked", "")
-    return f"{key}: must be {valid}, got {_shown(context.get('tag', error['input']))}{asked}"
+    return f"{key}: must be {valid}, got {shown(context.get('tag', error['input']))}{asked}"
 
 
 def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:
@@ -230,37 +228,24 @@ def _dotted(location: Iterable[Any], tables: Any) -> str:
     """Return a location as ``bodies[3].scale``, or ``bodies[3 "car"].scale`` if the table has a name."""
     text = ""
     for part in location:
-        tables = _inside(tables, part)
+        tables = inside(tables, part)
         if isinstance(part, int):
             name = tables.get("name") if isinstance(tables, Mapping) else None
-            text += f"[{part} {_shown(name)}]" if isinstance(name, str) else f"[{part}]"
+            text += f"[{part} {shown(name)}]" if isinstance(name, str) else f"[{part}]"
         else:
             text += f".{part}" if text else str(part)
     return text
 
 
-def _inside(tables: Any, part: Any) -> Any:
-    try:
-        return tables[part]
-    except (IndexError, KeyError, TypeError):
-        return None
-
-
-def _shown(value: Any) -> str:
-    """Return a value much as it is written in TOML, cut to 60 characters."""
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
     """Return the keys that a model knows at a location; [] if types and the file's ``type`` do not say which model."""
     for part in location:
-        tables = _inside(tables, part)
+        tables = inside(tables, part)
         if isinstance(part, int):
             continue
         inner = _models_in(model.model_fields[part].annotation) if part in model.model_fields else []
         if len(inner) > 1:
-            inner = [one for one in inner if _inside(tables, "type") in _types_of(one)]
+            inner = [one for one in inner if inside(tables, "type") in _types_of(one)]
         if len(inner) != 1:
             return []
         model = inner[0]
@@ -293,134 +278,3 @@ def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:
     """What ``type`` may be in a model: the arguments of its Literal."""
     field = model.model_fields.get("type")
     return tuple(getattr(field.annotation, "__args__", ())) if field else ()
-
-
-def with_overrides(
-    tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set"
-) -> dict[str, Any]:
-    """Return a copy of the tables with assignments ``a.b=value`` made; values are TOML, or else plain text.
-
-    In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
-
-    option  the command line's option for them
-    """
-    result: dict[str, Any] = _copied(tables)
-    for assignment in assignments:
-        _, equals, text = assignment.partition("=")
-        path = _key_path(assignment)
-        if not equals or not all(path):
-            raise InputError(f"{option} {assignment}: must be KEY=VALUE, such as {_EXAMPLES[option]}")
-        table: Any = result
-        for depth in range(1, len(path)):
-            part = path[depth - 1]  # names of tables in lists have become numbers
-            table = table.setdefault(part, {}) if isinstance(table, dict) else table[int(part)]
-            if _is_list_of_tables(table):
-                path = path[:depth] + _numbered(path[depth:], table)
-                if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
-                    choices = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
-                    raise InputError(
-                        f"{option} {assignment}: must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
-                    )
-            elif not isinstance(table, dict):
-                raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
-        table[path[-1]] = _toml_value(text)
-    return result
-
-
-Overrides = str | Sequence[str] | Mapping[str, Any]
-"""Changes to a file's values: "a.b=value", several of these, or a mapping {"a.b": value} or {"a": {"b": value}}."""
-
-
-def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, ...]:
-    """Overrides as assignments "a.b=value". Raises InputError for what is none, under the ``name`` of the option."""
-    if isinstance(overrides, str):
-        return (overrides,)
-    if isinstance(overrides, Mapping):
-        return tuple(_assigned(overrides))
-    listed = tuple(overrides) if isinstance(overrides, Iterable) else (None,)
-    if all(isinstance(one, str) for one in listed):
-        return listed
-    raise InputError(
-        f'{name}: must be "key=value", a list of these, or a dict of values by key, got {_shown(overrides)}'
-    )
-
-
-def _assigned(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            yield from _assigned(value, f"{path}{key}.")
-        else:
-            yield f"{path}{key}={toml_text(_plain(value))}"
-
-
-def _plain(value: Any) -> Any:
-    """A value without NumPy, and a path as its text."""
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
-_EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1"}
-
-
-def _key_path(assignment: str) -> list[str]:
-    return [part.strip() for part in assignment.partition("=")[0].split(".")]
-
-
-def _is_list_of_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
-
-
-def _numbered(path: list[str], tables: Any) -> list[str]:
-    """Return the path with names of tables in lists replaced by their numbers; unknown names stay."""
-    keys = []
-    for part in path:
-        if _is_list_of_tables(tables):
-            names = [one.get("name") for one in tables]
-            part = str(names.index(part)) if part in names else part
-            tables = _inside(tables, int(part)) if part.isdecimal() else None
-        else:
-            tables = _inside(tables, part)
-        keys.append(part)
-    return keys
-
-
-def toml_text(value: Any) -> str:
-    """Return a value as it is written in TOML, in one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml_text(one) for one in value) + "]"
-    if isinstance(value, (date, time)):
-        return value.isoformat()
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _toml_value(text: str) -> Any:
-    """Parse ``text`` as a TOML value; if it is none, return the text."""
-    try:
-        tables = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
-        return text.strip()
-    return tables["value"] if len(tables) == 1 else text.strip()
-
-
-def _copied(value: Any) -> Any:
-    """Copy tables and lists, however deep."""
-    if isinstance(value, list):
-        return [_copied(inner) for inner in value]
-    return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
-
-
-def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
-    """Split SENSOR:KEY=VALUE into the sensor (None: all of them) and KEY=VALUE.
-
-    Raises InputError if the sensor is not ``among`` these.
-    """
-    key, equals, value = assignment.partition("=")
-    sensor, colon, own_key = key.rpartition(":")
-    if not colon:
-        return None, assignment
-    if sensor not in among:
-        raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {', '.join(among)}")
-    return sensor, f"{own_key}{equals}{value}"

@@ -17,7 +17,7 @@ from typing import Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
 from ..files.atomic import named
-from ..files.toml import Overrides, assignments
+from ..files.overrides import Overrides, assignments
 from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig import require_common_frames, simulators
 from ..rendering.summary import Summary

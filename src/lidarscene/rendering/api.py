@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Unpack
 
 from ..cloud.points import PointCloud
-from ..files.toml import Overrides
+from ..files.overrides import Overrides
 from ..scene.file import load_scene
 from ..scene.model import Scene
 from ..sensor.catalogue import load_sensor

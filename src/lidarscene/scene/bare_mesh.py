@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, OptionWarning
-from ..files.toml import with_overrides
+from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .meshes import reading, usd

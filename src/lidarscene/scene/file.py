@@ -20,7 +20,8 @@ import numpy as np
 
 from .. import catalog
 from ..errors import InputError, OptionWarning
-from ..files.toml import Overrides, assignments, read_toml, validated, with_overrides
+from ..files.overrides import Overrides, assignments, with_overrides
+from ..files.toml import read_toml, validated
 from ..materials import catalogue
 from ..materials.material import Material
 from ..maths.pose import Pose

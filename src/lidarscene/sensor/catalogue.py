@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..catalog import path_of
 from ..errors import InputError, OptionError
-from ..files.toml import Overrides, assignments
+from ..files.overrides import Overrides, assignments
 from .file import read_sensor
 from .model import Sensor
 from .readout import PublishedFile, read_published

@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
+from ..files.overrides import with_overrides
 from ..files.table import Number, Table
-from ..files.toml import FileModel, read_toml, validated, with_overrides
+from ..files.toml import FileModel, read_toml, validated
 from ..maths.pose import Pose
 from ..maths.units import si
 from ..physics.amplifier import high_pass

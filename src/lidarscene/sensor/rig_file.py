@@ -14,7 +14,8 @@ from typing import Annotated, Protocol
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.toml import FileModel, Overrides, addressed, assignments, read_toml, validated
+from ..files.overrides import Overrides, addressed, assignments
+from ..files.toml import FileModel, read_toml, validated
 from .catalogue import load_sensor
 from .file import PoseFile
 from .model import Sensor

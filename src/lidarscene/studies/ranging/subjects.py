@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ... import catalog
-from ...files.toml import addressed, read_toml, with_overrides
+from ...files.overrides import addressed, with_overrides
+from ...files.toml import read_toml
 from ...sensor.file import sensor_from_tables
 from ...sensor.model import Sensor
 

@@ -1,0 +1,161 @@
+"""Overrides: `--set KEY=VALUE` and its kin change tables before they are checked, and values are written as TOML.
+
+One option of the command line, one argument of Python: text, several texts or a mapping.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import date, time
+from typing import Any
+
+from ..errors import InputError
+
+
+def with_overrides(
+    tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set"
+) -> dict[str, Any]:
+    """Return a copy of the tables with assignments ``a.b=value`` made; values are TOML, or else plain text.
+
+    In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
+
+    option  the command line's option for them
+    """
+    result: dict[str, Any] = _copied(tables)
+    for assignment in assignments:
+        _, equals, text = assignment.partition("=")
+        path = key_path(assignment)
+        if not equals or not all(path):
+            raise InputError(f"{option} {assignment}: must be KEY=VALUE, such as {_EXAMPLES[option]}")
+        table: Any = result
+        for depth in range(1, len(path)):
+            part = path[depth - 1]  # names of tables in lists have become numbers
+            table = table.setdefault(part, {}) if isinstance(table, dict) else table[int(part)]
+            if _is_list_of_tables(table):
+                path = path[:depth] + numbered(path[depth:], table)
+                if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
+                    choices = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
+                    raise InputError(
+                        f"{option} {assignment}: must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
+                    )
+            elif not isinstance(table, dict):
+                raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
+        table[path[-1]] = _toml_value(text)
+    return result
+
+
+Overrides = str | Sequence[str] | Mapping[str, Any]
+"""Changes to a file's values: "a.b=value", several of these, or a mapping {"a.b": value} or {"a": {"b": value}}."""
+
+
+def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, ...]:
+    """Overrides as assignments "a.b=value". Raises InputError for what is none, under the ``name`` of the option."""
+    if isinstance(overrides, str):
+        return (overrides,)
+    if isinstance(overrides, Mapping):
+        return tuple(_assigned(overrides))
+    listed = tuple(overrides) if isinstance(overrides, Iterable) else (None,)
+    if all(isinstance(one, str) for one in listed):
+        return listed
+    raise InputError(
+        f'{name}: must be "key=value", a list of these, or a dict of values by key, got {shown(overrides)}'
+    )
+
+
+def _assigned(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _assigned(value, f"{path}{key}.")
+        else:
+            yield f"{path}{key}={toml_text(_plain(value))}"
+
+
+def _plain(value: Any) -> Any:
+    """A value without NumPy, and a path as its text."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+_EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1"}
+
+
+def key_path(assignment: str) -> list[str]:
+    """The parts of the key in ``a.b=value``."""
+    return [part.strip() for part in assignment.partition("=")[0].split(".")]
+
+
+def _is_list_of_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+
+
+def numbered(path: list[str], tables: Any) -> list[str]:
+    """Return the path with names of tables in lists replaced by their numbers; unknown names stay."""
+    keys = []
+    for part in path:
+        if _is_list_of_tables(tables):
+            names = [one.get("name") for one in tables]
+            part = str(names.index(part)) if part in names else part
+            tables = inside(tables, int(part)) if part.isdecimal() else None
+        else:
+            tables = inside(tables, part)
+        keys.append(part)
+    return keys
+
+
+def toml_text(value: Any) -> str:
+    """Return a value as it is written in TOML, in one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml_text(one) for one in value) + "]"
+    if isinstance(value, (date, time)):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _toml_value(text: str) -> Any:
+    """Parse ``text`` as a TOML value; if it is none, return the text."""
+    try:
+        tables = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text.strip()
+    return tables["value"] if len(tables) == 1 else text.strip()
+
+
+def _copied(value: Any) -> Any:
+    """Copy tables and lists, however deep."""
+    if isinstance(value, list):
+        return [_copied(inner) for inner in value]
+    return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+
+
+def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
+    """Split SENSOR:KEY=VALUE into the sensor (None: all of them) and KEY=VALUE.
+
+    Raises InputError if the sensor is not ``among`` these.
+    """
+    key, equals, value = assignment.partition("=")
+    sensor, colon, own_key = key.rpartition(":")
+    if not colon:
+        return None, assignment
+    if sensor not in among:
+        raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {', '.join(among)}")
+    return sensor, f"{own_key}{equals}{value}"
+
+
+def inside(tables: Any, part: Any) -> Any:
+    """What a table or a list has at this place; None if nothing."""
+    try:
+        return tables[part]
+    except (IndexError, KeyError, TypeError):
+        return None
+
+
+def shown(value: Any) -> str:
+    """Return a value much as it is written in TOML, cut to 60 characters."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
