@@ -91,7 +91,7 @@ def test_limits_of_the_table():
 
 
 def test_table_1_against_events():
-    """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 2 %."""
+    """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 3 % (4 errors)."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'")
     light = plane.echoes_of_plane(sensor, Target(), 100.0)
     point = sensor.working_point(light.background_power_w)
@@ -103,12 +103,12 @@ def test_table_1_against_events():
     )
     assert (background, arriving) == (pytest.approx(686.093, rel=1e-5), pytest.approx(2660.31, rel=1e-5))
     shown = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
-    shots = 10_000
+    shots = 4_000
     found = measure(CellArray.of(sensor.detector), shown, shots=shots, seed=21)
     signal = point.signal(light.peak_power_w)[0]
     assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
-    assert found.noise == pytest.approx(point.noise[0], rel=0.02)
-    assert found.snr == pytest.approx(24.23, abs=0.5)
+    assert found.noise == pytest.approx(point.noise[0], rel=0.03)
+    assert found.snr == pytest.approx(24.23, rel=0.03)
     assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
     assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
@@ -213,13 +213,14 @@ def test_light_with_crosstalk_and_back():
 
 
 def test_published_error_by_events():
-    """The table of docs/sipm.md at some of its points by events: 3 points in 100, of 2,500 shots.
+    """The table of docs/sipm.md at some of its points by events: 3 points in 100, of 2,500 shots. Wide pulses on
+    strong light, the dearest, are left to `test_the_count_is_binomial_all_along_the_pulse`.
 
     Of two such points together the noise is good to 1 %.
     """
     array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
-    grid = {"background_photons": [50.0, 2000.0], "signal_photons": [2660.31, 10000.0]}
-    for ratio in (0.5, 1.9):
+    for ratio, backgrounds in ((0.5, [50.0, 2000.0]), (1.9, [50.0])):
+        grid = {"background_photons": backgrounds, "signal_photons": [2660.31, 10000.0]}
         table = response_by_events(array, **grid, pulse_fwhm_s=ratio * 6e-9, shots=2_500, seed=30)
         exact = response_by_equation(array, **grid, pulse_fwhm_s=ratio * 6e-9)
         by_events = error_of_published_snr(array, table)
