@@ -71,7 +71,10 @@ def by_double_sum(excess, primaries, gain, ionisation_ratio, amplifier):
 
 @pytest.mark.parametrize(
     ("times", "primaries", "gain", "k", "amplifier"),
-    [(2.0, 5.0, 20.0, 0.05, 60.0), (8.0, 5.0, 20.0, 0.05, 60.0), (5.0, 30.0, 10.0, 0.3, 20.0), (8.0, 8.0, 30.0, 0.0, 80.0)],
+    [
+        (2.0, 5.0, 20.0, 0.05, 60.0), (8.0, 5.0, 20.0, 0.05, 60.0), (5.0, 30.0, 10.0, 0.3, 20.0),
+        (8.0, 8.0, 30.0, 0.0, 80.0),
+    ],
 )  # fmt: skip
 @pytest.mark.slow
 def test_exact_tail_against_a_double_sum(times, primaries, gain, k, amplifier):
