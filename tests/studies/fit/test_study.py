@@ -76,6 +76,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     return monkeypatch
 
 
+@pytest.mark.usefixtures("no_charts")
 def test_sensor_file_and_page_have_what_was_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep
 ) -> None:

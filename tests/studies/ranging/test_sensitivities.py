@@ -198,7 +198,7 @@ def test_report_says_when_it_is_exact(mi):
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_tornado(tmp_path, suffix):
+def test_tornado(tmp_path, suffix, rough_charts):
     path = tmp_path / f"tornado.{suffix}"
     sensitivities.tornado(path, SIPM, Target(), method="differences")
     assert path.read_bytes().startswith(b"\x89PNG" if suffix == "png" else b"<?xml")
