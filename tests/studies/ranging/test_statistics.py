@@ -80,7 +80,7 @@ def test_correct_probability_by_shots(tnr, tail):
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
     limit = float(plane.maximum_range_m(sensor, Target())[0])
     sensor = statistics.end_of_window(sensor, limit)
-    found = statistics.simulated_shots(sensor, Target(), limit, shots=200_000, seed=3)
+    found = statistics.simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
     p_false = statistics.false_alarm_probability(sensor, Target())
     comparisons = float(sensor.tdc.window_s) * 167e6
     expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)

@@ -149,10 +149,13 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     assert found.detection_probability == pytest.approx(expected, abs=error + 0.015)
 
 
-def crosstalking(*keys):
+WEAK = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
+
+
+def crosstalking(*keys, light=WEAK):
     """Table 1 in the time domain with these keys: noise, cells busy before, signal and P_d of a weak pulse."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", "detector.cell_floor=1", *keys)
-    point, power = working_point(sensor, background=[686.093], signal=[311.96])
+    point, power = working_point(sensor, background=[light.background_photons], signal=[light.signal_photons])
     signal = point.signal(power)
     sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
     found = point.detection_probability(sensor.threshold(point), signal, sigma)
@@ -160,22 +163,24 @@ def crosstalking(*keys):
 
 
 @pytest.mark.parametrize(
-    ("keys", "options", "shots"),
+    ("keys", "options", "light", "shots"),
     [
-        (["detector.crosstalk=0.25"], {"crosstalk": 0.25}, 700),
-        (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 300),
+        (["detector.crosstalk=0.25"], {"cells": 400, "crosstalk": 0.25}, WEAK, 700),
+        # A quarter of the cells and of their light, since every avalanche is a step; a pulse of half of the light.
+        (["detector.cells=100", "detector.afterpulse=0.2", "detector.afterpulse_ns=20"],
+         {"cells": 100, "afterpulse": 0.2, "afterpulse_s": 20e-9},
+         Light(background_photons=171.523, signal_photons=140.0, pulse_fwhm_s=6e-9), 600),
     ],
     ids=["crosstalk", "afterpulses"],
 )  # fmt: skip
-def test_cells_that_fire_others_by_events(keys, options, shots):
+def test_cells_that_fire_others_by_events(keys, options, light, shots):
     """(T20a) to (T20c) against avalanches one by one.
 
     Tolerances: 1 % of the cells busy before; of noise and P_d four errors of so many shots, watched for 20 dead times
     each tenth. Without the keys they are off by 12 %, 17 % and 0.28 (crosstalk) or 8 % of the cells (afterpulses).
     """
-    noise, busy, signal, p_detect = crosstalking(*keys)
-    array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0, **options)
-    light = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
+    noise, busy, signal, p_detect = crosstalking(*keys, light=light)
+    array = CellArray(pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0, **options)
     found = measure(array, light, shots=shots, seed=3)
     assert found.before == pytest.approx(busy, rel=0.01)
     assert found.noise == pytest.approx(noise, rel=2.0 / math.sqrt(shots))
