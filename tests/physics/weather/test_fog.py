@@ -35,8 +35,10 @@ def test_visibilities_of_lowtran(kind, visibility_m):
     assert fog.visibility_m(fog.TYPES[kind]) == pytest.approx(visibility_m, rel=0.12)
 
 
-@pytest.mark.parametrize("kind", fog.TYPES)
-@pytest.mark.parametrize("wavelength_m", [905e-9, 1550e-9])
+@pytest.mark.parametrize(
+    ("wavelength_m", "kind"),
+    [*((905e-9, kind) for kind in fog.TYPES), (1550e-9, "moderate_advection"), (1550e-9, "radiation")],
+)
 @pytest.mark.slow
 def test_extinction_is_near_twice_the_shadow(kind, wavelength_m):
     """2 pi N <r^2>, <r^2> = b^(-2/gamma) Gamma((alpha + 3)/gamma) / Gamma((alpha + 1)/gamma) in closed form.
