@@ -66,7 +66,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     after the other; 4 standard errors of either.
     """
     rng, range_m, count = np.random.default_rng(2), 30.0, 300
-    light = photons.echoes_of(counter, range_m, photons=40.0, count=20_000, **SUNNY)
+    light = photons.echoes_of(counter, range_m, photons=40.0, count=8_000, **SUNNY)
     counts, pixel, place = histograms(rng, counter, light, count)
     values, _ = read(counts, counter, pixel)
     first = int(place) - 4
@@ -164,12 +164,12 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
 @pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])
 @pytest.mark.parametrize(("photons_of_echo", "klux"), [(400.0, 0.0), (400.0, 4.0), (60.0, 1.0)])
 def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
-    """sigma 1.0 to 1.2 times Cramer and Rao's, without rounding; 20,000 pulses give it to 0.5 %. Between 0.98 and 1.2,
+    """sigma 1.0 to 1.2 times Cramer and Rao's, without rounding; 8,000 pulses give it to 0.8 %. Between 0.98 and 1.2,
     as the bins' places are even. The centroid knows the pulse's length alone, so it is close to it in the dark only.
     """
     counter = photons.sensor("detector.spads=4000", f"histogram.estimator='{estimator}'")
-    light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=20_000, illuminance_klux=klux)
-    light.range_m[:] += np.linspace(0.0, 0.3, 20_000)
+    light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=8_000, illuminance_klux=klux)
+    light.range_m[:] += np.linspace(0.0, 0.3, 8_000)
     stop = photons.detected(counter, light).stops[0]
     seen = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)

@@ -197,15 +197,12 @@ def test_report_says_when_it_is_exact(mi):
     assert "exact, by Dr.Jit" in sensitivities.report_text(APD, Target())
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_tornado(tmp_path, suffix, rough_charts):
-    path = tmp_path / f"tornado.{suffix}"
+def test_tornado(tmp_path, rough_charts):
+    path, again = tmp_path / "tornado.svg", tmp_path / "again.svg"
     sensitivities.tornado(path, SIPM, Target(), method="differences")
-    assert path.read_bytes().startswith(b"\x89PNG" if suffix == "png" else b"<?xml")
-    if suffix == "svg":  # the one with names and a date
-        again = tmp_path / f"again.{suffix}"
-        sensitivities.tornado(again, SIPM, Target(), method="differences")
-        assert again.read_bytes() == path.read_bytes()
+    assert path.read_bytes().startswith(b"<?xml")
+    sensitivities.tornado(again, SIPM, Target(), method="differences")
+    assert again.read_bytes() == path.read_bytes()
 
 
 def test_no_range_no_sensitivities():

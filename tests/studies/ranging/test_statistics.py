@@ -145,7 +145,7 @@ def test_false_points_per_frame(range_m, blanking_ns, stops):
     end of the blanking before and after the echo of 150 m, which comes after 1000 ns.
     """
     sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}", f"tdc.blanking_ns={blanking_ns}")
-    shots = 150_000
+    shots = 50_000
     found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)
     # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.
