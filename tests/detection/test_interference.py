@@ -18,7 +18,7 @@ from lidarscene.scene.model import Interferer
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
-SHOTS = 200_000
+SHOTS = 60_000
 SIGMAS = 4.0  # two-sided 6e-5 for each count
 MEDIAN_W, SPREAD_DB = 4e-8, 6.0
 
@@ -90,7 +90,7 @@ def test_rates_add_up():
     assert abs(a - b) < SIGMAS * np.sqrt(a + b)
     noise, alone = counted(three, Status.FALSE_ALARM), counted(none, Status.FALSE_ALARM)
     assert abs(noise - alone) < SIGMAS * np.sqrt(noise + alone)
-    assert min(a, noise) > 10_000
+    assert min(a, noise) > 3000
 
 
 def test_of_two_lidars_each_has_its_share():

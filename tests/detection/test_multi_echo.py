@@ -44,7 +44,7 @@ SENSORS = {
 LOUD = ["tdc.threshold_to_noise=1", "tdc.walk='raw'", "tdc.stops=4"]
 
 
-@pytest.mark.parametrize("sub_echoes", [1, 2, 7, 16])
+@pytest.mark.parametrize("sub_echoes", [1, 3, 16])
 @pytest.mark.parametrize("name", SENSORS)
 def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     """The lone echo's closed form, pulse by pulse, with false alarms; 1 ps and 1e-5 are asked, rounding is left."""
@@ -87,7 +87,7 @@ def echoes_only(found):
 def test_fine_bins_find_the_same_crossings(name, sub_echoes):
     """Trains of any shape against the same comparator over bins of sigma_p / 200, crossing by crossing."""
     equipped = sensor(SENSORS[name][0], "tdc.threshold_to_noise=6", "tdc.keep='all'", "tdc.walk='raw'")
-    light = train(*trains.random_trains(300, sub_echoes, equipped, seed=5))
+    light = train(*trains.random_trains(150, sub_echoes, equipped, seed=5))
     have = {
         (pulse, number): stop.range_m[pulse] / SIGMA_M
         for number, stop in enumerate(echoes_only(detect(light, equipped)))
@@ -134,9 +134,9 @@ def test_two_boards_merge_or_separate(separation, share):
     apart = separation > 2.0 and dip < share
 
     def waveform_at(place):
-        return 0.5 * (math.exp(-0.5 * place**2) + math.exp(-0.5 * (place - separation) ** 2)) - share
+        return 0.5 * (np.exp(-0.5 * place**2) + np.exp(-0.5 * (place - separation) ** 2)) - share
 
-    highest = max(waveform_at(place) for place in np.linspace(-1.0, separation + 1.0, 20_001))
+    highest = waveform_at(np.linspace(-1.0, separation + 1.0, 20_001)).max()
     found = detect(light, at_level(equipped, share, full))
     assert sum(int(stop.reported[0]) for stop in found.stops) == (0 if highest < 0.0 else 1 + apart)
     if highest < 0.0:
@@ -215,7 +215,7 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
 def test_each_return_has_its_own_probability(snr):
     """Two echoes far apart trip with their own P_d, independently: binomial tests at 1e-4 each."""
     equipped = sensor("table1-apd", "tdc.stops=2")
-    count = 100_000
+    count = 30_000
     power = [power_at_snr(equipped, one) for one in snr]
     found = detect(train(np.full((count, 2), (100.0, 140.0)), np.full((count, 2), power)), equipped, seed=2)
     tripped = []
@@ -333,7 +333,7 @@ def upward(power, level):
 
 @pytest.mark.slow
 def test_a_crossing_is_of_the_light_that_makes_it():
-    """Two surfaces and two drops in fog, of any brightness, over bins of 2 mm: take some of it away, does the crossing
+    """Two surfaces and two drops in fog, of any brightness, over bins of 4 mm: take some of it away, does the crossing
     stay?
 
     Where the air alone crosses too, within sigma_p / 10, the point is the air's; where it does not within a pulse width
@@ -361,7 +361,7 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     light = train(walls_m, walls_w, volume=air)
     light = replace(light, parts=(*light.parts, *train(drops_m, drops_w).parts))
     found = detect(light, equipped)
-    range_m = np.arange(0.0, 40.0, 0.002)
+    range_m = np.arange(0.0, 40.0, 0.004)
     by_kind = {"surface": 0, "drop": 0, "fog": 0}
     judged = crossings = 0
     for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):

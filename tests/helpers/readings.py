@@ -5,7 +5,7 @@ import numpy as np
 from . import trains
 from .trains import detect, sensor, train
 
-SHOTS = 20_000
+SHOTS = 8000
 
 # An amplifier so noisy that the echo's own noise is nothing, and so fast that samples know nothing of one another.
 WHITE = ["tdc.bandwidth_mhz=2000", "detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=7"]

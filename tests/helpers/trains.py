@@ -46,12 +46,16 @@ def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
 
 
 FOG = Weather(fog="moderate_advection", fog_visibility_m=80.0)
+_air_by_lenses = {}
+"""Light of `FOG`, which knows nothing of what comes behind the lenses."""
 
 
 def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
     """Pulses into fog of 80 m visibility, of ``scale`` (n,) times the sensor's own light; a wall across the beam."""
     extinction = FOG.extinction_at_per_m(equipped.laser.wavelength_m)
-    air = air_light(FOG, equipped, extinction_per_m=extinction)
+    lenses = equipped.laser, equipped.optics, equipped.tdc.window_s, equipped.received_fwhm_s
+    air = _air_by_lenses.get(lenses) or air_light(FOG, equipped, extinction_per_m=extinction)
+    _air_by_lenses[lenses] = air
     own = scale * float(
         equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2
     )

@@ -31,7 +31,15 @@ SENSORS = {
 OF_MAKERS = sorted(SENSORS - {"mems-1550"})
 RECORDED = {"os0-128", "os1-128", "os2-128"}
 """Those whose power is that of a recording; their published ranges are not fitted."""
-checked = cache(catalogue.check)
+
+
+@cache
+def checked(name: str) -> catalogue.Check:
+    """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalogue, "SHOTS", 2000)
+        return catalogue.check(name)
+
 
 # Fewer pulses of the same mechanism.
 SHORTER = {
@@ -113,7 +121,7 @@ SAMPLED = ("vlp-16", "hdl-32e", "hdl-64e", "vls-128")
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_scatter_as_in_recordings(name: str) -> None:
-    """Within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws have 0.5 %."""
+    """Within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws have 1.6 %."""
     published = catalogue_published(name)
     assert published is not None
     rows = zip(published.repeatability, checked(name).repeatability_m, strict=True)

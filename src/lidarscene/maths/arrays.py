@@ -50,9 +50,9 @@ def rebuilt(like: S, values: Iterator[Any]) -> S:
 
 def chosen(condition: Mask, then: S, otherwise: S) -> S:
     """`Ops.where` on every array of two states."""
-    where = xp(condition).where
+    choice = xp(condition).choice(condition)
     pairs = zip(flattened(then), flattened(otherwise), strict=True)
-    return rebuilt(otherwise, (where(condition, one, other) for one, other in pairs))
+    return rebuilt(otherwise, (choice(one, other) for one, other in pairs))
 
 
 class NumpyOps:
@@ -71,6 +71,22 @@ class NumpyOps:
     maximum = staticmethod(np.maximum)
     minimum = staticmethod(np.minimum)
     where = staticmethod(np.where)
+
+    @staticmethod
+    def choice(condition: Any) -> Callable[[Any, Any], Any]:
+        """`where` of this condition for the arrays of a state, which nobody changes in place: those that it leaves
+        as they are, or takes whole, are not copied.
+        """
+        every = bool(np.all(condition))
+        kinds = np.shape(condition)
+
+        def chosen_of(one: Any, other: Any) -> Any:
+            same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape
+            if same and one.dtype == other.dtype and one.shape[-1:] == kinds and (every or one is other):
+                return one
+            return np.where(condition, one, other)
+
+        return chosen_of
 
     @staticmethod
     def uint32(x: Any) -> Any:
@@ -172,6 +188,10 @@ class DrjitOps:
     def maximum(self, a: Any, b: Any) -> Any:
         """The larger of two."""
         return self.where(a > b, a, b)
+
+    def choice(self, condition: Any) -> Callable[[Any, Any], Any]:
+        """`where` of this condition."""
+        return lambda one, other: self.where(condition, one, other)
 
     def uint32(self, x: Any) -> Any:
         """32-bit unsigned integers."""

@@ -117,6 +117,9 @@ class Ops(Protocol):
     def where(self, condition: Mask, then: Lanes | Mask, otherwise: Lanes | Mask, /) -> Array:
         """``then`` where the condition holds, else ``otherwise``."""
 
+    def choice(self, condition: Mask, /) -> Callable[[Any, Any], Any]:
+        """`where` of this condition, for one array of a state after the other."""
+
     def uint32(self, x: Lanes) -> Array:
         """32-bit unsigned integers."""
 

@@ -9,7 +9,7 @@ from helpers.trains import train
 
 from lidarscene.detection.photon_counting.histograms import histograms
 
-COUNT = 1000
+COUNT = 400
 
 
 def filled(counter, power_w, background_w):

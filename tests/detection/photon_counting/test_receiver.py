@@ -66,7 +66,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     after the other; 4 standard errors of either.
     """
     rng, range_m, count = np.random.default_rng(2), 30.0, 300
-    light = photons.echoes_of(counter, range_m, photons=40.0, count=20_000, **SUNNY)
+    light = photons.echoes_of(counter, range_m, photons=40.0, count=8_000, **SUNNY)
     counts, pixel, place = histograms(rng, counter, light, count)
     values, _ = read(counts, counter, pixel)
     first = int(place) - 4
@@ -97,23 +97,23 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
 @pytest.mark.parametrize("snr", [6.0, 8.0])
 @pytest.mark.parametrize("illuminance_klux", [0.0, 4.0])
 def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
-    """60,000 pulses: 4 standard errors, and 0.01 for the gain of the search for the highest bin."""
+    """15,000 pulses: 4 standard errors, and 0.01 for the gain of the search for the highest bin."""
     counter = photons.sensor("histogram.stops=3")
-    light = photons.echoes_of(counter, 60.0, photons=snr, count=60_000, illuminance_klux=illuminance_klux)
+    light = photons.echoes_of(counter, 60.0, photons=snr, count=100, illuminance_klux=illuminance_klux)
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
     light = photons.echoes_of(
-        counter, 60.0, photons=float(counter.threshold(point)[0]) + (snr - 7.0), count=60_000,
+        counter, 60.0, photons=float(counter.threshold(point)[0]) + (snr - 7.0), count=15_000,
         illuminance_klux=illuminance_klux,
     )  # fmt: skip
     found = photons.detected(counter, light)
     expected = float(found.detection_probability[0])
     assert 0.2 < expected < 0.9
     share = sum(photons.echo_of(stop).mean() for stop in found.stops)
-    assert share == pytest.approx(expected, abs=0.018)
+    assert share == pytest.approx(expected, abs=0.026)
 
 
 def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
-    """Echoes from 5 photons below the threshold to 5 above, 20,000 each: 4 standard errors, and 0.01 as above."""
+    """Echoes from 5 photons below the threshold to 5 above, 6,000 each: 4 standard errors, and 0.01 as above."""
     counter = photons.sensor(
         "histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0"
     )
@@ -121,10 +121,10 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
     level = float(counter.threshold(counter.working_point(np.zeros(1)))[0])
     apart = []
     for above in (-5.0, 0.0, 5.0):
-        light = photons.echoes_of(counter, 60.0, photons=level + above, count=20_000, illuminance_klux=0.0)
+        light = photons.echoes_of(counter, 60.0, photons=level + above, count=6_000, illuminance_klux=0.0)
         found, plain = (photons.detected(one, light) for one in (counter, sharp))
         share = sum(photons.echo_of(stop).mean() for stop in found.stops)
-        assert share == pytest.approx(float(found.detection_probability[0]), abs=0.024)
+        assert share == pytest.approx(float(found.detection_probability[0]), abs=0.036)
         apart.append(float(found.detection_probability[0] - plain.detection_probability[0]))
     # A sharp threshold loses more of the weak ones and keeps more of the strong ones.
     assert apart[0] > 0.04
@@ -164,12 +164,12 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
 @pytest.mark.parametrize("estimator", ["matched_filter", "centroid"])
 @pytest.mark.parametrize(("photons_of_echo", "klux"), [(400.0, 0.0), (400.0, 4.0), (60.0, 1.0)])
 def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
-    """sigma 1.0 to 1.2 times Cramer and Rao's, without rounding; 20,000 pulses give it to 0.5 %. Between 0.98 and 1.2,
+    """sigma 1.0 to 1.2 times Cramer and Rao's, without rounding; 8,000 pulses give it to 0.8 %. Between 0.98 and 1.2,
     as the bins' places are even. The centroid knows the pulse's length alone, so it is close to it in the dark only.
     """
     counter = photons.sensor("detector.spads=4000", f"histogram.estimator='{estimator}'")
-    light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=20_000, illuminance_klux=klux)
-    light.range_m[:] += np.linspace(0.0, 0.3, 20_000)
+    light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=8_000, illuminance_klux=klux)
+    light.range_m[:] += np.linspace(0.0, 0.3, 8_000)
     stop = photons.detected(counter, light).stops[0]
     seen = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)
@@ -244,9 +244,9 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
 @pytest.mark.parametrize(("background_w", "apart"), [(1e-12, 1.8), (1e-12, 2.0), (1e-10, 2.0)])
 def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, apart):
     """Two boards ``apart`` widths of the filter's output: whole histograms, filtered and searched by other code,
-    against P_d. 4 standard errors of 2000 pulses and 0.02 of the law (T98a); a lone echo's is 0.12 to 0.17 too low.
+    against P_d. 4 standard errors of 1200 pulses and 0.02 of the law (T98a); a lone echo's is 0.12 to 0.17 too low.
     """
-    counter, count = photons.sensor("histogram.window_us=0.2", "detector.spads=400"), 2000
+    counter, count = photons.sensor("histogram.window_us=0.2", "detector.spads=400"), 1200
     pixel = counter.pixel(np.full(1, background_w))
     point = counter.working_point(np.full(1, background_w))
     level = float(counter.threshold(point)[0])
@@ -294,9 +294,11 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
 
 
 def test_coincidence_keeps_the_dark_and_loses_the_weak():
-    """Two of 64 SPADs in a nanosecond: background falls with the square of the light, and P_d is that of the draws."""
+    """Two of 64 SPADs in a nanosecond: background falls with the square of the light, and P_d is that of the draws:
+    4 standard errors of 2000.
+    """
     counter = photons.sensor("detector.coincidence=2", "histogram.shots=400")
-    light = photons.echoes_of(counter, 40.0, photons=30.0, count=4000, illuminance_klux=0.5)
+    light = photons.echoes_of(counter, 40.0, photons=30.0, count=2000, illuminance_klux=0.5)
     pixel = counter.pixel(light.background_power_w[:1])
     alone = photons.sensor("histogram.shots=400").pixel(light.background_power_w[:1])
     per_bin = float(alone.count_share[0])
@@ -305,7 +307,7 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     )
     found = photons.detected(counter, light)
     stop = found.stops[0]
-    assert photons.echo_of(stop).mean() == pytest.approx(float(found.detection_probability[0]), abs=0.03)
+    assert photons.echo_of(stop).mean() == pytest.approx(float(found.detection_probability[0]), abs=0.045)
     assert stop.photons.mean() == pytest.approx(30.0, rel=0.05)
 
 

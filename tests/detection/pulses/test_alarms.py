@@ -17,10 +17,10 @@ HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 def test_false_alarms_by_what_is_kept(keep):
     """Alarms in an empty window against brute force: a Poisson number, even times, exponential heights.
 
-    Means of time and excess of the kept ones over 40 000 pulses, z-tests at 1e-4 each.
+    Means of time and excess of the kept ones over 12 000 pulses, z-tests at 1e-4 each.
     """
     equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", f"tdc.keep='{keep}'")
-    count = 40_000
+    count = 12_000
     found = detect(train(np.full((count, 1), 50.0), np.zeros((count, 1))), equipped, seed=4)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     threshold = float(equipped.threshold(point)[0])

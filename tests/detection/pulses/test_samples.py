@@ -56,8 +56,8 @@ def test_noise_of_samples_in_a_row(bandwidth_mhz):
     """A pole of bandwidth B keeps rho = exp(-2 pi B / rate) of a sample's noise for the next one.
 
     Reference: the variance that samples with correlations rho^|i - j| and the weights g / sum(g^2) have, and the range
-    with the slope's weights; 6 % for 20 000 shots and samples that are cut at four pulse widths. White noise would be
-    off by 30 % and more.
+    with the slope's weights; 6 % for 8000 shots (0.8 %) and samples that are cut at four pulse widths. White noise
+    would be off by 30 % and more.
     """
     snr, options = 200.0, [f"tdc.bandwidth_mhz={bandwidth_mhz}", *WHITE[1:], *ADC]
     error_m, amplitude, _ = readings(snr, *options)

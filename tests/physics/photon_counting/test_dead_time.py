@@ -64,8 +64,7 @@ def test_first_photons_die_with_the_range():
     np.testing.assert_allclose(share / share[0], free, rtol=1e-9)
 
 
-@pytest.mark.parametrize("mean", [0.5, 2.0])
-@pytest.mark.parametrize("dead_ns", [9.0, 8.7, math.inf])
+@pytest.mark.parametrize(("dead_ns", "mean"), [(9.0, 0.5), (9.0, 2.0), (8.7, 2.0), (math.inf, 2.0)])
 def test_coates_correction_gives_the_light_back(mean, dead_ns):
     """An echo of up to two detections a shot on a background of 0.01 per ns: bias below 1 %.
 

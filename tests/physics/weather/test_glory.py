@@ -29,7 +29,7 @@ def by_angular_functions(diameter_m: float, angle_rad: float) -> float:
     return 0.5 * (abs(s1) ** 2 + abs(s2) ** 2) * (WAVELENGTH_M / (2.0 * math.pi)) ** 2
 
 
-@pytest.mark.parametrize("diameter_m", [0.1e-3, 0.2e-3, 0.413e-3])
+@pytest.mark.parametrize("diameter_m", [0.1e-3, 0.413e-3])
 def test_brightness_near_straight_back(diameter_m: float) -> None:
     """Tolerance: the small angles of the Bessel functions and their table, 0.3 % of the brightness straight back."""
     places = np.array([0.0, 1.0, 2.5, 5.0, 12.0])
@@ -56,8 +56,8 @@ def test_straight_back_is_the_radar_cross_section() -> None:
 def test_bessel_functions() -> None:
     at = np.arange(0.0, 60.0, glory._STEP)
     j0, j2 = glory._bessel(60.0)
-    assert j0 == pytest.approx(jv(0, at), abs=1e-12)
-    assert j2 == pytest.approx(jv(2, at), abs=1e-12)
+    np.testing.assert_allclose(j0, jv(0, at), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(j2, jv(2, at), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,14 @@ from lidarscene.physics.weather import mie
 
 
 def by_bessel_functions(x, m):
-    """Q_ext and Q_back from scipy's Bessel functions and their derivatives, one sphere at a time."""
-    n = np.arange(1, int(x + 4.05 * np.cbrt(x) + 2) + 1)
-    psi, xi = (x * f for f in (spherical_jn(n, x), spherical_jn(n, x) + 1j * spherical_yn(n, x)))
-    slope = spherical_jn(n, x, derivative=True) + 1j * spherical_yn(n, x, derivative=True)
-    psi_slope, xi_slope = psi / x + x * slope.real, xi / x + x * slope
-    inside = m * x * spherical_jn(n, m * x)
-    inside_slope = spherical_jn(n, m * x) + m * x * spherical_jn(n, m * x, derivative=True)
+    """Q_ext and Q_back from scipy's Bessel functions, one sphere at a time."""
+    from_0 = np.arange(int(x + 4.05 * np.cbrt(x) + 2) + 1)
+    n = from_0[1:]
+    outer, inner = spherical_jn(from_0, x) + 1j * spherical_yn(from_0, x), spherical_jn(from_0, m * x)
+    # d(z f_n(z))/dz = z f_(n-1)(z) - n f_n(z)
+    xi, xi_slope = x * outer[1:], x * outer[:-1] - n * outer[1:]
+    psi, psi_slope = xi.real, xi_slope.real
+    inside, inside_slope = m * x * inner[1:], m * x * inner[:-1] - n * inner[1:]
     a = (m * inside * psi_slope - psi * inside_slope) / (m * inside * xi_slope - xi * inside_slope)
     b = (inside * psi_slope - m * psi * inside_slope) / (inside * xi_slope - m * xi * inside_slope)
     extinction = 2 / x**2 * ((2 * n + 1) * (a + b).real).sum()

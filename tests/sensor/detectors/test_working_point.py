@@ -36,10 +36,9 @@ def test_counted_cells_by_scipy():
     for background_w in (1e-10, 2.5e-8):
         point = sensor.working_point(np.array([background_w]))
         busy = float(point.busy[0])
-        for count in np.arange(math.ceil(busy) + 1, math.ceil(busy) + 12):
-            for level in (count - 0.75, count - 0.5, count - 0.25, float(count)):
-                threshold = np.array([level - busy])
-                alarm = point.false_alarm_probability(threshold)[0]
-                assert alarm == pytest.approx(binom.sf(count - 1, 400, busy / 400), rel=1e-6)
-                found = point.detection_probability(threshold, np.array([20.0]), None)[0]
-                assert found == pytest.approx(binom.sf(count - 1, 400, (busy + 20.0) / 400), rel=1e-6)
+        count = np.repeat(np.arange(math.ceil(busy) + 1, math.ceil(busy) + 12), 4)
+        threshold = count - np.tile([0.75, 0.5, 0.25, 0.0], 11) - busy
+        alarm = point.false_alarm_probability(threshold)
+        np.testing.assert_allclose(alarm, binom.sf(count - 1, 400, busy / 400), rtol=1e-6)
+        found = point.detection_probability(threshold, np.array([20.0]), None)
+        np.testing.assert_allclose(found, binom.sf(count - 1, 400, (busy + 20.0) / 400), rtol=1e-6)

@@ -146,8 +146,9 @@ def test_all_shots_of_a_point_count_in_the_mean() -> None:
 )
 def test_no_verdict_of_a_laser_that_is_not_known(source: dict[str, str], judged: bool) -> None:
     """Neither with a margin below one nor with one far above it."""
+    coarse = replace(TABLE_1.scanner, azimuth_step_rad=0.02, elevation_step_rad=0.02, columns=31, rows=31)
     for power, verdict in ((45.0, "not class 1"), (0.1, "class 1")):
-        sensor = replace(with_laser(peak_power_w=power), sources=source)
+        sensor = replace(with_laser(peak_power_w=power), sources=source, scanner=coarse)
         report = eye_safety_report(sensor)
         assert report.verdict == (verdict if judged else "not judged")
         assert report.is_class_1 == ((verdict == "class 1") if judged else None)

@@ -65,7 +65,7 @@ def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
     area = cells.square_degrees(np.arange(cells.count))
     assert area.sum() == pytest.approx(129600.0 / math.pi, rel=1e-9)
     _, elevation = cells.middle_deg(np.arange(cells.count))
-    assert area[np.abs(elevation) < 45.0] == pytest.approx(size**2, rel=0.02)
+    np.testing.assert_allclose(area[np.abs(elevation) < 45.0], size**2, rtol=0.02)
 
 
 def test_a_cell_holds_its_middle():
@@ -167,7 +167,7 @@ def test_coverage_of_the_mid40_does_not_hang_on_the_mask(covered_by_mid40):
 def test_point_rate_and_plateau_of_the_vlp16():
     """289 352 points a second by the manual; 16 lines plateau at about 14 % by Livox."""
     assert pattern.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
-    first, last = studied(vlp16(), Cells.of_size(0.28), 1.0).coverage(np.array([0.101, 1.0]))
+    first, last = studied(vlp16(), Cells.of_size(0.28), 0.3).coverage(np.array([0.101, 0.3]))
     assert last == first
     assert first == pytest.approx(0.14, abs=0.015)
     says("fov.md", "{} % covered at {} degrees, where Livox", 100.0 * first, 0.28)
@@ -203,7 +203,7 @@ def equipped(scanner, **changes):
 
 def test_range_map_is_the_range_at_each_cells_aperture():
     sensor = equipped(mid40())
-    found = studied(sensor.scanner, Cells.of_size(0.5), 1.0)
+    found = studied(sensor.scanner, Cells.of_size(0.5), 0.3)
     limit = reach.range_map_m(sensor, found, Target())
     seen = np.flatnonzero(np.isfinite(found.share))
     for place in seen[:: len(seen) // 5]:

@@ -8,7 +8,7 @@ import pytest
 from lidarscene import load_sensor
 from lidarscene.errors import InputError
 from lidarscene.physics.electronics import range_limit
-from lidarscene.studies.ranging import derivatives, gain, plane, sensitivities, statistics
+from lidarscene.studies.ranging import derivatives, gain, plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
@@ -30,10 +30,6 @@ def limit_m(sensor, target):
     return float(plane.maximum_range_m(sensor, target)[0])
 
 
-def moved(sensor, target, name, value):
-    return sensitivities.with_parameters(sensor, target, {name: value})
-
-
 @pytest.fixture(scope="module")
 def slopes():
     """Slopes by fourth-order central differences, of the range by root finding and of P_d, by parameter.
@@ -44,21 +40,23 @@ def slopes():
 
     def of(sensor, target, distance, values):
         case = id(sensor), id(target)  # of `EVERY`, which keeps them
-        for name, value in values.items():
-            if (*case, name) not in known:
+        if case not in known:
+            known[case] = {}
+            for name, value in values.items():
                 step = 1e-3 * abs(value) or {"extinction_per_m": 1e-7}.get(name.partition(".")[2], 1e-5)
                 if name.endswith("current_a") and not value:
                     step = 1e-12
-                both = []
-                for measure in (limit_m, lambda s, t: statistics.detection_probability(s, t, distance)):
-                    one, two = (
-                        measure(*moved(sensor, target, name, value + n * step))
-                        - measure(*moved(sensor, target, name, value - n * step))
-                        for n in (1.0, 2.0)
-                    )
-                    both.append((8.0 * one - two) / (12.0 * step))
-                known[*case, name] = (*both, abs(value) or step)
-        return {name: known[*case, name] for name in values}
+                places = value + step * np.array([-2.0, -1.0, 1.0, 2.0])
+                changed = sensitivities.with_parameters(sensor, target, {name: places})
+                reach, found = (
+                    plane.maximum_range_m(*changed)[0],
+                    plane.detection_probability(*changed, distance),
+                )
+                of_range, of_detection = (
+                    at @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for at in (reach, found)
+                )
+                known[case][name] = of_range, of_detection, abs(value) or step
+        return known[case]
 
     return of
 
@@ -199,12 +197,10 @@ def test_report_says_when_it_is_exact(mi):
     assert "exact, by Dr.Jit" in sensitivities.report_text(APD, Target())
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_tornado(tmp_path, suffix):
-    path = tmp_path / f"tornado.{suffix}"
+def test_tornado(tmp_path, rough_charts):
+    path, again = tmp_path / "tornado.svg", tmp_path / "again.svg"
     sensitivities.tornado(path, SIPM, Target(), method="differences")
-    assert path.read_bytes().startswith(b"\x89PNG" if suffix == "png" else b"<?xml")
-    again = tmp_path / f"again.{suffix}"
+    assert path.read_bytes().startswith(b"<?xml")
     sensitivities.tornado(again, SIPM, Target(), method="differences")
     assert again.read_bytes() == path.read_bytes()
 

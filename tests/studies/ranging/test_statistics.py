@@ -80,7 +80,7 @@ def test_correct_probability_by_shots(tnr, tail):
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
     limit = float(plane.maximum_range_m(sensor, Target())[0])
     sensor = statistics.end_of_window(sensor, limit)
-    found = statistics.simulated_shots(sensor, Target(), limit, shots=200_000, seed=3)
+    found = statistics.simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
     p_false = statistics.false_alarm_probability(sensor, Target())
     comparisons = float(sensor.tdc.window_s) * 167e6
     expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
@@ -145,7 +145,7 @@ def test_false_points_per_frame(range_m, blanking_ns, stops):
     end of the blanking before and after the echo of 150 m, which comes after 1000 ns.
     """
     sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}", f"tdc.blanking_ns={blanking_ns}")
-    shots = 150_000
+    shots = 50_000
     found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)
     # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.

@@ -156,9 +156,10 @@ def test_rate_of_false_alarms(steps):
 
     A comparator that looks once in a dead time sees P_f B_w of (10); one that looks oftener sees more.
     """
-    shots, light = 30_000, Light(background_photons=200.0)
+    # No pulse, and so a short look for it.
+    shots, light = 12_000, Light(background_photons=200.0, pulse_fwhm_s=0.2e-9)
     x = 200.0 * 0.22 / 400 + 2007.0 * TAU
-    share, level = x / (1 + x), 20.0
+    share, level = x / (1 + x), 17.0
     found = measure(TABLE1, light, threshold=level, shots=shots, seed=6, steps=steps)
     least = math.ceil(400 * share + level)
     assert math.ceil(found.before + level) == least
@@ -202,8 +203,8 @@ def test_same_seed_same_shots():
 
 def test_recovery_weakens_and_the_engines_agree():
     """Both recoveries on, both engines: nothing is known in closed form but that they must agree."""
-    array = dataclasses.replace(TABLE1, recovery_s=4e-9, trigger_recovery_s=3e-9)
-    light = Light(background_photons=1000.0, signal_photons=1000.0, pulse_fwhm_s=6e-9)
+    array = dataclasses.replace(TABLE1, cells=200, recovery_s=4e-9, trigger_recovery_s=3e-9)
+    light = Light(background_photons=500.0, signal_photons=500.0, pulse_fwhm_s=6e-9)
     shots = 400
     window = {"start_s": -6e-9, "end_s": 3e-9, "shots": shots, "seed": 9}
     step = TAU / 4
@@ -219,8 +220,8 @@ def test_recovery_weakens_and_the_engines_agree():
     one, two = found
     agree(one.mean, two.mean, np.sqrt((one.variance + two.variance) / shots))
     agree(one.variance, two.variance, one.variance * math.sqrt(4 / shots))
-    x = 1000.0 * 0.22 / 400
-    assert one.mean[0] < 0.9 * 400 * x / (1 + x)
+    x = 500.0 * 0.22 / 200
+    assert one.mean[0] < 0.9 * 200 * x / (1 + x)
 
 
 def test_crosstalk_and_afterpulses_add_as_branching():
@@ -229,9 +230,7 @@ def test_crosstalk_and_afterpulses_add_as_branching():
     Every avalanche is followed by p_c + p_a others, so the mean grows by 1 / (1 - p_c - p_a), less the afterpulses
     that come in the dead time, exp(-tau / delay) of which survive.
     """
-    array = CellArray(
-        cells=1000, pde=0.5, dead_time_s=TAU, crosstalk=0.15, afterpulse=0.2, afterpulse_s=20e-9
-    )
+    array = CellArray(cells=400, pde=0.5, dead_time_s=TAU, crosstalk=0.15, afterpulse=0.2, afterpulse_s=20e-9)
     light = Light(background_photons=2.0)
     total, shots = 0, 5_000  # 4 errors are 5 %; 9 % are missing without avalanches of avalanches
     for _, avalanches in simulate(array, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=10):
@@ -239,16 +238,16 @@ def test_crosstalk_and_afterpulses_add_as_branching():
         total += int(np.count_nonzero(inside))
     survive = 0.2 * math.exp(-TAU / 20e-9)
     expected = 2.0 * shots / (1 - 0.15 - survive)
-    # Clusters of mean m: variance of the total about m^2 times that of a Poisson count. Cells are 99.7 % free.
+    # Clusters of mean m: variance of the total about m^2 times that of a Poisson count. Cells are 99.2 % free.
     error = math.sqrt(expected) / (1 - 0.15 - survive)
-    assert abs(total - expected) < 4 * error + 0.005 * expected
+    assert abs(total - expected) < 4 * error + 0.01 * expected
 
 
 def test_exponential_shape_sums_by_campbell():
     """Shot noise: mean rate times area, variance rate times the area of the square; dead time is negligible."""
     array = CellArray(cells=10_000, pde=1.0, dead_time_s=1e-9, shape="exponential", rise_s=2e-9, fall_s=10e-9)
     light = Light(background_photons=20.0)
-    shots = 2_000
+    shots = 800
     time_s, wave = all_outputs(array, light, start_s=0.0, end_s=0.0, shots=shots, seed=11)
     found = moments(time_s, wave)
     rate = 20.0 / 1e-9 / (1 + 20.0 / 10_000)

@@ -91,7 +91,7 @@ def test_limits_of_the_table():
 
 
 def test_table_1_against_events():
-    """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 2 %."""
+    """The sensor's working point and the shots themselves, at 100 m: mean within 4 errors, noise 3 % (4 errors)."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'")
     light = plane.echoes_of_plane(sensor, Target(), 100.0)
     point = sensor.working_point(light.background_power_w)
@@ -103,12 +103,12 @@ def test_table_1_against_events():
     )
     assert (background, arriving) == (pytest.approx(686.093, rel=1e-5), pytest.approx(2660.31, rel=1e-5))
     shown = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
-    shots = 10_000
+    shots = 4_000
     found = measure(CellArray.of(sensor.detector), shown, shots=shots, seed=21)
     signal = point.signal(light.peak_power_w)[0]
     assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
-    assert found.noise == pytest.approx(point.noise[0], rel=0.02)
-    assert found.snr == pytest.approx(24.23, abs=0.5)
+    assert found.noise == pytest.approx(point.noise[0], rel=0.03)
+    assert found.snr == pytest.approx(24.23, rel=0.03)
     assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
     assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
@@ -149,10 +149,13 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     assert found.detection_probability == pytest.approx(expected, abs=error + 0.015)
 
 
-def crosstalking(*keys):
+WEAK = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
+
+
+def crosstalking(*keys, light=WEAK):
     """Table 1 in the time domain with these keys: noise, cells busy before, signal and P_d of a weak pulse."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", "detector.cell_floor=1", *keys)
-    point, power = working_point(sensor, background=[686.093], signal=[311.96])
+    point, power = working_point(sensor, background=[light.background_photons], signal=[light.signal_photons])
     signal = point.signal(power)
     sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
     found = point.detection_probability(sensor.threshold(point), signal, sigma)
@@ -162,20 +165,20 @@ def crosstalking(*keys):
 @pytest.mark.parametrize(
     ("keys", "options", "shots"),
     [
-        (["detector.crosstalk=0.25"], {"crosstalk": 0.25}, 700),
-        (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 300),
+        (["detector.crosstalk=0.25"], {"crosstalk": 0.25}, 1000),
+        (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 600),
     ],
     ids=["crosstalk", "afterpulses"],
 )  # fmt: skip
 def test_cells_that_fire_others_by_events(keys, options, shots):
-    """(T20a) to (T20c) against avalanches one by one.
+    """(T20a) to (T20c) against avalanches one by one, of a quarter of the cells, since each is a step.
 
     Tolerances: 1 % of the cells busy before; of noise and P_d four errors of so many shots, watched for 20 dead times
-    each tenth. Without the keys they are off by 12 %, 17 % and 0.28 (crosstalk) or 8 % of the cells (afterpulses).
+    each tenth. Without the keys they are off by 12 %, 17 % and 0.33 (crosstalk) or 8 % of the cells (afterpulses).
     """
-    noise, busy, signal, p_detect = crosstalking(*keys)
-    array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0, **options)
-    light = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
+    light = Light(background_photons=0.25 * 686.093, signal_photons=140.0, pulse_fwhm_s=6e-9)
+    noise, busy, signal, p_detect = crosstalking("detector.cells=100", *keys, light=light)
+    array = CellArray(cells=100, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0, **options)
     found = measure(array, light, shots=shots, seed=3)
     assert found.before == pytest.approx(busy, rel=0.01)
     assert found.noise == pytest.approx(noise, rel=2.0 / math.sqrt(shots))
@@ -213,13 +216,14 @@ def test_light_with_crosstalk_and_back():
 
 
 def test_published_error_by_events():
-    """The table of docs/sipm.md at some of its points by events: 3 points in 100, of 2,500 shots.
+    """The table of docs/sipm.md at some of its points by events: 3 points in 100, of 2,500 shots. Wide pulses on
+    strong light, the dearest, are left to `test_the_count_is_binomial_all_along_the_pulse`.
 
     Of two such points together the noise is good to 1 %.
     """
     array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
-    grid = {"background_photons": [50.0, 2000.0], "signal_photons": [2660.31, 10000.0]}
-    for ratio in (0.5, 1.9):
+    for ratio, backgrounds in ((0.5, [50.0, 686.093]), (1.9, [50.0])):
+        grid = {"background_photons": backgrounds, "signal_photons": [500.0, 2660.31]}
         table = response_by_events(array, **grid, pulse_fwhm_s=ratio * 6e-9, shots=2_500, seed=30)
         exact = response_by_equation(array, **grid, pulse_fwhm_s=ratio * 6e-9)
         by_events = error_of_published_snr(array, table)

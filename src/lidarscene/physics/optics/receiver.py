@@ -88,10 +88,11 @@ def gaussian_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: La
     r, d = circle_radius, distance
     wide = ops.maximum(ops.maximum(spot_radius, ops.sqrt(r * d) / _NARROWEST), 1e-3 * r + 1e-12)
     scale = 2.0 / (wide * wide)
+    mean, swing, least = r * r + d * d, 2.0 * r * d, 1e-12 * (wide * wide)
     total: Lanes = 0.0
     for k in range(_BOUNDARY):
         cosine = math.cos(math.pi * (k + 0.5) / _BOUNDARY)
-        square = ops.maximum(r * r + d * d + 2.0 * r * d * cosine, 1e-12 * (wide * wide))
+        square = ops.maximum(mean + swing * cosine, least)
         total = total - expm1(-scale * square) / square * (r * (r + d * cosine))
     return ops.minimum(ops.maximum(total / _BOUNDARY, 0.0), 1.0)
 

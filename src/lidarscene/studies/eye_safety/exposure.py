@@ -56,9 +56,7 @@ class PulseTrain:
         """Shortest time from the first to the last of this many consecutive pulses."""
         periods, rest = divmod(pulses - 1, self.per_period)
         twice = np.concatenate([self.time_s, self.time_s + self.period_s])
-        return float(
-            periods * self.period_s + (twice[rest:] - twice[: len(twice) - rest])[: self.per_period].min()
-        )
+        return float(periods * self.period_s + (twice[rest : rest + self.per_period] - self.time_s).min())
 
     def most_within(self, duration_s: float) -> int:
         """Most pulses that start within a window of this duration, open at its end (minus 1e-9, for rounding)."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
 from lidarscene.errors import InputError
@@ -38,7 +39,9 @@ def fitted(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[s
     recording, scene, _ = made
     folder = tmp_path_factory.mktemp("found")
     given = Given(recordings=[recording], scene=scene)
-    text, passed = fit_on_scene(given, folder / "unit.toml", folder / "report", as_json=True)
+    with pytest.MonkeyPatch.context() as patch:
+        draw_roughly(patch)
+        text, passed = fit_on_scene(given, folder / "unit.toml", folder / "report", as_json=True)
     return json.loads(text), folder, passed
 
 
