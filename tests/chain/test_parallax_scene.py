@@ -10,7 +10,7 @@ from helpers import chain
 from helpers.documentation import says
 from scipy.optimize import brentq
 
-from lidarscene import load_scene, render
+from lidarscene import Simulator, load_scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -24,15 +24,27 @@ RAYS = 400_000
 
 
 @pytest.fixture(scope="module")
-def clouds():
-    return render(SCENE), render(SCENE, overrides=[COAXIAL])
+def compiled():
+    """The scene and its world."""
+    scene = load_scene(SCENE)
+    return scene, Simulator(scene).world
 
 
 @pytest.fixture(scope="module")
-def lanes():
-    """Every beam's light, without noise."""
+def clouds(compiled):
+    scene, world = compiled
     return [
-        chain.run(load_scene(SCENE), chain.sensor("biaxial-905", "tdc.stops=1", *extra))
+        Simulator(scene, chain.sensor("biaxial-905", *extra), world=world).render()
+        for extra in ((), (COAXIAL,))
+    ]
+
+
+@pytest.fixture(scope="module")
+def lanes(compiled):
+    """Every beam's light, without noise."""
+    scene, world = compiled
+    return [
+        chain.run(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world)
         for extra in ((), (COAXIAL,))
     ]
 

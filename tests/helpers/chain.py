@@ -84,14 +84,17 @@ class Lanes:
     light_of_ways: Any
 
 
-def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glints=False, **tracing) -> Lanes:
+def run(
+    described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, world=None, glints=False, **tracing
+) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
 
+    world   of the scene, if there is one already
     glints  whether panes and mirrors may throw beams back, as in `Simulator`
     """
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)
-    world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
+    world = world or build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
     on_device = transfer.opaque(equipped)
     pulse = transfer.counter(0, equipped.scanner.pulses)
     rotation = transfer.opaque(tuple(float(x) for x in place.rotation.ravel()))
