@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,7 @@ def coefficients():
     return more * alpha, more * beta
 
 
+@cache
 def fog_light():
     """(range, power) of what the pulse meets of the fog, at the time of each range; the sum over its width."""
     alpha, beta = coefficients()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import launches
+from helpers.panes import MATERIALS, pane
 from helpers.traffic import traffic
 
 from lidarscene import load_scene, load_sensor
@@ -27,7 +28,7 @@ SCENES = Path(__file__).parents[3] / "scenes"
 COARSE = ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-4")
 CASES = {
-    "drive": ("drive", "table1-apd", ()),
+    "on the move": ("traffic", "table1-apd", ()),
     "several rays on the move": ("traffic", "table1-apd", (), {"rays": 3, "interactions": 0}),
     "glass": ("glass", "table1-apd", ()),
     "several rays": ("glass", "table1-apd", (), {"rays": 2}),
@@ -44,10 +45,18 @@ CASES = {
 """Those of one scene follow each other."""
 
 
+def glazed(scene):
+    """With a pane before the sensor that drives along."""
+    glass = pane(6.0, 30.0)
+    moving = dataclasses.replace(glass, motion=dataclasses.replace(scene.ego, start=glass.pose))
+    materials = {**scene.materials, **{one.name: one for one in MATERIALS}}
+    return dataclasses.replace(scene, bodies=(*scene.bodies, moving), materials=materials)
+
+
 @lru_cache(maxsize=1)
 def compiled(name):
     """A scene and its world, which is kept for the next case."""
-    scene = traffic() if name == "traffic" else load_scene(SCENES / f"{name}.toml")
+    scene = glazed(traffic()) if name == "traffic" else load_scene(SCENES / f"{name}.toml")
     # In clear air: to tabulate the light of fog or rain takes longer than to compile the world.
     return scene, Simulator(dataclasses.replace(scene, air=Air()), load_sensor("table1-apd")).world
 
