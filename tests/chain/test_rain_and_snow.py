@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import drops
 from helpers.documentation import says
 from scipy.constants import c
 from scipy.fft import irfft, next_fast_len, rfft
@@ -18,7 +19,7 @@ from lidarscene.detection.outcomes import Status
 from lidarscene.light import air_light
 from lidarscene.maths.pose import Pose
 from lidarscene.physics.optics import receiver
-from lidarscene.physics.weather import glory, precipitation
+from lidarscene.physics.weather import precipitation
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.weather import Weather
 
@@ -38,9 +39,7 @@ SIGMAS = norm.isf(1e-4 / 2.0)  # of a test
 def without_glory():
     """Drops as bright as their two faces, sigma growing as D^2, so that counts have a form of their own here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            glory, "gain", lambda *, diameter_m, within_rad, **_: np.ones_like(diameter_m * within_rad)
-        )
+        drops.as_bright_as_their_faces(patch)
         yield
 
 

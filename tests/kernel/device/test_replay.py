@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import launches
+from helpers import drops, launches
 from helpers.panes import MATERIALS, pane
 from helpers.traffic import traffic
 
@@ -17,7 +17,6 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.maths.pose import Pose
-from lidarscene.physics.weather import glory
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import Chain
 from lidarscene.scene.model import Air
@@ -83,10 +82,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     launches the kernels that it has.
     """
     scene_name, sensor_name, overrides, *options = CASES[case]
-    # Drops as bright as their two faces: to compute what they are takes longer than all frames here.
-    monkeypatch.setattr(
-        glory, "gain", lambda *, diameter_m, within_rad, **_: 1.0 + 0.0 * diameter_m * within_rad
-    )
+    drops.as_bright_as_their_faces(monkeypatch)
     scene, world = compiled(scene_name)
     sensor = load_sensor(sensor_name, overrides=[*COARSE, *overrides])
     how = dict(*options)
