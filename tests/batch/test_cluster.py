@@ -79,12 +79,13 @@ def _is_whole(file: Path) -> bool:
 
 
 @pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Standing]]:
-    """Starts a scheduler; no process of it lives after this module."""
+def _started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Standing]]:
+    """Gives the scheduler of this module, or a new one if it is dead; no process of it lives after this module."""
     started: list[Standing] = []
 
     def one() -> Standing:
-        started.append(Standing(tmp_path_factory.mktemp("dask")))
+        if not (started and started[-1].runs):
+            started.append(Standing(tmp_path_factory.mktemp("dask")))
         return started[-1]
 
     yield one
@@ -92,72 +93,21 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Sta
         standing.end(0)
 
 
-@pytest.fixture(scope="module")
-def bare(start: Callable[[], Standing]) -> Standing:
+@pytest.fixture
+def bare(_started: Callable[[], Standing]) -> Standing:
     """Without workers."""
-    return start()
+    standing = _started()
+    standing.end(1)
+    return standing
 
 
 @pytest.fixture
-def equipped(start: Callable[[], Standing], _known: list[Standing]) -> Standing:
-    """With two workers: the same for all tests until one of them kills it."""
-    if not (_known and _known[-1].runs):
-        _known.append(start())
-        _known[-1].start_workers(2)
-    return _known[-1]
-
-
-@pytest.fixture(scope="module")
-def _known() -> list[Standing]:
-    return []
-
-
-def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, capsys: Printed) -> None:
-    """Two workers, started by hand, by address; then once more, when nothing is left to do."""
-    out = tmp_path / "out"
-    argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", equipped.address]
-    assert main.main(argv) == 0
-    first = capsys.readouterr()
-    assert "dashboard     http://127.0.0.1:" in first.err
-    assert main.main(argv) == 0
-    again = json.loads(capsys.readouterr().out)
-    assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
-    assert [again[name] for name in ("rendered", "reused")] == [0, 4]
-    for task in Job.read(job_file).tasks():
-        alone = tmp_path / "alone.ply"
-        changes = [f"--scene-set={one}" for one in task.scene.overrides]
-        changes += [f"--set={one}" for one in task.sensor.overrides]
-        assert (
-            main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes])
-            == 0
-        )
-        (written,) = out.rglob(f"{task.key}.ply")
-        assert written.read_bytes() == alone.read_bytes()
-
-
-def test_a_scheduler_that_dies(
-    equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
-) -> None:
-    """SIGKILL after the third frame of twenty: one line; with a new scheduler the rest is rendered, and no more."""
-    path = write_job(tmp_path, step=0.2)
-    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 10"))
-    job, out = Job.read(path), tmp_path / "out"
-
-    def kill(progress: Progress, *_: object) -> None:
-        if progress.rendered == 3:
-            equipped.processes[0].kill()
-
-    with pytest.raises(
-        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 20 frames were done"
-    ) as told:
-        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
-    assert "\n" not in str(told.value)
-    assert capfd.readouterr().err == ""
-    equipped.end(0)
-    done = len(list(out.rglob("*.json")))
-    assert 3 <= done < 20
-    progress = run_job(job, out, connect=threads)
-    assert (progress.reused, progress.rendered, progress.failed) == (done, 20 - done, {})
+def equipped(_started: Callable[[], Standing]) -> Standing:
+    """With a worker: the same for all tests until one of them kills it."""
+    standing = _started()
+    if len(standing.processes) == 1:
+        standing.start_workers(1)
+    return standing
 
 
 @pytest.mark.parametrize(
@@ -185,12 +135,63 @@ def test_workers_that_do_not_fit(
     assert list((tmp_path / "out").rglob("*.ply")) == []
 
 
+def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, capsys: Printed) -> None:
+    """A worker, started by hand, by address; then once more, when nothing is left to do."""
+    out = tmp_path / "out"
+    argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", equipped.address]
+    assert main.main(argv) == 0
+    first = capsys.readouterr()
+    assert "dashboard     http://127.0.0.1:" in first.err
+    assert main.main(argv) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
+    assert [again[name] for name in ("rendered", "reused")] == [0, 4]
+    for task in Job.read(job_file).tasks():
+        alone = tmp_path / "alone.ply"
+        changes = [f"--scene-set={one}" for one in task.scene.overrides]
+        changes += [f"--set={one}" for one in task.sensor.overrides]
+        assert (
+            main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes])
+            == 0
+        )
+        (written,) = out.rglob(f"{task.key}.ply")
+        assert written.read_bytes() == alone.read_bytes()
+
+
+def test_a_scheduler_that_dies(
+    equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
+) -> None:
+    """SIGKILL after the third frame of ten: one line; with a new scheduler the rest is rendered, and no more.
+
+    Of the ten the worker has eight by then at most: each bundle is half of what is left.
+    """
+    path = write_job(tmp_path, step=0.4)
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 5"))
+    job, out = Job.read(path), tmp_path / "out"
+
+    def kill(progress: Progress, *_: object) -> None:
+        if progress.rendered == 3:
+            equipped.processes[0].kill()
+
+    with pytest.raises(
+        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done"
+    ) as told:
+        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
+    assert "\n" not in str(told.value)
+    assert capfd.readouterr().err == ""
+    equipped.end(0)
+    done = len(list(out.rglob("*.json")))
+    assert 3 <= done < 10
+    progress = run_job(job, out, connect=threads)
+    assert (progress.reused, progress.rendered, progress.failed) == (done, 10 - done, {})
+
+
 @pytest.mark.parametrize("listens", [True, False], ids=["another program", "nobody"])
 def test_a_wrong_address(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, listens: bool
 ) -> None:
     """One line, also where something listens that never answers, for which Dask alone would wait for ever."""
-    monkeypatch.setattr(cluster, "PATIENCE_S", 1)
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.4)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         if listens:
@@ -198,7 +199,7 @@ def test_a_wrong_address(
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
     told = capsys.readouterr().err
-    # A machine that is busy may spend the second before the first refusal comes.
+    # A machine that is busy may spend this before the first refusal comes.
     reasons = ("no answer\n",) if listens else ("Connection refused\n", "no answer\n")
     assert told.startswith(f"lidarscene: error: --scheduler {address}: no Dask scheduler answers there: ")
     assert told.endswith(reasons)

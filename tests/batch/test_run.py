@@ -28,9 +28,9 @@ WriteJob = Callable[..., Path]
 
 @pytest.fixture
 def long_job(write_job: WriteJob, tmp_path: Path) -> Path:
-    """Twenty frames of 20 301 beams: long enough to be killed among them."""
-    path = write_job(tmp_path, step=0.2)
-    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 10"))
+    """Ten frames of 5 151 beams, given out one or two at a time: enough to be killed among them."""
+    path = write_job(tmp_path, step=0.4)
+    path.write_text(path.read_text().replace("seeds = [0, 7]", "seed_count = 5"))
     return path
 
 
@@ -59,20 +59,20 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
     progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, told=kill)
     assert len(killed) == 1
     # A frame that the worker had written, but not told of, is found when it is asked for again.
-    assert (progress.rendered + progress.reused, progress.failed) == (20, {})
-    assert progress.rendered >= 15
-    assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 20
+    assert (progress.rendered + progress.reused, progress.failed) == (10, {})
+    assert progress.rendered >= 5
+    assert run_job(job, tmp_path / "calm", connect=lambda: nullcontext(client), threads=1).rendered == 10
     assert clouds(tmp_path / "killed") == clouds(tmp_path / "calm")
 
 
 def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Path) -> None:
     """SIGKILL to the command after some frames: its worker ends with it, and the next run does the rest only.
 
-    The first has 2,000 seeds, so that it cannot be done before the kill; of the ten of the second it begins with one
+    The first has 2,000 seeds, so that it cannot be done before the kill; of the five of the second it begins with one
     half, those of the first sun.
     """
     out, text = tmp_path / "out", long_job.read_text()
-    long_job.write_text(text.replace("seed_count = 10", "seed_count = 2000"))
+    long_job.write_text(text.replace("seed_count = 5", "seed_count = 2000"))
     command = [
         sys.executable,
         "-m",
@@ -99,9 +99,9 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
         times(out),
         sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()),
     )
-    assert 3 <= done <= 10
+    assert 3 <= done <= 5
     second = run_job(Job.read(long_job), out, connect=lambda: nullcontext(client), threads=1)
-    assert (second.frames, second.reused, second.rendered, second.failed) == (20, done, 20 - done, {})
+    assert (second.frames, second.reused, second.rendered, second.failed) == (10, done, 10 - done, {})
     after = times(out)
     assert sum(after[name] == when for name, when in before.items()) >= done
     assert all_done(Job.read(long_job), out)
@@ -240,6 +240,7 @@ def test_a_bundle_that_fails_is_taken_apart(
 ) -> None:
     """Rationale: frames are given out several at a time, and one that kills its worker must not take others along."""
     given, submit = [], run._Given.submit
+    long_job.write_text(long_job.read_text().replace("seed_count = 5", "seed_count = 10"))
 
     def counted(self: Any, bundle: list[FrameTask]) -> None:
         given.append(len(bundle))

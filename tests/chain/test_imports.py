@@ -1,4 +1,7 @@
-"""The architecture: which folder may import which, and what `import lidarscene` may cost."""
+"""The architecture: which folder may import which, what signatures say, and what `import lidarscene` may cost.
+
+Both are asked here because to parse all files takes longest.
+"""
 
 import ast
 import itertools
@@ -8,6 +11,8 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+import lidarscene
 
 SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
 PACKAGE = "lidarscene"
@@ -50,6 +55,12 @@ MAY_IMPORT = {
     "distributed": ("batch",),
 }
 
+CHAIN = ("light", "detection", "physics", "scan", "kernel", "rendering")
+"""Folders whose annotations mean something."""
+
+LARGEST_SHARE_OF_ANY = 0.05
+MOST_PARAMETERS = 7
+
 HEAVY = (
     "numpy", "mitsuba", "drjit", "open3d", "matplotlib", "pandas", "pvlib", "trimesh", "distributed", "pyarrow",
     "pydantic",
@@ -69,8 +80,14 @@ def room(module: str) -> str:
 
 @cache
 def nodes(code: str) -> tuple[ast.AST, ...]:
-    """Of its syntax tree; parsed once for all tests."""
-    return tuple(ast.walk(ast.parse(code)))
+    """Those of its syntax tree that are asked for below; parsed once for all tests."""
+    kinds = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.Assign, ast.AnnAssign)
+    return tuple(
+        node
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, kinds)
+        or (isinstance(node, ast.Constant) and isinstance(node.value, str) and PACKAGE in node.value)
+    )
 
 
 def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
@@ -125,6 +142,7 @@ def problems(sources: dict[Path, str]) -> list[str]:
     return found
 
 
+@cache
 def sources() -> dict[Path, str]:
     """The code of the package by file."""
     return {
@@ -198,24 +216,99 @@ def test_only_the_named_files_import(library: str) -> None:
             assert library not in {name.split(".")[0] for name in names}, f"{file} must not import {library}"
 
 
-@pytest.mark.parametrize("module", ["lidarscene", "lidarscene.cli.main"])
-def test_import_is_light(module: str, run_python) -> None:
-    """Rationale: `import lidarscene` needs no LLVM, and `lidarscene --help` answers at once (NumPy: 0.2 s)."""
-    code = f"import sys, {module}; print(*(n for n in {HEAVY} if n in sys.modules))"
-    done = run_python(code)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == []
+def parameters(code: str) -> Iterator[tuple[str, list[ast.arg]]]:
+    """Place and parameters of every function, but for self and cls."""
+    for node in nodes(code):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = node.args
+            every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
+            taken = [one for one in every if one is not None and one.arg not in ("self", "cls")]
+            yield f"{node.lineno} {node.name}", taken
 
 
-def test_import_needs_no_llvm(run_python) -> None:
-    done = run_python("import lidarscene, lidarscene.cli.main", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+def test_no_function_takes_more_than_seven() -> None:
+    """What belongs together is one object."""
+    many = [
+        f"{file}:{place}: {len(taken)}"
+        for file, code in sources().items()
+        for place, taken in parameters(code)
+        if len(taken) > MOST_PARAMETERS
+    ]
+    assert many == []
+
+
+@pytest.mark.parametrize("code", [
+    "def f(a, b, c, d, e, f, g, h): pass",
+    "def f(a, b, c, d, *, e, f, g, h): pass",
+    "def f(a, /, b, c, d, e, f, *more, **options): pass",
+    "class A:\n    def f(self, a, b, c, d, e, f, g, h): pass",
+    "class A:\n    def __init__(self, a, b, c, d, e, f, g, h): pass",
+    "class A:\n    @classmethod\n    def of(cls, a, b, c, d, e, f, g, h): pass",
+    "if True:\n    async def f(a, b, c, d, e, f, g, h): pass",
+])  # fmt: skip
+def test_eight_are_found(code: str) -> None:
+    assert [len(taken) for _, taken in parameters(code)] == [8]
+
+
+def says_any(annotation: ast.expr) -> bool:
+    """Whether Any is part of an annotation, in quotation marks too."""
+    return any(
+        (isinstance(node, ast.Name) and node.id == "Any")
+        or (isinstance(node, ast.Attribute) and node.attr == "Any")
+        or (isinstance(node, ast.Constant) and isinstance(node.value, str) and "Any" in node.value)
+        for node in ast.walk(annotation)
+    )
+
+
+@pytest.mark.parametrize("folder", CHAIN)
+def test_few_parameters_are_any(folder: str) -> None:
+    annotated = [
+        (f"{file}:{place}: {one.arg}", one.annotation)
+        for file, code in sources().items()
+        if file.parts[0] == folder
+        for place, taken in parameters(code)
+        for one in taken
+        if one.annotation is not None
+    ]
+    loose = [place for place, annotation in annotated if says_any(annotation)]
+    assert len(annotated) > 100  # the folder is there
+    assert len(loose) <= LARGEST_SHARE_OF_ANY * len(annotated), "\n".join(loose)
+
+
+def test_any_has_no_other_name() -> None:
+    """An alias of Any, or of an array of anything, would hide it from the count above."""
+    hidden = []
+    for file, code in sources().items():
+        assert "np.ndarray[Any, Any]" not in code, f"{file}: must say `maths.arrays.Numbers`"
+        for node in nodes(code):
+            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+            if isinstance(value, ast.Name) and value.id == "Any":
+                hidden.append(f"{file}:{node.lineno}")
+    assert hidden == []
+
+
+def test_public_names_are_no_folders() -> None:
+    """Rationale: `import lidarscene.render` would hide the function of that name."""
+    folders = {path.name for path in SOURCE.iterdir() if path.is_dir()}
+    assert folders.isdisjoint(lidarscene.__all__)
+
+
+def test_import_is_light_and_every_public_name_can_be_had(run_python) -> None:
+    """Rationale: `import lidarscene` needs no LLVM, and `lidarscene --help` answers at once (NumPy: 0.2 s). Names that
+    come lazily are easily misspelt.
+    """
+    heavy = f"print(*(n for n in {HEAVY} if n in sys.modules), end='|')"
+    code = f"""
+import sys, lidarscene
+{heavy}
+import lidarscene.cli.main
+{heavy}
+for name in lidarscene.__all__:
+    getattr(lidarscene, name)
+"""
+    done = run_python(code, DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_every_public_name_can_be_had(run_python) -> None:
-    """Rationale: names that come lazily are easily misspelt."""
-    done = run_python("import lidarscene\nfor n in lidarscene.__all__: getattr(lidarscene, n)")
-    assert done.returncode == 0, done.stderr
+    assert done.stdout == "||"
 
 
 def test_tiers_name_each_folder_once() -> None:

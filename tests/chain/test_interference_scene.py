@@ -11,7 +11,7 @@ from helpers.documentation import says
 from scipy.constants import c
 from scipy.stats import kstest, norm
 
-from lidarscene import Simulator, load_scene, load_sensor
+from lidarscene import Simulator, load_scene
 from lidarscene.detection.outcomes import Outcome, Status
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -30,13 +30,20 @@ def tripping_hz():
 
 
 @pytest.fixture(scope="module")
-def frame():
-    return rendered(load_scene(SCENE), seed=0)
+def simulator():
+    """Function of changes of the scene: a simulator of it, in one world."""
+    scene = load_scene(SCENE)
+    first = Simulator(scene)
+    return lambda **changes: Simulator(replace(scene, **changes), first.sensor, world=first.world)
 
 
-def rendered(scene, *, seed):
+@pytest.fixture(scope="module")
+def frame(simulator):
+    return rendered(simulator(), seed=0)
+
+
+def rendered(simulator, *, seed):
     """Cloud, and outcome and ambient counts of every pulse."""
-    simulator = Simulator(scene, load_sensor(scene.sensor_name))
     outcomes, counts = np.zeros((2, simulator.sensor.scanner.pulses), int)
 
     def missed(pulse, outcome):
@@ -79,9 +86,9 @@ def test_false_points_know_nothing_of_our_clock(frame):
     assert kstest(cloud.range_m[of_the_sky(cloud)], before).pvalue > 1e-4
 
 
-def test_false_points_are_elsewhere_in_the_next_frame(frame):
+def test_false_points_are_elsewhere_in_the_next_frame(frame, simulator):
     """Beams with one in two frames: as many as two independent shares have in common."""
-    other, outcomes, _ = rendered(load_scene(SCENE), seed=1)
+    other, outcomes, _ = rendered(simulator(), seed=1)
     beams = np.sum(outcomes == Outcome.NO_SURFACE)
     first, second = (
         set(
@@ -109,17 +116,15 @@ def test_echoes_that_come_after_a_false_point_are_hidden(frame):
     says("gallery.md", "hide {} in 1000", 1e3 * hidden / echoes.sum())
 
 
-def test_headlights_in_the_ambient_counts(frame):
+def test_headlights_in_the_ambient_counts(frame, simulator):
     """Soil sends back E rho / pi; the lens takes pi phi^2 r_A^2 pi of it, at any angle and range. By hand in counts.
 
     Without lamps only the dark current counts. Tolerance: Poisson, and 1 % of the field of view, tan for the angle.
     """
     _, _, counts = frame
-    scene = load_scene(SCENE)
-    dark = rendered(replace(scene, lamps_w_m2=0.0), seed=0)[2]
-    simulator = Simulator(replace(scene, interferers=()), load_sensor(scene.sensor_name))
+    dark = rendered(simulator(lamps_w_m2=0.0), seed=0)[2]
     lanes = []
-    cloud = simulator.render(points=lambda pulse, surfaces: lanes.append((pulse, surfaces)))
+    cloud = simulator(interferers=()).render(points=lambda pulse, surfaces: lanes.append((pulse, surfaces)))
     soil = cloud.material == cloud.material_names.index("soil")
     pulses = np.concatenate([pulse for pulse, _ in lanes])[soil]
     field = math.atan(0.1 / 30.0)

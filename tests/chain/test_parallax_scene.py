@@ -1,6 +1,7 @@
 """The parallax scene: what two lenses 30 mm apart do not see of posts from 0.3 to 10 m, by geometry and by rays."""
 
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from helpers import chain
 from helpers.documentation import says
 from scipy.optimize import brentq
 
-from lidarscene import load_scene, render
+from lidarscene import Simulator, load_scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -23,15 +24,27 @@ RAYS = 400_000
 
 
 @pytest.fixture(scope="module")
-def clouds():
-    return render(SCENE), render(SCENE, overrides=[COAXIAL])
+def compiled():
+    """The scene and its world."""
+    scene = load_scene(SCENE)
+    return scene, Simulator(scene).world
 
 
 @pytest.fixture(scope="module")
-def lanes():
-    """Every beam's light, without noise."""
+def clouds(compiled):
+    scene, world = compiled
     return [
-        chain.run(load_scene(SCENE), chain.sensor("biaxial-905", "tdc.stops=1", *extra))
+        Simulator(scene, chain.sensor("biaxial-905", *extra), world=world).render()
+        for extra in ((), (COAXIAL,))
+    ]
+
+
+@pytest.fixture(scope="module")
+def lanes(compiled):
+    """Every beam's light, without noise."""
+    scene, world = compiled
+    return [
+        chain.run(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world)
         for extra in ((), (COAXIAL,))
     ]
 
@@ -91,15 +104,18 @@ def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes)
         assert abs(measured.mean() - apart / together) < (error + slope) / together
 
 
+@cache
+def discs():
+    """Points on two discs of radius 1, (x, y) of each."""
+    rng = np.random.default_rng(3)
+    polar = [(np.sqrt(rng.random(RAYS)), 2.0 * math.pi * rng.random(RAYS)) for _ in range(2)]
+    return [np.stack([r * np.cos(turn), r * np.sin(turn)]) for r, turn in polar]
+
+
 def counted(range_m, offset_m):
     """Share of the rays from the spot that meet the detector in the focal plane."""
-    rng = np.random.default_rng(3)
-
-    def disc(radius):
-        r, turn = radius * np.sqrt(rng.random(RAYS)), 2.0 * math.pi * rng.random(RAYS)
-        return r * np.cos(turn), r * np.sin(turn)
-
-    (x, y), (u, v) = disc(math.hypot(EXIT_M, SLOPE * range_m)), disc(APERTURE_M)
+    spot, lens = discs()
+    (x, y), (u, v) = math.hypot(EXIT_M, SLOPE * range_m) * spot, APERTURE_M * lens
     # A ray from (x + o, y) to (u, v) of a lens focused at infinity ends at f (x + o - u) / R in its focal plane.
     place = np.hypot((x + offset_m - u) / range_m, (y - v) / range_m) * FOCAL_M
     return np.mean(place <= DETECTOR_M)

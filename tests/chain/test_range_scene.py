@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain
 
-from lidarscene import Simulator, load_scene
+from lidarscene import Simulator, load_scene, load_sensor
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.studies.ranging import plane
@@ -17,16 +17,24 @@ pytestmark = pytest.mark.usefixtures("mi")
 SCENE = Path(__file__).parents[2] / "scenes" / "range.toml"
 
 
+@pytest.fixture(scope="module")
+def compiled():
+    """The scene and its world."""
+    scene = load_scene(SCENE)
+    return scene, Simulator(scene, load_sensor("table1-apd")).world
+
+
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
-def test_boards_of_the_range_scene(name):
+def test_boards_of_the_range_scene(name, compiled):
     """SNR of every board equals (19) or (27) where its middle is hit, and its kept share equals P_d.
 
     Beams off a board's middle see it a little farther and aslant: below 0.4 % in SNR. The share is tested to
     4 standard errors: a false-alarm rate of 6e-5 for each of the 20 boards.
     """
     sensor = chain.sensor(name, "scanner.azimuth_step_deg=0.05", "scanner.elevation_step_deg=0.05")
-    lanes = chain.run(load_scene(SCENE), sensor, seed=4)
-    cloud = Simulator(load_scene(SCENE), sensor).render(seed=4)
+    scene, world = compiled
+    lanes = chain.run(scene, sensor, seed=4, world=world)
+    cloud = Simulator(scene, sensor, world=world).render(seed=4)
     range_m, snr = lanes.hits.range_m, lanes.detection.snr
     seen = 0
     for rho in (0.1, 0.8):
@@ -49,10 +57,11 @@ def test_boards_of_the_range_scene(name):
     assert seen == np.count_nonzero(cloud.status == 0)
 
 
-def test_the_limit_of_table_1_lies_where_the_paper_has_it():
+def test_the_limit_of_table_1_lies_where_the_paper_has_it(compiled):
     """10 % boards: the APD keeps most at 300 m and few at 400 m (limit 350.6 m); 80 % boards to beyond 500 m."""
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1")
-    lanes = chain.run(load_scene(SCENE), sensor, seed=1)
+    scene, world = compiled
+    lanes = chain.run(scene, sensor, seed=1, world=world)
 
     def kept(rho, board_m):
         here = lanes.hits.found & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)

@@ -44,8 +44,7 @@ def same(first, second):
         np.testing.assert_array_equal(first.column(column.name), second.column(column.name), column.name)
 
 
-@pytest.mark.parametrize("stops", [1, 3])
-@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+@pytest.mark.parametrize(("name", "stops"), [("table1-apd", 1), ("table1-sipm", 3)])
 def test_chunks_do_not_matter(name, stops):
     sensor = chain.sensor(
         name, *RASTER, "tdc.threshold_to_noise=3.5", f"tdc.stops={stops}", "tdc.jitter_ps=50"
@@ -53,7 +52,7 @@ def test_chunks_do_not_matter(name, stops):
     simulator = Simulator(mixed_scene(), sensor)
     whole = simulator.render(seed=3)
     assert np.count_nonzero(whole.status) > 50
-    for chunk in (7919, 60_501, 60_500, 1_000_000):
+    for chunk in (7919, 60_501, 60_500):
         same(whole, simulator.render(seed=3, chunk=chunk))
 
 
@@ -90,15 +89,16 @@ def test_seeds_matter():
     assert np.mean(first.range_m[:shared] == second.range_m[:shared]) < 0.05
 
 
-@pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
-@pytest.mark.parametrize("counting", ["gaussian", "binomial"])
-def test_numpy_and_device_agree(name, counting):
+@pytest.mark.parametrize(
+    ("name", "extra"),
+    [("table1-apd", ()), ("table1-sipm", ()), ("table1-sipm", ("detector.counting='binomial'",))],
+)
+def test_numpy_and_device_agree(name, extra):
     """The same stages on numpy, from the same hits: the same points but for the last bits.
 
     A lane may flip only where its edge lies within float32 rounding of the comparator's level. The walk is
     left in: correcting it from the amplitude of a saturated SiPM magnifies the last bits without bound.
     """
-    extra = [f"detector.counting='{counting}'"] if name == "table1-sipm" else []
     sensor = chain.sensor(
         name, *RASTER, *extra, "tdc.threshold_to_noise=3.5", "tdc.stops=2", "tdc.walk='raw'"
     )

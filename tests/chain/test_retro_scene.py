@@ -20,15 +20,23 @@ CALIBRATED = "intensity.kind='reflectivity'"
 
 
 @pytest.fixture(scope="module")
-def clouds():
+def compiled():
+    """The scene and its world."""
+    scene = load_scene(SCENE)
+    return scene, Simulator(scene, chain.sensor("table1-apd")).world
+
+
+@pytest.fixture(scope="module")
+def clouds(compiled):
     """By name: the scene with both edges timed, with rising edges only, and with a SiPM."""
-    scene, made = load_scene(SCENE), {}
+    (scene, world), made = compiled, {}
     options = {
         "both": ("table1-apd", *CLIPPING), "rising": ("table1-apd", *CLIPPING, "tdc.edges='rising'"),
         "sipm": ("table1-sipm", "detector.statistics='time_domain'"),
     }  # fmt: skip
     for name, (sensor, *keys) in options.items():
-        made[name] = Simulator(scene, chain.sensor(sensor, *FINE, CALIBRATED, *keys)).render(seed=2)
+        equipped = chain.sensor(sensor, *FINE, CALIBRATED, *keys)
+        made[name] = Simulator(scene, equipped, world=world).render(seed=2)
     return made
 
 
@@ -99,7 +107,7 @@ def test_width_and_range_of_a_saturated_plate(clouds):
     assert clouds["both"].pulse_width_s.min() > 0.0
 
 
-def test_bloom_around_a_sign():
+def test_bloom_around_a_sign(compiled):
     """Rationale: what a halo does. Points in the sky beside the sign at 20 m lie at the sign's range, and none come
     without the halo, or with too few rays for one. How far they reach: where the halo's light of the sign's
     nearest part falls below the threshold.
@@ -110,13 +118,13 @@ def test_bloom_around_a_sign():
         "scanner.azimuth_fov_deg=20", "scanner.elevation_fov_deg=4",
         "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
     ]  # fmt: skip
-    scene = load_scene(SCENE)
+    scene, world = compiled
 
     def around(rays, *keys):
         sensor = chain.sensor(
             "table1-apd", *box, "laser.divergence_mrad=1", "tdc.threshold_to_noise=8", *keys
         )
-        cloud = Simulator(scene, sensor, rays=rays).render(seed=1, coordinates="sensor")
+        cloud = Simulator(scene, sensor, world=world, rays=rays).render(seed=1, coordinates="sensor")
         azimuth, elevation = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
         above = (elevation > 1.5) & (np.abs(azimuth + 10.0) < 4.0)
         return cloud.select(above)

@@ -1,73 +1,12 @@
-"""Types: what the chain's signatures say, and the state that loops carry."""
+"""Types: the state that loops carry, and the numbers of stages."""
 
-import ast
 import dataclasses
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lidarscene.maths import arrays, random
 from lidarscene.maths.arrays import NUMPY
-
-SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
-CHAIN = ("light", "detection", "physics", "scan", "kernel", "rendering")
-"""Folders whose annotations mean something."""
-
-LARGEST_SHARE_OF_ANY = 0.05
-MOST_PARAMETERS = 7
-
-Function = ast.FunctionDef | ast.AsyncFunctionDef
-
-
-def functions(folder: str) -> Iterator[tuple[str, list[ast.arg]]]:
-    """Place and parameters of every function, but for self and cls."""
-    for file in sorted((SOURCE / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, Function):
-                given = node.args
-                every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
-                taken = [one for one in every if one is not None and one.arg not in ("self", "cls")]
-                yield f"{file.relative_to(SOURCE)}:{node.lineno} {node.name}", taken
-
-
-def says_any(annotation: ast.expr) -> bool:
-    """Whether Any is part of an annotation, in quotation marks too."""
-    return any(
-        (isinstance(node, ast.Name) and node.id == "Any")
-        or (isinstance(node, ast.Attribute) and node.attr == "Any")
-        or (isinstance(node, ast.Constant) and isinstance(node.value, str) and "Any" in node.value)
-        for node in ast.walk(annotation)
-    )
-
-
-@pytest.mark.parametrize("folder", CHAIN)
-def test_few_parameters_are_any(folder: str) -> None:
-    annotated = [
-        (place, one) for place, taken in functions(folder) for one in taken if one.annotation is not None
-    ]
-    loose = [f"{place}: {one.arg}" for place, one in annotated if one.annotation and says_any(one.annotation)]
-    assert len(annotated) > 100  # the folder is there
-    assert len(loose) <= LARGEST_SHARE_OF_ANY * len(annotated), "\n".join(loose)
-
-
-def test_no_function_has_many_parameters() -> None:
-    many = [f"{place}: {len(taken)}" for place, taken in functions(".") if len(taken) > MOST_PARAMETERS]
-    assert many == []
-
-
-def test_any_has_no_other_name() -> None:
-    """An alias of Any, or of an array of anything, would hide it from the count above."""
-    hidden = []
-    for file in sorted(SOURCE.rglob("*.py")):
-        text = file.read_text(encoding="utf-8")
-        assert "np.ndarray[Any, Any]" not in text, f"{file}: must say `maths.arrays.Numbers`"
-        for node in ast.parse(text).body:
-            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
-            if isinstance(value, ast.Name) and value.id == "Any":
-                hidden.append(f"{file.relative_to(SOURCE)}:{node.lineno}")
-    assert hidden == []
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

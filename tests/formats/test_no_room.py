@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,22 +37,26 @@ write_ros(sys.argv[3], clouds(), storage="sqlite3")
 """
 
 
-@pytest.fixture
+@contextmanager
 def no_room() -> Iterator[None]:
-    """No file of this process grows beyond 40 bytes; Python ignores the signal, so that writing fails."""
+    """No file of this process grows beyond 40 bytes; Python ignores the signal, so that writing fails.
+
+    Only within the block: what pytest prints may go to a file too.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (40, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_no_room_is_one_line(tmp_path: Path, name: str, request: pytest.FixtureRequest) -> None:
+def test_no_room_is_one_line(tmp_path: Path, name: str) -> None:
     need(name)
     cloud, path = small_cloud(), file_of(tmp_path / "new", name)
     cloud.save(tmp_path / "warm", format=name)  # libraries that are imported late write their byte code
-    request.getfixturevalue("no_room")
-    with pytest.raises(OutputError) as error:
+    with pytest.raises(OutputError) as error, no_room():
         cloud.save(path, format=name)
     told = str(error.value)
     assert told.startswith(f"{path}: cannot be written: ")

@@ -14,6 +14,7 @@ from lidarscene.kernel.world.build import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.arrays import flattened, is_drjit
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -84,14 +85,17 @@ class Lanes:
     light_of_ways: Any
 
 
-def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glints=False, **tracing) -> Lanes:
+def run(
+    described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, world=None, glints=False, **tracing
+) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
 
+    world   of the scene, if there is one already
     glints  whether panes and mirrors may throw beams back, as in `Simulator`
     """
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)
-    world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
+    world = world or build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
     on_device = transfer.opaque(equipped)
     pulse = transfer.counter(0, equipped.scanner.pulses)
     rotation = transfer.opaque(tuple(float(x) for x in place.rotation.ravel()))
@@ -110,6 +114,14 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glint
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
     light = echoes.with_all_background(light_of_ways)[0]
     detection = receivers.detect_alone(light, on_device, seed=transfer.opaque_uint32(seed), pulse=pulse)
+    # In one kernel: each array alone would take one of its own, with all that comes before it.
+    transfer.start(
+        [
+            x
+            for x in flattened((rays.direction, tuple(ways), tuple(light_of_ways), light, detection))
+            if is_drjit(x)
+        ]
+    )
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
         direction, fetched(ways[0]), fetched(light), fetched(detection),
@@ -118,16 +130,18 @@ def run(described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, glint
 
 
 def fetched(stage):
-    """A stage's arrays as numpy."""
+    """A stage's arrays as numpy, computed together."""
     import dataclasses
+
+    transfer.start([x for x in flattened(stage) if is_drjit(x)])
 
     def fetch(value):
         if dataclasses.is_dataclass(value):
-            return fetched(value)
+            return dataclasses.replace(
+                value, **{f.name: fetch(getattr(value, f.name)) for f in dataclasses.fields(value)}
+            )
         if isinstance(value, tuple):
             return tuple(fetch(inner) for inner in value)
         return np.array(value.numpy()) if hasattr(value, "numpy") else value
 
-    return dataclasses.replace(
-        stage, **{f.name: fetch(getattr(stage, f.name)) for f in dataclasses.fields(stage)}
-    )
+    return fetch(stage)

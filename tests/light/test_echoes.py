@@ -161,8 +161,8 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
 def test_rain_trips_as_often_as_drops_by_brute_force(rate_mm_h):
     """Reference: all drops above 0.1 mm of 3000 pulses, drawn one by one in the beam, and their pulses added up.
 
-    Tolerance: five deviations of the two counts, and 2 % for drops smaller than that and for the noise at the
-    threshold, which is 1/60 of it and even in the mean.
+    Tolerance: five deviations of the two counts, and 2 % for drops smaller than that, for the noise at the threshold,
+    which is 1/60 of it and even in the mean, and for the grid, on which a lone peak loses 0.3 % in the mean.
     """
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.threshold_to_noise=60", "tdc.stops=3")
     air = Air(transmittance=1.0, weather=Weather(rain_mm_h=rate_mm_h))
@@ -194,7 +194,7 @@ def _trips(sensor, air, pulses):
     slope, smallest = rain.sizes.slope_per_m, 1e-4
     density = rain.sizes.intercept_per_m4 / slope * np.exp(-slope * smallest)
     sent = sensor.laser.peak_power_w * sensor.optics.efficiency_laser * sensor.optics.aperture_m2
-    at = np.arange(0.0, farthest, 0.05)
+    at = np.arange(0.0, farthest, 0.1)
     of = np.repeat(np.arange(pulses), random.poisson(density * widest * farthest, pulses))
     r, d = random.uniform(0.0, farthest, len(of)), smallest + random.exponential(1.0 / slope, len(of))
     area = np.pi * (0.005**2 + (0.0015 * r) ** 2)

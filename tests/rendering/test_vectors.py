@@ -177,7 +177,7 @@ def test_files_have_them(suffix: str, tmp_path: Path) -> None:
 
 def test_a_cloud_without_points_has_the_columns() -> None:
     simulator = Simulator(
-        chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd"), vectors=True
+        chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd", *FEW), vectors=True
     )
     assert simulator.empty().has_vectors
     assert {c.name for c in VECTORS} <= {c.name for c in simulator.render().columns}

@@ -9,6 +9,7 @@ is written as 3.40282346e+38, the largest float, because they do not know the wo
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import re
@@ -105,6 +106,7 @@ class _Header:
     names: dict[str, list[str]] = field(default_factory=lambda: {word: [] for word in _NAMES})
 
 
+@functools.cache
 def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """One point as it lies in a file."""
     position = "float64" if double else "float32"
@@ -114,6 +116,7 @@ def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool =
     return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
 
 
+@functools.cache
 def _properties(dtype: np.dtype[Any]) -> list[str]:
     """The `property` lines of this point."""
     return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]

@@ -23,14 +23,25 @@ from .lanes import Ops as Ops
 from .lanes import S as S
 
 
+_names: dict[type, tuple[str, ...] | None] = {}
+
+
+def _fields(kind: type) -> tuple[str, ...] | None:
+    """Names of the fields of a dataclass; None for any other type. Kept: states are taken apart at every step."""
+    if kind not in _names:
+        known = dataclasses.is_dataclass(kind)
+        _names[kind] = tuple(field.name for field in dataclasses.fields(kind)) if known else None
+    return _names[kind]
+
+
 def flattened(state: object) -> Iterator[Any]:
     """The arrays of a loop's state, in the order in which dataclasses and tuples name them; None is no array."""
-    if dataclasses.is_dataclass(state):
-        for field in dataclasses.fields(state):
-            yield from flattened(getattr(state, field.name))
-    elif isinstance(state, tuple):
+    if isinstance(state, tuple):
         for part in state:
             yield from flattened(part)
+    elif (names := _fields(type(state))) is not None:
+        for name in names:
+            yield from flattened(getattr(state, name))
     elif state is not None:
         yield state
 
@@ -38,11 +49,10 @@ def flattened(state: object) -> Iterator[Any]:
 def rebuilt(like: S, values: Iterator[Any]) -> S:
     """A state of the form of ``like`` from the arrays that `flattened` gives."""
     found: Any
-    if dataclasses.is_dataclass(like) and not isinstance(like, type):
-        names = [field.name for field in dataclasses.fields(like)]
-        found = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
-    elif isinstance(like, tuple):
+    if isinstance(like, tuple):
         found = tuple([rebuilt(part, values) for part in like])
+    elif (names := _fields(type(like))) is not None:
+        found = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
     else:
         found = None if like is None else next(values)
     return cast(S, found)

@@ -204,15 +204,52 @@ def test_linker_cache_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- the door itself, in processes of its own --------------------------------------------------------
 
 
-@pytest.mark.parametrize("old", OLD_LLVMS or [None])
-def test_an_old_llvm_is_an_error_not_an_abort(old: str | None, run_python) -> None:
-    """Rationale: Dr.Jit with LLVM 15 or 16 aborts the process when the first kernel is compiled."""
-    if old is None:
-        pytest.skip("no LLVM 14, 15 or 16 on this system")
-    done = run_python(OPEN, DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
+UNFIT = """
+import os
+from lidarscene.errors import BackendError
+from lidarscene.kernel.device import backend, llvm
+def told(**environment):
+    llvm._chosen = None
+    os.environ.update(environment)
+    try:
+        backend.mitsuba()
+    except BackendError as error:
+        print("BackendError:", " ".join(str(error).split()))
+    else:
+        print("nothing told")
+for old in {olds}:
+    told(DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
+del os.environ["LIDARSCENE_VARIANT"]
+os.environ.update(DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="")
+llvm._chosen = None
+report = backend.probe()
+print(report.variant, report.llvm, "|", report.error.splitlines()[0])
+del os.environ["DRJIT_LIBLLVM_PATH"]
+for name in ("nonsense", "scalar_rgb"):
+    told(LIDARSCENE_VARIANT=name)
+"""
+
+
+def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
+    """Old LLVMs, one that is not there, and variants; one process, as none of them is ever loaded.
+
+    Rationale: Dr.Jit with LLVM 15 or 16 aborts the process when the first kernel is compiled.
+    """
+    done = run_python(UNFIT.format(olds=OLD_LLVMS))
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("BackendError:")
-    assert f"DRJIT_LIBLLVM_PATH={old}: too old" in done.stdout
+    *old, nowhere, nonsense, scalar = done.stdout.splitlines()
+    assert len(old) == len(OLD_LLVMS)
+    for path, line in zip(OLD_LLVMS, old, strict=True):
+        assert line.startswith("BackendError:")
+        assert f"DRJIT_LIBLLVM_PATH={path}: too old" in line
+    assert nowhere.startswith("None DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file")
+    assert "| no usable Mitsuba back end" in nowhere
+    assert nonsense.startswith(
+        "BackendError: LIDARSCENE_VARIANT=nonsense: no such variant; known are llvm_ad_rgb, llvm_ad_mono"
+    )
+    assert scalar.startswith(
+        "BackendError: LIDARSCENE_VARIANT=scalar_rgb: scalar variants trace one ray at a time; a vectorised"
+    )
 
 
 def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
@@ -249,17 +286,6 @@ def test_a_scalar_variant_of_the_user_is_an_error(run_python) -> None:
     assert "BackendError: the Mitsuba variant 'scalar_rgb' is set" in done.stdout
 
 
-@pytest.mark.parametrize(
-    ("name", "what"),
-    [("nonsense", "no such variant; known are llvm_ad_rgb, llvm_ad_mono"), ("scalar_rgb", "vectorised")],
-)
-def test_an_unfit_variant_is_an_error(name: str, what: str, run_python) -> None:
-    done = run_python(OPEN, LIDARSCENE_VARIANT=name)
-    assert done.returncode == 0
-    assert f"BackendError: LIDARSCENE_VARIANT={name}: " in done.stdout
-    assert what in done.stdout
-
-
 def test_hidden_gpus_are_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     assert "GPU" in backend.cuda_problem() or "CUDA" in backend.cuda_problem()
@@ -285,43 +311,28 @@ def test_probe_tells_what_was_chosen(mi) -> None:
     assert "works" in (report.cuda, report.llvm)
 
 
-def test_a_driver_without_a_gpu_leaves_llvm(mi, run_python) -> None:
-    if backend.is_cuda():
-        pytest.skip("for machines without a GPU")
-    code = """
-from lidarscene.kernel.device import backend
-backend.cuda_problem = lambda: ""  # the cheap look finds a driver
-report = backend.probe()
-print(report.variant, report.cuda)
-"""
-    done = run_python(code, LIDARSCENE_VARIANT=None)
-    assert done.stdout.strip() == "llvm_ad_mono Dr.Jit finds no GPU that it can use", done.stderr
-
-
-def test_a_gpu_that_fails_at_work_leaves_llvm(mi, run_python) -> None:
+def test_a_gpu_that_cannot_be_used_or_fails_at_work_leaves_llvm(mi, run_python) -> None:
     """Rationale: containers often have a driver that computes but has no OptiX to trace with."""
     if backend.is_cuda():
         pytest.skip("for machines without a GPU")
     code = """
-from lidarscene.kernel.device import backend
-backend.cuda_problem = lambda: ""
+from lidarscene.kernel.device import backend, trial
+backend.cuda_problem = lambda: ""  # the cheap look finds a driver
+report = backend.probe()
+print(report.variant, report.cuda)
+# As in a new process; now Dr.Jit finds a GPU too.
+backend.mitsuba.cache_clear()
+backend._refused["llvm_ad_mono"] = "not yet tried"
 check = backend._require_backend
 backend._require_backend = lambda name: name.startswith("cuda") or check(name)
+trial.FRAMES = {"small": ("edges",)}
 report = backend.probe()
 print(report.variant, report.cuda)
 """
     done = run_python(code, LIDARSCENE_VARIANT=None)
-    assert done.stdout.startswith("llvm_ad_mono cannot render a small frame (drive): "), done.stderr
-
-
-def test_probe_never_raises(run_python) -> None:
-    code = (
-        "from lidarscene.kernel.device.backend import probe; r = probe(); print(r.variant, r.llvm, r.error)"
-    )
-    done = run_python(
-        code, DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="", LIDARSCENE_VARIANT=None
-    )
-    assert done.stdout.startswith("None DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file")
+    without, failing = done.stdout.splitlines()
+    assert without == "llvm_ad_mono Dr.Jit finds no GPU that it can use", done.stderr
+    assert failing.startswith("llvm_ad_mono cannot render a small frame (small): "), done.stderr
 
 
 def test_backend_errors_are_ours() -> None:
