@@ -139,7 +139,9 @@ def by_names(line: str) -> str:
 
 def sparse(scene: Scene) -> Scene:
     """The scene with one body of a kind: of copies the first, of those that move the first of each class."""
-    kinds = {body.class_name if body.motion else body.name.partition(".")[0]: body for body in scene.bodies[::-1]}
+    kinds = {
+        body.class_name if body.motion else body.name.partition(".")[0]: body for body in scene.bodies[::-1]
+    }
     return replace(scene, bodies=tuple(body for body in scene.bodies if body in kinds.values()))
 
 
@@ -209,7 +211,7 @@ class Reader:
         self._run(capsys, (one for one in commands(page) if one not in shown and not incomplete(one)))
 
     def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Scenes of `scenes/`, and a world for commands in a row with the same one, as `compare` has one for all sensors.
+        """Scenes of `scenes/`; a world for commands in a row with the same one, as `compare` has one for all sensors.
 
         A world no longer: what Dr.Jit compiles depends on all worlds alive.
         """
