@@ -1,5 +1,7 @@
 """The command line in this process, in an empty folder."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,14 @@ from lidarscene.cli import main
 from lidarscene.figures import lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
 from lidarscene.files.encodings.png import encoded
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_waiting_for_the_disk() -> Iterator[None]:
+    """Files are left to the system to write: each would be waited for some milliseconds, and no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
 
 
 @pytest.fixture
