@@ -10,7 +10,7 @@ import pytest
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
-from lidarscene.figures import lines, maps, pictures
+from lidarscene.figures import intervals, lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
 from lidarscene.files.encodings.png import encoded
 
@@ -80,7 +80,8 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Figure, "savefig", saved)
     monkeypatch.setattr(lines, "_drawn", lambda chart: pixel)
-    monkeypatch.setattr(maps, "save_drawn", lambda path, *how: Path(path).write_bytes(white))
+    for module in (maps, intervals):
+        monkeypatch.setattr(module, "save_drawn", lambda path, *how: Path(path).write_bytes(white))
     monkeypatch.setattr(Canvas, "_png", lambda _, with_texts: white)
 
 

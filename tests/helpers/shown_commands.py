@@ -1,10 +1,11 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
-They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
-fields of view after 0.02 s in cells of 8 degrees, two illuminances for four, charts and pictures that are not drawn, a
-job of four frames for twelve on a thread of this process, the view written by `--save` instead of served. A scene of
-`scenes/` is compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its
-like. Of two commands of which one has more options than the other only that one is run.
+They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), scenes of `scenes/`
+with one body of a kind, two frames for ten, fields of view after 0.02 s in cells of 8 degrees, two illuminances for
+four, charts and pictures that are not drawn, a job of four frames for twelve on a thread of this process, the view
+written by `--save` instead of served. A scene of `scenes/` is compiled once for commands in a row. What is only parsed
+is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which one has more options than the other only
+that one is run. Whole scenes are rendered in tests/cli/test_main.py, charts drawn by the tests of each command.
 """
 
 import functools
@@ -29,7 +30,7 @@ from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import file as scene_file
 from lidarscene.scene.file import load_scene, scene_path, sensor_of_scene
-from lidarscene.scene.model import Scene
+from lidarscene.scene.model import Body, Scene
 
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
@@ -139,10 +140,10 @@ def by_names(line: str) -> str:
 
 def sparse(scene: Scene) -> Scene:
     """The scene with one body of a kind: of copies the first, of those that move the first of each class."""
-    kinds = {
-        body.class_name if body.motion else body.name.partition(".")[0]: body for body in scene.bodies[::-1]
-    }
-    return replace(scene, bodies=tuple(body for body in scene.bodies if body in kinds.values()))
+    kinds: dict[str, Body] = {}
+    for body in scene.bodies:
+        kinds.setdefault(body.class_name if body.motion else body.name.partition(".")[0], body)
+    return replace(scene, bodies=tuple(kinds.values()))
 
 
 def coarse(arguments: list[str]) -> list[str]:
