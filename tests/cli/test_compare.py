@@ -32,7 +32,7 @@ NAMES = compare_page.file_names(
 
 @pytest.fixture(scope="module")
 def folder(mi, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The command run once; `test_clouds_from_files` draws the charts and pictures whole."""
+    """The command run once; `test_clouds_from_files` draws the charts whole, tests/figures the pictures."""
     base = tmp_path_factory.mktemp("compare")
     (base / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
     where = base / "new" / "out"
@@ -179,7 +179,7 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None, 
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_clouds_from_files(folder: Path, run: Run, tmp_path: Path) -> None:
+def test_clouds_from_files(folder: Path, run: Run, small_pictures: None, tmp_path: Path) -> None:
     files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
     ran = run("compare", *files, "-o", "out", "--json")
     assert (ran.code, ran.err) == (0, "")

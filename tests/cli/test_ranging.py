@@ -201,7 +201,7 @@ def test_plot(run: Run, tmp_path: Path, name: str) -> None:
     assert len(content) > 10_000
 
 
-def test_plots_are_the_same_again(run: Run, tmp_path: Path) -> None:
+def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) -> None:
     for name in ("a.svg", "b.svg"):
         done(run, APD, "--over", "distance", "--plot", name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

@@ -1,5 +1,7 @@
 """The command line in this process, in an empty folder."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +10,17 @@ import pytest
 
 from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
-from lidarscene.figures import lines, maps, pictures
+from lidarscene.figures import intervals, lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
 from lidarscene.files.encodings.png import encoded
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_waiting_for_the_disk() -> Iterator[None]:
+    """Files are left to the system to write: each would be waited for some milliseconds, and no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
 
 
 @pytest.fixture
@@ -57,18 +67,22 @@ def _arrange_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Charts, maps and pictures are put together and not drawn: one white pixel each. Other tests draw all of them."""
+    """Each chart, map and picture is one white pixel, not even put together. Other tests draw all of them."""
     from matplotlib.figure import Figure
 
     _arrange_nothing(monkeypatch)
-    whole = Figure.savefig
+    whole, pixel = Figure.savefig, Figure(figsize=(0.01, 0.01))
+    white = encoded(np.full((1, 1, 3), 255, np.uint8))
 
-    def white(_: Figure, path: Any, **options: Any) -> None:
+    def saved(_: Figure, path: Any, **options: Any) -> None:
         kept = {key: value for key, value in options.items() if key in ("format", "metadata")}
-        whole(Figure(figsize=(0.01, 0.01)), path, dpi=100, **kept)
+        whole(pixel, path, dpi=100, **kept)
 
-    monkeypatch.setattr(Figure, "savefig", white)
-    monkeypatch.setattr(Canvas, "_png", lambda _, with_texts: encoded(np.full((1, 1, 3), 255, np.uint8)))
+    monkeypatch.setattr(Figure, "savefig", saved)
+    monkeypatch.setattr(lines, "_drawn", lambda chart: pixel)
+    for module in (maps, intervals):
+        monkeypatch.setattr(module, "save_drawn", lambda path, *how: Path(path).write_bytes(white))
+    monkeypatch.setattr(Canvas, "_png", lambda _, with_texts: white)
 
 
 @pytest.fixture

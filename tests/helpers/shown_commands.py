@@ -1,17 +1,18 @@
 """The commands that the documentation shows, run page by page in this process, on the files that the page shows.
 
-They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), two frames for ten,
-fields of view after 0.05 s in cells of 4 degrees, two illuminances for four, charts and pictures that are not drawn, a
-job of four frames for twelve on a thread of this process, the view written by `--save` instead of served. A scene of
-`scenes/` is compiled once for commands in a row. What is only parsed is in `PARSED_ONLY`, with the test that runs its
-like. Of two commands of which one has more options than the other only that one is run.
+They run as they stand but for what takes long: sensors with fewer pulses (`COARSE`, `COARSE_RIG`), scenes of `scenes/`
+with one body of a kind, two frames for ten, fields of view after 0.02 s in cells of 8 degrees, two illuminances for
+four, charts and pictures that are not drawn, a job of four frames for twelve on a thread of this process, the view
+written by `--save` instead of served. A scene of `scenes/` is compiled once for commands in a row. What is only parsed
+is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which one has more options than the other only
+that one is run. Whole scenes are rendered in tests/cli/test_main.py, charts drawn by the tests of each command.
 """
 
 import functools
 import re
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import file as scene_file
 from lidarscene.scene.file import load_scene, scene_path, sensor_of_scene
-from lidarscene.scene.model import Scene
+from lidarscene.scene.model import Body, Scene
 
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
@@ -137,6 +138,14 @@ def by_names(line: str) -> str:
     return re.sub(rf"scenes/({'|'.join(catalog.names('scenes'))})\.toml", r"\1", line)
 
 
+def sparse(scene: Scene) -> Scene:
+    """The scene with one body of a kind: of copies the first, of those that move the first of each class."""
+    kinds: dict[str, Body] = {}
+    for body in scene.bodies:
+        kinds.setdefault(body.class_name if body.motion else body.name.partition(".")[0], body)
+    return replace(scene, bodies=tuple(kinds.values()))
+
+
 def coarse(arguments: list[str]) -> list[str]:
     """The same command, in less time."""
     command, *rest = arguments
@@ -153,7 +162,7 @@ def coarse(arguments: list[str]) -> list[str]:
     if "--illuminance" in rest:
         rest[rest.index("--illuminance") + 1] = "10,100"
     if command == "fov":
-        rest += ["--time", "0.05", "--cell", "4"]
+        rest += ["--time", "0.02", "--cell", "8"]
     rig, scene = value_of("--rig", rest), next(filter(is_shipped, rest), None)
     if rig == "scenes/rig.toml":
         sets: tuple[str, ...] = COARSE_RIG
@@ -174,7 +183,8 @@ class Reader:
 
     folder: Path
     done: set[str] = field(default_factory=set)
-    kept: dict[object, Any] = field(default_factory=dict)
+    scenes: dict[tuple[Path, tuple[str, ...]], Scene] = field(default_factory=dict)
+    worlds: dict[object, Any] = field(default_factory=dict)
 
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """In the order of the page, and its Python between them where it has files of its own."""
@@ -202,26 +212,32 @@ class Reader:
         self._run(capsys, (one for one in commands(page) if one not in shown and not incomplete(one)))
 
     def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """One world for commands in a row with the same scene of `scenes/`, as `compare` has one for all sensors.
+        """Scenes of `scenes/`; a world for commands in a row with the same one, as `compare` has one for all sensors.
 
-        No longer: what Dr.Jit compiles depends on all worlds alive.
+        A world no longer: what Dr.Jit compiles depends on all worlds alive.
         """
         whole, build = load_scene, simulator.build_world
 
         def load(path: Path, **options: Any) -> Scene:
-            key = (scene_path(path).resolve(), repr(options))
-            if key != self.kept.get("key") or key[0].parent != ROOT / "scenes":
-                self.kept.clear()
-                self.kept.update(key=key, scene=whole(path, **options))
-            return self.kept["scene"]
+            file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
+            if file.parent != ROOT / "scenes":
+                return whole(path, **options)
+            key = (file, overrides)
+            if key not in self.scenes:
+                self.scenes[key] = sparse(whole(path, **options))
+            return self.scenes[key]
 
         def world(scene: Scene, **options: Any) -> World:
-            if scene is not self.kept.get("scene"):
+            of_file = next((file for (file, _), one in self.scenes.items() if one is scene), None)
+            if self.worlds.get("file") != of_file:
+                self.worlds.clear()
+            if of_file is None:
                 return build(scene, **options)
+            self.worlds["file"] = of_file
             key = (options["wavelength_m"], options["see_through"])
-            if key not in self.kept:
-                self.kept[key] = build(scene, **options)
-            return self.kept[key]
+            if key not in self.worlds:
+                self.worlds[key] = build(scene, **options)
+            return self.worlds[key]
 
         for module in (scene_file, record):
             monkeypatch.setattr(module, "load_scene", load)

@@ -2,6 +2,7 @@
 
 import base64
 import re
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.chromium import Chromium
 from helpers.served import served
-from helpers.small_scene import COARSE
+from helpers.small_scene import COARSE, SCENE
 from matplotlib import colormaps, image
 
 import lidarscene
@@ -24,18 +25,36 @@ SETS = [f"--set={one}" for one in COARSE]
 WIDTH, HEIGHT = 1280, 800
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """That of the other tests of the view, once for all: nothing writes to it."""
+    path = tmp_path_factory.mktemp("scene") / "view.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture(scope="module")
 def cloud(mi: Any, scene_file: Path) -> PointCloud:
     return lidarscene.render(scene_file, "table1-apd", overrides=COARSE)
 
 
-@pytest.fixture
-def saved(cloud: PointCloud, scene_file: Path, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def saved(cloud: PointCloud, scene_file: Path) -> Path:
     """The page of the cloud over its scene."""
-    cloud.save(tmp_path / "a.ply")
-    page = tmp_path / "page.html"
-    assert main(["view", str(tmp_path / "a.ply"), str(scene_file), *SETS, "--save", str(page)]) == 0
-    return page
+    folder = scene_file.parent
+    cloud.save(folder / "a.ply")
+    assert (
+        main(["view", str(folder / "a.ply"), str(scene_file), *SETS, "--save", str(folder / "page.html")])
+        == 0
+    )
+    return folder / "page.html"
+
+
+@pytest.fixture(scope="module")
+def live(mi: Any, scene_file: Path) -> Iterator[str]:
+    """The address of the scene served: each page that is opened there begins with the files' own settings."""
+    with served(scene_file, *SETS) as view:
+        yield view.url
 
 
 def places(browser: Chromium) -> np.ndarray:
@@ -86,13 +105,13 @@ def test_a_saved_page_needs_nothing_else(browser: Chromium, saved: Path) -> None
 
 
 def test_points_stand_where_they_should_in_their_colours(
-    browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path
+    browser: Chromium, saved: Path, scene_file: Path, cloud: PointCloud, tmp_path: Path
 ) -> None:
     """Rationale: the page's projection against that of `pixels`, and the colour under each point against
     matplotlib's map. Tolerances: a hundredth of a pixel, float32; 6 of 255: 17 stops miss the map by 5 at most.
     """
     browser.open(saved.as_uri())
-    view = load_scene(tmp_path / "view.toml").camera
+    view = load_scene(scene_file).camera
     assert view is not None
     camera = camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
     left, top, width, height = browser.value(
@@ -206,49 +225,48 @@ def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, t
     assert browser.value("document.getElementById('frame-name').textContent").startswith("3 / 3")
 
 
-def test_live_controls_render_in_place(browser: Chromium, mi: Any, scene_file: Path) -> None:
+def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file: Path) -> None:
     """A slider moved on the page gives the points of `render` with the same --set; the clicked pulse stays."""
-    with served(scene_file, *SETS) as view:
-        browser.open(view.url)
-        page = places(browser)
-        i = browser.value("viewer.frame.arrays.body.indexOf(0) + 20")
-        browser.click(page[i, 0], page[i, 1])
-        before = card(browser)
-        browser.value("""(() => {
-            const box = document.querySelector('#controls input[type=number][aria-label="laser power"]');
-            box.value = 20;
-            box.dispatchEvent(new Event('change'));
-        })()""")
-        browser.until("!viewer.busy")
-        cloud = lidarscene.render(scene_file, "table1-apd", overrides=[*COARSE, "laser.peak_power_w=20.0"])
-        assert browser.value("viewer.frame.count") == len(cloud)
-        assert browser.value("[...viewer.frame.arrays.snr]") == pytest.approx(cloud.snr.tolist(), rel=1e-6)
-        after = card(browser)
-        assert after["time"] == before["time"]
-        assert number(after["echo power"]) == pytest.approx(number(before["echo power"]) * 20 / 45, rel=1e-3)
+    browser.open(live)
+    page = places(browser)
+    i = browser.value("viewer.frame.arrays.body.indexOf(0) + 20")
+    browser.click(page[i, 0], page[i, 1])
+    before = card(browser)
+    browser.value("""(() => {
+        const box = document.querySelector('#controls input[type=number][aria-label="laser power"]');
+        box.value = 20;
+        box.dispatchEvent(new Event('change'));
+    })()""")
+    browser.until("!viewer.busy")
+    cloud = lidarscene.render(scene_file, "table1-apd", overrides=[*COARSE, "laser.peak_power_w=20.0"])
+    assert browser.value("viewer.frame.count") == len(cloud)
+    assert browser.value("[...viewer.frame.arrays.snr]") == pytest.approx(cloud.snr.tolist(), rel=1e-6)
+    after = card(browser)
+    assert after["time"] == before["time"]
+    assert number(after["echo power"]) == pytest.approx(number(before["echo power"]) * 20 / 45, rel=1e-3)
 
-        browser.value("""(() => {
-            const choice = document.getElementById('choice-detector');
-            choice.selectedIndex = 1;
-            choice.dispatchEvent(new Event('change'));
-        })()""")
-        browser.until("!viewer.busy && viewer.frame.controls.some(one => one.key === 'detector.pde')")
-        assert browser.value("document.querySelector('#legend div').textContent") == "intensity [cells]"
-        labels = browser.value(
-            "[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)"
-        )
-        assert "PDE" in labels
-        assert "gain" not in labels
-        sipm = ("laser.peak_power_w=20.0",)
-        cloud = lidarscene.render(scene_file, "table1-sipm", overrides=[*COARSE, *sipm])
-        assert browser.value("viewer.frame.count") == len(cloud)
+    browser.value("""(() => {
+        const choice = document.getElementById('choice-detector');
+        choice.selectedIndex = 1;
+        choice.dispatchEvent(new Event('change'));
+    })()""")
+    browser.until("!viewer.busy && viewer.frame.controls.some(one => one.key === 'detector.pde')")
+    assert browser.value("document.querySelector('#legend div').textContent") == "intensity [cells]"
+    labels = browser.value(
+        "[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)"
+    )
+    assert "PDE" in labels
+    assert "gain" not in labels
+    sipm = ("laser.peak_power_w=20.0",)
+    cloud = lidarscene.render(scene_file, "table1-sipm", overrides=[*COARSE, *sipm])
+    assert browser.value("viewer.frame.count") == len(cloud)
 
-        browser.value("viewer.settings['detector.pde'] = 2, viewer.render(), 0")
-        browser.until("!document.getElementById('note-detector.pde').hidden")
-        assert "must be" in browser.value("document.getElementById('note-detector.pde').textContent")
-        browser.value("viewer.settings['detector.eye'] = 2, viewer.render(), 0")
-        browser.until("!document.getElementById('error').hidden")
-        assert "detector.eye" in browser.value("document.getElementById('error').textContent")
+    browser.value("viewer.settings['detector.pde'] = 2, viewer.render(), 0")
+    browser.until("!document.getElementById('note-detector.pde').hidden")
+    assert "must be" in browser.value("document.getElementById('note-detector.pde').textContent")
+    browser.value("viewer.settings['detector.eye'] = 2, viewer.render(), 0")
+    browser.until("!document.getElementById('error').hidden")
+    assert "detector.eye" in browser.value("document.getElementById('error').textContent")
 
 
 def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None:
@@ -294,7 +312,7 @@ def test_distance_between_two_points(browser: Chromium, saved: Path, cloud: Poin
     assert browser.value("document.getElementById('distance')") is None
 
 
-def test_a_mistake_stands_beside_its_field(browser: Chromium, mi: Any, scene_file: Path) -> None:
+def test_a_mistake_stands_beside_its_field(browser: Chromium, live: str) -> None:
     """What the page knows is told at once and not sent; what the server refuses is told there too."""
     typed = """((label, value) => {
         const box = document.querySelector(`#controls input[type=number][aria-label="${label}"]`);
@@ -302,44 +320,42 @@ def test_a_mistake_stands_beside_its_field(browser: Chromium, mi: Any, scene_fil
         box.dispatchEvent(new Event('change'));
         return [box.classList.contains('wrong'), box.closest('.control').querySelector('p').textContent];
     })"""
-    with served(scene_file, *SETS) as view:
-        browser.open(view.url)
-        assert browser.value(f"{typed}('rays a pulse', '2.5')") == [True, "must be a whole number"]
-        assert browser.value(f"{typed}('rain', '-3')") == [True, "must be >= 0 mm/h"]
-        assert browser.value(f"{typed}('laser power', '')") == [True, "must be a number"]
-        assert not any(text.endswith("/render") for text in browser.messages)
-        browser.value(f"{typed}('laser power', '-5')")
-        browser.until("!viewer.busy")
-        told = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
-        assert told.startswith("must be >= 1e-06, got -5")
-        assert browser.value("document.getElementById('error').hidden")
-        assert browser.value(f"{typed}('laser power', '30')") == [False, ""]
-        browser.until("!viewer.busy")
-        assert browser.value("viewer.frame.command").endswith("--set laser.peak_power_w=30")
+    browser.open(live)
+    assert browser.value(f"{typed}('rays a pulse', '2.5')") == [True, "must be a whole number"]
+    assert browser.value(f"{typed}('rain', '-3')") == [True, "must be >= 0 mm/h"]
+    assert browser.value(f"{typed}('laser power', '')") == [True, "must be a number"]
+    assert not any(text.endswith("/render") for text in browser.messages)
+    browser.value(f"{typed}('laser power', '-5')")
+    browser.until("!viewer.busy")
+    told = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
+    assert told.startswith("must be >= 1e-06, got -5")
+    assert browser.value("document.getElementById('error').hidden")
+    assert browser.value(f"{typed}('laser power', '30')") == [False, ""]
+    browser.until("!viewer.busy")
+    assert browser.value("viewer.frame.command").endswith("--set laser.peak_power_w=30")
 
 
-def test_budgets_come_when_they_are_looked_at(browser: Chromium, mi: Any, scene_file: Path) -> None:
+def test_budgets_come_when_they_are_looked_at(browser: Chromium, live: str) -> None:
     """A slider asks for points alone; a click, or a colour by the budget, asks for it."""
-    with served(scene_file, *SETS) as view:
-        browser.open(view.url)
-        browser.value("viewer.settings['sun.illuminance_klux'] = 50, viewer.render(), 0")
-        browser.until("!viewer.busy && viewer.frame.budget === false")
-        assert browser.value("viewer.frame.arrays.echo_power === undefined")
-        assert browser.value(
-            "[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')"
-        )
-        browser.value("viewer.select(3)")
-        browser.until("!viewer.busy && viewer.frame.budget === true")
-        assert "echo power" in card(browser)
-        browser.value("viewer.select(-1), viewer.render(), 0")
-        browser.until("!viewer.busy && viewer.frame.budget === false")
-        browser.value("""(() => {
-            const field = document.getElementById('field');
-            field.value = 'echo_power';
-            field.dispatchEvent(new Event('change'));
-        })()""")
-        browser.until("!viewer.busy && viewer.frame.budget === true")
-        assert browser.value("viewer.legend.low > 0")
+    browser.open(live)
+    browser.value("viewer.settings['sun.illuminance_klux'] = 50, viewer.render(), 0")
+    browser.until("!viewer.busy && viewer.frame.budget === false")
+    assert browser.value("viewer.frame.arrays.echo_power === undefined")
+    assert browser.value(
+        "[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')"
+    )
+    browser.value("viewer.select(3)")
+    browser.until("!viewer.busy && viewer.frame.budget === true")
+    assert "echo power" in card(browser)
+    browser.value("viewer.select(-1), viewer.render(), 0")
+    browser.until("!viewer.busy && viewer.frame.budget === false")
+    browser.value("""(() => {
+        const field = document.getElementById('field');
+        field.value = 'echo_power';
+        field.dispatchEvent(new Event('change'));
+    })()""")
+    browser.until("!viewer.busy && viewer.frame.budget === true")
+    assert browser.value("viewer.legend.low > 0")
 
 
 def test_shadows_follow_the_sun(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
@@ -409,7 +425,7 @@ def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Pat
 
 def test_the_same_input_makes_the_same_page(saved: Path, scene_file: Path, tmp_path: Path) -> None:
     again = tmp_path / "again.html"
-    assert main(["view", str(tmp_path / "a.ply"), str(scene_file), *SETS, "--save", str(again)]) == 0
+    assert main(["view", str(saved.with_name("a.ply")), str(scene_file), *SETS, "--save", str(again)]) == 0
     assert again.read_bytes() == saved.read_bytes()
     blobs = re.findall(r'id="blob-([\w-]+)">([^<]*)<', saved.read_text(encoding="utf-8"))
     assert [name for name, _ in blobs] == ["stage", "frame-0"]

@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -79,12 +80,18 @@ def _entry(path: Path) -> Path | None:
         if suffix == ".glb" and b'"uri"' in content:  # refers to another file
             return None
         # With the file's name: a piece without a name of its own gets that.
-        how = hashlib.sha256(f"{_LAYOUT} {metadata.version('trimesh')} {path.name}".encode())
+        how = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name}".encode())
         for one in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
             how.update(hashlib.sha256(one).digest())
     except OSError:
         return None
     return where / f"{how.hexdigest()}.npz"
+
+
+@cache
+def _reader() -> str:
+    """Version of what reads the files. Each call would parse its metadata."""
+    return metadata.version("trimesh")
 
 
 def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
