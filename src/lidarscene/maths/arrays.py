@@ -22,7 +22,6 @@ from .lanes import Numbers as Numbers
 from .lanes import Ops as Ops
 from .lanes import S as S
 
-
 _names: dict[type, tuple[str, ...] | None] = {}
 
 
