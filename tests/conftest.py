@@ -34,11 +34,10 @@ settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "docs/test_study_commands.py", "docs/test_commands.py", "batch/test_run.py", "batch/test_cluster.py",
-    "studies/sipm_events/test_events.py", "cli/test_batch.py", "chain/test_rain_and_snow.py",
-    "view/test_page.py", "cli/test_paper.py", "cli/test_field_of_view.py", "figures/test_pictures.py",
-    "studies/ranging/test_sensitivities.py", "studies/sipm_events/test_working_point.py",
-    "kernel/device/test_replay.py", "cli/test_main.py",
+    "docs/test_commands.py", "docs/test_study_commands.py", "chain/test_rain_and_snow.py", "cli/test_main.py",
+    "view/test_page.py", "batch/test_run.py", "docs/test_site.py", "batch/test_cluster.py", "docs/test_docs.py",
+    "cli/test_paper.py", "kernel/device/test_replay.py", "studies/sipm_events/test_events.py",
+    "cli/test_field_of_view.py", "cli/test_ranging.py", "docs/test_notebooks.py", "cli/test_batch.py",
 )  # fmt: skip
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
 REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
