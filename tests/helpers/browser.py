@@ -10,10 +10,10 @@ from helpers.chromium import Chromium, executable
 from helpers.small_scene import SCENE
 
 
-@pytest.fixture
-def scene_file(tmp_path: Path) -> Path:
-    """A wall that faces the sun, a pane and a ball, before the coarse raster."""
-    path = tmp_path / "view.toml"
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wall that faces the sun, a pane and a ball, before the coarse raster; no test changes the file."""
+    path = tmp_path_factory.mktemp("scene") / "view.toml"
     path.write_text(SCENE)
     return path
 

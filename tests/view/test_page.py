@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.chromium import Chromium
 from helpers.served import served
-from helpers.small_scene import COARSE, SCENE
+from helpers.small_scene import COARSE
 from matplotlib import colormaps, image
 
 import lidarscene
@@ -23,14 +23,6 @@ from lidarscene.studies.budget import budget_of
 
 SETS = [f"--set={one}" for one in COARSE]
 WIDTH, HEIGHT = 1280, 800
-
-
-@pytest.fixture(scope="module")
-def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """That of the other tests of the view, once for all: nothing writes to it."""
-    path = tmp_path_factory.mktemp("scene") / "view.toml"
-    path.write_text(SCENE)
-    return path
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from helpers.served import Served, served
-from helpers.small_scene import COARSE, SCENE
+from helpers.small_scene import COARSE
 
 import lidarscene
 from lidarscene.errors import InputError
@@ -19,14 +19,6 @@ from lidarscene.view.blob import unpacked
 from lidarscene.view.serve import HOST, Server
 
 SETS = [f"--set={one}" for one in COARSE]
-
-
-@pytest.fixture(scope="module")
-def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """That of the other tests of the view, once for all: nothing writes to it."""
-    path = tmp_path_factory.mktemp("scene") / "view.toml"
-    path.write_text(SCENE)
-    return path
 
 
 @pytest.fixture(scope="module")

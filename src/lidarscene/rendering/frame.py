@@ -101,9 +101,8 @@ class Frame:
         """(n,) when these pulses leave after the frame's first one, on the device."""
         # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
         # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
-        since = np.concatenate([[0], pulse - np.uint32(self.first_pulse)]).astype(np.uint32)
-        time_s = self._scanner.time_s(since)
-        return transfer.from_numpy(time_s[1:] - time_s[0])
+        start_s = self._scanner.time_s(np.zeros(1, np.uint32))
+        return transfer.from_numpy(self._scanner.time_s(pulse - np.uint32(self.first_pulse)) - start_s)
 
     def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, Moving | None]:
         """`placements` of the sensor and of the movers when pulses of so many rays leave.

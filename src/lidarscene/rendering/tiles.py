@@ -168,8 +168,7 @@ class Numbering:
             key = first - now.first_pulse, count
             if key not in self._times:
                 place = np.arange(count, dtype=np.uint32) if order is None else order.pulse
-                found = now.times(place + np.uint32(first))
-                self._times = dict([*self._times.items()][1 - KEPT :]) | {key: found}
+                self._times = _kept(self._times, key, now.times(place + np.uint32(first)))
             return self._times[key]
 
         number = transfer.counter(first, count) if order is None else order.on_device(first)
@@ -180,6 +179,10 @@ class Numbering:
         if self._tiling is None:
             return None
         if count not in self._orders:
-            found = Order.of(self._tiling.order(count))
-            self._orders = dict([*self._orders.items()][1 - KEPT :]) | {count: found}
+            self._orders = _kept(self._orders, count, Order.of(self._tiling.order(count)))
         return self._orders[count]
+
+
+def _kept(known: dict[Any, Any], key: Any, value: Any) -> dict[Any, Any]:
+    """With this entry, and of the others those that came last: `KEPT` in all."""
+    return dict([*known.items()][1 - KEPT :]) | {key: value}
