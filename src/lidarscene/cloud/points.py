@@ -53,7 +53,7 @@ class PointCloud:
     metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
               "sensor_position_m": "x y z", three numbers for each sensor
 
-    checked   whether the numbers are known to be good: only shapes and types are looked at then
+    checked   the numbers are known to be good: only shapes and types are checked
 
     The arrays are not copied: who hands them over leaves them alone from then on. Raises ValueError for a
     wrong shape, an integer out of range, a NaN anywhere.

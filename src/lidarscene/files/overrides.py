@@ -1,6 +1,6 @@
-"""Overrides: `--set KEY=VALUE` and its kin change tables before they are checked, and values are written as TOML.
+"""Change the tables of a file before they are checked, as `--set KEY=VALUE` asks, and write values as TOML.
 
-One option of the command line, one argument of Python: text, several texts or a mapping.
+The command line gives texts; Python may give a text, several texts or a mapping.
 """
 
 from __future__ import annotations

@@ -83,8 +83,8 @@ class NumpyOps:
 
     @staticmethod
     def choice(condition: Any) -> Callable[[Any, Any], Any]:
-        """`where` of this condition for the arrays of a state, which nobody changes in place: those that it leaves
-        as they are, or takes whole, are not copied.
+        """`where` of this condition for the arrays of a state. An array that it takes whole, or that is the same on
+        both sides, is not copied: nobody changes the arrays of a state in place.
         """
         every = bool(np.all(condition))
         kinds = np.shape(condition)

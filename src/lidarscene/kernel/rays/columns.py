@@ -41,7 +41,7 @@ ABSENT: dict[str, Any] = {
 """Columns that only some worlds or sensors have, with their value in all others."""
 
 BROKEN = "broken"
-"""A column that is none of a cloud's: whether any number of the point is NaN."""
+"""A column beside those of a cloud: 1 if any number of the point is NaN, else 0."""
 
 NOT_A_NUMBER = 255
 """Stands for the `Outcome` of a pulse whose signal is NaN: it would count as missed."""

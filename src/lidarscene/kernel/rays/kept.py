@@ -1,7 +1,7 @@
-"""Kept: which lanes have a return, a glass or a point, and how several arrays of lanes become one.
+"""Find the lanes that have a return or meet glass, and join several arrays of lanes into one.
 
-Kernels know no lists that grow. So lanes are flagged, the flags are counted, and what follows runs for the flagged
-lanes only.
+A kernel cannot make a list that grows. So it flags lanes, the flags are counted, and the next kernel runs for the
+flagged lanes only.
 
 Symbols: n pulse lanes, k kept lanes.
 """
