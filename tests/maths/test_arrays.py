@@ -1,5 +1,7 @@
 """Functions that numpy and Dr.Jit share and that steer what is computed at all."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,36 @@ def test_whole_numbers_are_divided_exactly(mi, by):
     for lanes, divisor in ((mi.UInt32(numbers), mi.Int32(by)), (numbers, by)):
         found = xp(lanes).divmod(xp(lanes).int32(lanes), divisor)
         assert (np.array([np.asarray(one) for one in found]) == wanted).all()
+
+
+ROOMS = """
+import numpy as np
+from lidarscene.kernel.device import backend, transfer
+mi = backend.mitsuba()
+from lidarscene.maths.arrays import xp
+
+def filled(size):
+    # The size is opaque in all but the allocation: nothing else tells the kernels of two rooms apart.
+    lanes = transfer.counter(0, 64)
+    ops, last = xp(lanes), transfer.opaque(size - 1)
+    begin = ops.full(lanes, 0), ops.room(lanes, size)
+    step = lambda now: (now[0] + 1, ops.put(now[1], now[0], ops.float32(now[0] * 64) + ops.float32(lanes)))
+    _, room = ops.loop(begin, lambda now: now[0] <= last, step)
+    return ops.get(room, last + ops.full(lanes, 0)).numpy()
+
+for size in {sizes}:
+    expected = 64 * (size - 1) + np.arange(64)
+    assert (filled(size) == expected).all(), size
+print("all")
+"""
+
+
+def test_each_room_has_its_own_size(mi: Any, run_python: Any, tmp_path: Any) -> None:
+    """Not that of the room for which a kernel was compiled first: writing 1.9 MB beyond that ends the process.
+
+    The largest number, 64 * 30,000, is exact in single precision.
+    """
+    done = run_python(
+        ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant()
+    )
+    assert (done.returncode, done.stdout) == (0, "all\n"), (done.returncode, done.stderr)

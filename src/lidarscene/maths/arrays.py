@@ -264,12 +264,20 @@ class DrjitOps:
 
     def put(self, room: Any, index: Any, value: Any) -> Any:
         """The room with entry ``index`` of each lane set to ``value``."""
-        room[self.uint32(index)] = value
+        room[self._bounded(room, index)] = value
         return room
 
     def get(self, room: Any, index: Any) -> Any:
         """Entry ``index`` of each lane."""
-        return room[self.uint32(index)]
+        return room[self._bounded(room, index)]
+
+    def _bounded(self, room: Any, index: Any) -> Any:
+        """Index of an entry, at most that of the last one."""
+        # Dr.Jit 1.5 finds compiled kernels by a hash that leaves out how large local memory is on LLVM: the kernel of a
+        # smaller room would serve a larger one, and write beyond its stack (docs/limits.md). This bound is a literal in
+        # what is hashed, so that rooms of two sizes are two kernels. A literal index folds it away, but Dr.Jit refuses
+        # those beyond the room, and they are hashed themselves.
+        return self.minimum(self.uint32(index), len(room) - 1)
 
     def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active, as a loop inside the kernel.
