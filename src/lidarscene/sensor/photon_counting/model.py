@@ -177,9 +177,9 @@ class Macropixel:
 
     @property
     def count_share(self) -> Lanes:
-        """Probability of a background count of one trial in one bin."""
-        share = self.free * dead_time.firing_share(detections=self.rate_hz * self.histogram.bin_s)
-        return self._coincident(share)
+        """Mean background counts of one trial in one bin; at most one of each SPAD fits into a bin."""
+        # SPADs that come alive within the bin count too: firings renew themselves at the rate a lambda throughout.
+        return self._coincident(self.free * self.rate_hz * self.histogram.bin_s)
 
     @property
     def count_rate_hz(self) -> Lanes:
@@ -230,9 +230,11 @@ class Macropixel:
         if self.spad.coincidence == 1:
             return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
         # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
-        bin_s, before = self.histogram.bin_s, self.free
+        bin_s = self.histogram.bin_s
         total: Lanes = 0.0
         background = self.rate_hz * bin_s
+        # SPADs that are free at some time in the bin, so that no light makes the counts of `count_share`.
+        before = self.free * background / dead_time.firing_share(detections=background)
         dark = self.count_share
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
