@@ -53,3 +53,44 @@ def test_peak_and_photons_are_those_of_the_whole_histogram(overrides, power_w, c
     found_s = 1e-9 * (first + values.argmax(axis=1) + 0.5)
     assert (np.abs(peak.time_s - found_s) < 0.6e-9).mean() > 0.95
     assert not np.asarray(peak.rising).all()
+
+
+def drawn_and_expected(counter, *, rate_hz, detections, count=10_000):
+    """Mean counts of the drawn bins around an echo at 30 m, and what they are of the whole histogram's course."""
+    dark = counter.pixel(np.zeros(1))
+    background_w = (rate_hz - float(dark.rate_hz[0])) / float(dark.per_watt)
+    power_w = detections / float(dark.detections(1.0))
+    light = train(np.full((count, 1), 30.0), np.full((count, 1), power_w), background_w=background_w)
+    pixel = counter.pixel(light.background_power_w, range_m=np.full(count, 30.0))
+    wave = waveform(*broadened(light, counter, pixel.sigma_s))
+    bins = Bins(pixel=pixel, wave=wave, seed=3, pulse=np.arange(count, dtype=np.uint32))
+    bin_s, reach = counter.histogram.bin_s, counter.histogram.reach
+    time_s = radiometry.time_of_flight_s(range_m=np.full(count, 30.0))
+    first = 2.0 * np.floor(0.5 * (np.floor(time_s / bin_s) - reach))
+    start = (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
+    drawn = bins._drawn(first, start, bins._blind(start, first * bin_s, time_s), 0.0 * time_s)
+    alone = train(np.full((1, 1), 30.0), np.full((1, 1), power_w), background_w=background_w)
+    whole = histograms(alone, counter, seed=3, pulse=np.zeros(1, dtype=np.uint32)).expected[0]
+    return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
+
+
+@pytest.mark.parametrize("coincidence", [1, 2])
+@pytest.mark.parametrize("detections", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("rate_mhz", "dead_ns", "fwhm_ns"), [(60.0, 5.0, 4.0), (100.0, 5.0, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)]
+)
+def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, detections, coincidence):
+    """Rationale: SPADs come alive while the bins are drawn: those that the sun fired before, evenly over a dead time.
+    Reference: the course of the free SPADs in eight steps a bin.
+    Tolerance: 0.3 % of each bin, twice that for pairs of firings, and 4.5 standard errors of 10,000 pulses; all bins
+    together to 0.1 % and their error. Half a bin too late is 1 to 3 %.
+    """
+    counter = photons.sensor(
+        f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "histogram.window_us=0.4",
+        f"detector.coincidence={coincidence}",
+    )  # fmt: skip
+    drawn, expected = drawn_and_expected(counter, rate_hz=1e6 * rate_mhz, detections=detections)
+    error = 4.5 / np.sqrt(10_000 * expected)
+    assert (np.abs(drawn / expected - 1.0) < 0.003 * coincidence + error).all()
+    total = 4.5 / math.sqrt(10_000 * expected.sum())
+    assert drawn.sum() == pytest.approx(expected.sum(), rel=0.001 * coincidence + total)
