@@ -46,7 +46,9 @@ def test_background_counts_are_those_of_free_spads(rate_mhz, dead_ns, least):
     told = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
     of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **told).reshape(2000, 64, 30)
     assert of_spads.max() == 1.0
-    counts = float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
+    counts = (
+        float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
+    )
     expected = 1e-9 * float(pixel.count_rate_hz[0])
     assert counts == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 30))
     if least == 1:
