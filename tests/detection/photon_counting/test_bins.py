@@ -56,7 +56,7 @@ def test_peak_and_photons_are_those_of_the_whole_histogram(overrides, power_w, c
 
 
 def drawn_and_expected(counter, range_m, detections, *, rate_hz, count=10_000):
-    """Mean counts of the drawn bins around the last of some echoes, and what they are of the whole histogram's course."""
+    """Mean counts of the drawn bins around the last of some echoes, and those of the whole histogram's course."""
     dark = counter.pixel(np.zeros(1))
     background_w = (rate_hz - float(dark.rate_hz[0])) / float(dark.per_watt)
     power_w = np.asarray(detections) / float(dark.detections(1.0))

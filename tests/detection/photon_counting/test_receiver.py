@@ -154,8 +154,8 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
 @pytest.mark.parametrize("name", ["os0-128", "os1-128", "os2-128"])
 def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     """10 % in 100 klux from where nearly all is found to 590 m: drawn shares are P_d, which grows with the signal and
-    starts from the false alarms of a lone peak. Above 0.4 it is that of a sensor whose threshold scatters for all points
-    alike. 2,000 pulses each: 4 standard errors, and 0.02 for (T96) of a few photons.
+    starts from the false alarms of a lone peak. Above 0.4 it is that of a sensor whose threshold scatters for all
+    points alike. 2,000 pulses each: 4 standard errors, and 0.02 for (T96) of a few photons.
     """
     counter = load_sensor(name)
     alike = load_sensor(name, overrides=["histogram.lone_photons=0"])
@@ -244,8 +244,8 @@ are free again within the filter. The bound holds what is reached."""
 
 @pytest.mark.parametrize("case", SUN)
 def test_the_share_found_in_strong_sun_is_the_probability(case):
-    """6,000 echoes over the places in a bin: 4 standard errors, and what (T92c) lacks, to 0.01; a mean of the background that is
-    3 % wrong is 0.3 to 0.6.
+    """6,000 echoes over the places in a bin: 4 standard errors, and what (T92c) lacks, to 0.01. A mean of the
+    background that is 3 % wrong makes 0.3 to 0.6.
     """
     build, lacking = SUN[case]
     counter, light = build(6000)

@@ -231,7 +231,7 @@ class _Receiver(Shots):
         return point.signal(power_w * (self.seen.fwhm_s / self.sensor.laser.pulse_fwhm_s))
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
-        """Photons by which noise finds a higher place on the broad peak of echoes that merge behind the filter, (n,)."""
+        """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
         if not self._several:
             return 0.0
         ops, signal = self.ops, self._signal(point, power_w)

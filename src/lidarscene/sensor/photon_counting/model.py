@@ -118,8 +118,8 @@ class Histogram:
 
 
 SUPPORTED_SHARE = 0.4
-"""Share of the neighbours with a return from which on the law of the threshold holds: recordings give it for points with
-a return of 8 of the 20 columns beside them (`studies.fit.threshold`)."""
+"""Share of the neighbours with a return from which on the law of the threshold holds: recordings tell it of points that
+have a return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
 
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
