@@ -117,7 +117,9 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     [(4.0, 0.0, 1.0), (4.0, 0.0, 0.35), (2.0, 900.0, 0.5), (9.0, 300.0, 3.0)],
 )
 def test_the_bins_that_are_drawn_hold_the_search_and_the_template(fwhm_ns, jitter_ps, bin_ns):
-    """Rationale: variances of pulse (FWHM / 2.3548), jitter and bin (D / sqrt(12)) add up to that of an echo. The peak is looked for within 1.25 sigmas, and the template reaches 3 sigmas beyond that and one bin."""
+    """Rationale: variances of pulse (FWHM / 2.3548), jitter and bin (D / sqrt(12)) add up to that of an echo. The peak
+    is looked for within 1.25 sigmas, and the template reaches 3 sigmas beyond that and one bin.
+    """
     counter = photons.sensor(
         f"laser.pulse_fwhm_ns={fwhm_ns}", f"detector.jitter_ps={jitter_ps}", f"histogram.bin_ns={bin_ns}"
     )
