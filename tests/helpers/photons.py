@@ -1,6 +1,7 @@
 """Receivers that count photons: sensors for tests, and photons that arrive one by one, simulated apart."""
 
 import numpy as np
+from scipy.special import ndtr
 
 from lidarscene.catalog import path_of
 from lidarscene.detection import receivers
@@ -92,3 +93,31 @@ def arrivals(rng, shots, *, rate_per_ns, start, end, echo=(0.0, 0.0, 1.0)):
 def histogram(times, *, bins, bin_ns):
     """(bins,) counts of all shots, from time 0 on."""
     return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]
+
+
+def renewed(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0)):
+    """(points, bins) counts of the firings of (points, trials) SPADs, each followed from one firing to the next.
+
+    Stationary from the start: a SPAD is blind with the probability lambda tau / (1 + lambda tau), and then for a rest
+    that is even over the dead time. The next photon after a moment is where the integral of the light has grown by an
+    exponential number.
+
+    echo  detections of a SPAD that is free throughout, place, sigma
+    """
+    mean, place, sigma = echo
+    grid = np.linspace(0.0, bins * bin_ns, 40 * bins + 1)
+    light = rate_per_ns * grid + mean * ndtr((grid - place) / sigma)
+    blind = rng.random(shape) < rate_per_ns * dead / (1.0 + rate_per_ns * dead)
+    free_from = np.where(blind, rng.uniform(0.0, dead, shape), 0.0)
+    point = np.broadcast_to(np.arange(shape[0])[:, None], shape).ravel()
+    counts, free_from = np.zeros(shape[0] * bins), free_from.ravel()
+    while len(point):
+        fires = np.interp(free_from, grid, light) + rng.exponential(size=len(point))
+        within = fires < light[-1]
+        point, times = point[within], np.interp(fires[within], light, grid)
+        index = np.minimum((times / bin_ns).astype(np.int64), bins - 1)
+        counts += np.bincount(point * bins + index, minlength=len(counts))
+        free_from = times + dead
+        inside = free_from < grid[-1]
+        point, free_from = point[inside], free_from[inside]
+    return counts.reshape(shape[0], bins)

@@ -53,3 +53,77 @@ def test_peak_and_photons_are_those_of_the_whole_histogram(overrides, power_w, c
     found_s = 1e-9 * (first + values.argmax(axis=1) + 0.5)
     assert (np.abs(peak.time_s - found_s) < 0.6e-9).mean() > 0.95
     assert not np.asarray(peak.rising).all()
+
+
+def drawn_and_expected(counter, range_m, detections, *, rate_hz, count=10_000):
+    """Mean counts of the drawn bins around the last of some echoes, and those of the whole histogram's course."""
+    dark = counter.pixel(np.zeros(1))
+    background_w = (rate_hz - float(dark.rate_hz[0])) / float(dark.per_watt)
+    power_w = np.asarray(detections) / float(dark.detections(1.0))
+    each = {"background_w": background_w}
+    light = train(np.tile(range_m, (count, 1)), np.tile(power_w, (count, 1)), **each)
+    place_m = np.full(count, range_m[-1])
+    pixel = counter.pixel(light.background_power_w, range_m=place_m)
+    wave = waveform(*broadened(light, counter, pixel.sigma_s))
+    bins = Bins(pixel=pixel, wave=wave, seed=3, pulse=np.arange(count, dtype=np.uint32))
+    bin_s, reach = counter.histogram.bin_s, counter.histogram.reach
+    time_s = radiometry.time_of_flight_s(range_m=place_m)
+    first = 2.0 * np.floor(0.5 * (np.floor(time_s / bin_s) - reach))
+    place = wave.centres[-1]
+    start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
+    drawn = bins._drawn(first, start, bins._blind(start, first * bin_s, time_s), place)
+    alone = train(np.asarray(range_m)[None], power_w[None], **each)
+    whole = histograms(alone, counter, seed=3, pulse=np.zeros(1, dtype=np.uint32)).expected[0]
+    return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
+
+
+@pytest.mark.parametrize("coincidence", [1, 2])
+@pytest.mark.parametrize("detections", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("rate_mhz", "dead_ns", "fwhm_ns"),
+    [(60.0, 5.0, 4.0), (100.0, 5.0, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)],
+)
+def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, detections, coincidence):
+    """Rationale: SPADs come alive while the bins are drawn: those that the sun fired before, evenly over a dead time.
+    Reference: the course of the free SPADs in eight steps a bin.
+    Tolerance: 0.3 % of each bin, twice that for pairs of firings, and 4.5 standard errors of 10,000 pulses; all bins
+    together to 0.1 % and their error. Half a bin too late is 1 to 3 %.
+    """
+    counter = photons.sensor(
+        f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "histogram.window_us=0.4",
+        f"detector.coincidence={coincidence}",
+    )  # fmt: skip
+    drawn, expected = drawn_and_expected(counter, [30.0], [detections], rate_hz=1e6 * rate_mhz)
+    error = 4.5 / np.sqrt(10_000 * expected)
+    assert (np.abs(drawn / expected - 1.0) < 0.003 * coincidence + error).all()
+    total = 4.5 / math.sqrt(10_000 * expected.sum())
+    assert drawn.sum() == pytest.approx(expected.sum(), rel=0.001 * coincidence + total)
+
+
+@pytest.mark.parametrize("rate_mhz", [0.01, 5.0])
+@pytest.mark.parametrize(
+    ("stamps", "apart_m", "within"),
+    [
+        ("first", 3.0, 0.003),
+        ("first", 9.0, 0.003),
+        ("all", 3.0, 0.003),
+        ("all", 6.0, 0.07),
+        ("all", 9.0, 0.003),
+    ],
+)
+def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
+    stamps, apart_m, within, rate_mhz
+):
+    """Rationale: of the free SPADs exp(-0.8) are left behind an echo of 0.8 detections, for 40 ns or 6 m, or for ever.
+    Reference: the course of the free SPADs through the whole window.
+    Tolerance: of the sum of the bins 0.3 %, where they come back 7 %: that is taken for an even return over three
+    sigmas about the mean of the light. With sun 6 % more: SPADs that the echo has fired are not there for the sun, and
+    so fewer of the sun's are blind than before, lambda tau (1 - exp(-0.8)) / 2 of the free ones.
+    """
+    counter = photons.sensor(
+        "detector.dead_time_ns=40", "histogram.window_us=0.4", f"detector.stamps='{stamps}'"
+    )
+    drawn, expected = drawn_and_expected(counter, [30.0, 30.0 + apart_m], [0.8, 0.3], rate_hz=1e6 * rate_mhz)
+    error = 4.5 / math.sqrt(1e4 * expected.sum())
+    within += 0.06 if stamps == "all" and rate_mhz > 1.0 else 0.0
+    assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)

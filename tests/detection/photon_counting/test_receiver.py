@@ -13,6 +13,8 @@ from lidarscene.detection.photon_counting import histograms as whole
 from lidarscene.detection.photon_counting import receiver
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.physics.photon_counting import matched_filter
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.studies.ranging import plane
 
 C = 299792458.0
 SPADS = 64
@@ -129,6 +131,143 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
     # A sharp threshold loses more of the weak ones and keeps more of the strong ones.
     assert apart[0] > 0.04
     assert apart[2] < -0.04
+
+
+def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
+    """A law of 3 +- 3 photons lies below 0 for one point in six. In the dark these have no echo without a count: drawn
+    and expected shares vanish with the light. 20,000 pulses each: 4 standard errors, and 15 % of the share for the law
+    of a handful of counts, which (T96) takes for a continuous one.
+    """
+    counter = photons.sensor(
+        "histogram.stops=3", "histogram.threshold_floor=3", "histogram.threshold_slope=0",
+        "histogram.threshold_spread=3.0", "detector.dark_count_rate_hz=0",
+    )  # fmt: skip
+    for signal in (1e-3, 0.03, 0.3, 1.0):
+        light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
+        found = photons.detected(counter, light)
+        expected = float(found.detection_probability[0])
+        share = sum(photons.echo_of(stop).mean() for stop in found.stops)
+        assert share == pytest.approx(expected, rel=0.15, abs=4.0 * math.sqrt(signal / 20_000))
+        assert expected < -math.expm1(-signal)
+
+
+@pytest.mark.parametrize("name", ["os0-128", "os1-128", "os2-128"])
+def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
+    """10 % in 100 klux from where nearly all is found to 590 m: drawn shares are P_d, which grows with the signal and
+    starts from the false alarms of a lone peak. Above 0.4 it is that of a sensor whose threshold scatters for all
+    points alike. 2,000 pulses each: 4 standard errors, and 0.02 for (T96) of a few photons.
+    """
+    counter = load_sensor(name)
+    alike = load_sensor(name, overrides=["histogram.lone_photons=0"])
+    range_m = np.array([15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 100.0, 590.0])
+    light = plane.echoes_of_plane(counter, plane.Target(), np.repeat(range_m, 2000))
+    found = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).reshape(-1, 2000).mean(axis=1)
+    expected = np.asarray(found.detection_probability).reshape(-1, 2000)[:, 0]
+    error = 4.0 * np.sqrt(expected * (1.0 - expected) / 2000)
+    assert (np.abs(share - expected) < error + 0.02).all()
+    by_signal = np.argsort(np.asarray(found.snr)[::2000])
+    assert (np.diff(expected[by_signal]) >= 0.0).all()
+    # A lone peak in one of the bins that are searched is rarer still than one in 10^10.
+    point = counter.working_point(light.background_power_w[:1])
+    alarms = float(np.ravel(point.false_alarm_probability(counter.threshold(point)))[0])
+    assert alarms * (2 * counter.histogram.reach + 1) < 1e-10
+    assert expected[-1] < 1e-10
+    plain = np.asarray(photons.detected(alike, light).detection_probability).reshape(-1, 2000)[:, 0]
+    high = plain > 0.4
+    np.testing.assert_allclose(expected[high], plain[high], rtol=1e-9)
+    assert (expected[~high] < plain[~high]).all()
+    assert plain[-1] > 1e-3
+
+
+def of_renewed(rng, counter, light, points):
+    """Share of histograms, filled firing by firing, whose filter passes the threshold where the receiver searches."""
+    pixel, histogram = counter.pixel(light.background_power_w[:1]), counter.histogram
+    bin_ns, reach, search = 1e9 * histogram.bin_s, histogram.reach, histogram.search
+    rate, dead = 1e-9 * float(pixel.rate_hz[0]), 1e9 * float(counter.detector.dead_time_s)
+    trials = int(float(counter.detector.spads) * float(histogram.shots))
+    sigma = 1e9 * float(counter.laser.pulse_fwhm_s) / 2.354820045
+    side = reach - search - 1
+    w = matched_filter.TEMPLATE * math.hypot(sigma, bin_ns / math.sqrt(12.0))
+    template = np.exp(-0.5 * (np.arange(-side, side + 1) * bin_ns / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
+    mean = trials * rate / (1.0 + rate * dead) * bin_ns * template.sum()
+    point = counter.working_point(light.background_power_w[:1], range_m=light.range_m[:1])
+    level, echo = (
+        float(counter.threshold(point)[0]),
+        float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]),
+    )
+    found, at_once = 0, 100
+    for _ in range(points // at_once):
+        place = (reach + 4 + rng.random()) * bin_ns
+        counts = photons.renewed(
+            rng, (at_once, trials), rate_per_ns=rate, dead=dead, bins=2 * reach + 9, bin_ns=bin_ns,
+            echo=(echo, place, sigma),
+        )  # fmt: skip
+        values = np.lib.stride_tricks.sliding_window_view(counts, len(template), axis=1) @ template - mean
+        first = reach + 4 - side - search - 1
+        found += int((values[:, first : first + 2 * search + 3].max(axis=1) >= level).sum())
+    return found / points
+
+
+def sunlit(rate_mhz, dead_ns, fwhm_ns, above, count):
+    """A sensor of the tests in the sun and echoes ``above`` so many sigmas above its threshold."""
+    counter = photons.sensor(
+        f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "histogram.stops=3"
+    )
+    dark = counter.pixel(np.zeros(1))
+    light = photons.echoes_of(counter, 60.0, photons=1.0, count=count, illuminance_klux=0.0)
+    light.background_power_w[:] = (1e6 * rate_mhz - float(dark.rate_hz[0])) / float(dark.per_watt)
+    point = counter.working_point(light.background_power_w, range_m=light.range_m)
+    light.peak_power_w[:] = point.power_w(counter.threshold(point) + above * point.noise)
+    return counter, light
+
+
+def sony(reflectivity, range_m, count):
+    counter = load_sensor("sony-spad-189x600")
+    target = plane.Target(reflectivity=reflectivity)
+    return counter, plane.echoes_of_plane(counter, target, np.full(count, range_m))
+
+
+SUN = {
+    "20 MHz, 12 ns": (lambda n: sunlit(20.0, 12.0, 4.0, 0.0, n), 0.01),
+    "60 MHz, 5 ns": (lambda n: sunlit(60.0, 5.0, 4.0, -0.4, n), 0.04),
+    "100 MHz, 5 ns": (lambda n: sunlit(100.0, 5.0, 4.0, -0.8, n), 0.08),
+    "50 MHz, 3 ns": (lambda n: sunlit(50.0, 3.0, 3.0, -0.2, n), 0.035),
+    "Sony, 80 %, 216.6 m": (lambda n: sony(0.8, 216.6, n), 0.11),
+    "Sony, 80 %, 249 m": (lambda n: sony(0.8, 249.0, n), 0.015),
+    "Sony, 30 %, 195.5 m": (lambda n: sony(0.3, 195.5, n), 0.02),
+    "Sony, 10 %, 156.6 m": (lambda n: sony(0.1, 156.6, n), 0.01),
+}
+"""Light and, beside it, by how much P_d is too low: (T92c) is to first order in lambda sigma, and knows no SPADs that
+are free again within the filter. The bound holds what is reached."""
+
+
+@pytest.mark.parametrize("case", SUN)
+def test_the_share_found_in_strong_sun_is_the_probability(case):
+    """6,000 echoes over the places in a bin: 4 standard errors, and what (T92c) lacks, to 0.01. A mean of the
+    background that is 3 % wrong makes 0.3 to 0.6.
+    """
+    build, lacking = SUN[case]
+    counter, light = build(6000)
+    light.range_m[:] += np.linspace(0.0, 0.15, 6000)
+    found = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).mean()
+    expected = float(np.mean(found.detection_probability))
+    error = 4.0 * math.sqrt(max(share * (1.0 - share), 0.01) / 6000)
+    assert expected - error - 0.01 < share < expected + error + lacking
+
+
+@pytest.mark.parametrize("case", ["60 MHz, 5 ns", "50 MHz, 3 ns", "Sony, 80 %, 216.6 m"])
+def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
+    """Every SPAD followed from one firing to the next, 500 histograms: 4 standard errors of both, and 0.025 for firings
+    that come free all alike where those of single SPADs scatter.
+    """
+    counter, light = SUN[case][0](6000)
+    light.range_m[:] += np.linspace(0.0, 0.15, 6000)
+    found = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).mean()
+    own = of_renewed(np.random.default_rng(6), counter, light, 500)
+    assert share == pytest.approx(own, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000) + 0.025)
 
 
 def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():

@@ -47,11 +47,22 @@ def test_a_raw_histogram_is_that_of_photons_that_arrive_one_by_one(dead_ns):
     assert stats.chi2.sf(np.sum((counts - naive) ** 2 / naive), bins) < 1e-6
 
 
-def test_even_light_leaves_the_share_of_free_spads_that_renewal_says():
-    share = dead_time.firing_shares(np.full(400, 63e6), bin_s=1e-11, dead_time_s=6e-9)
-    assert share[-1] / (1e-11 * 63e6) == pytest.approx(
-        dead_time.free_share(rate_hz=63e6, dead_time_s=6e-9), rel=1e-3
-    )
+@pytest.mark.parametrize("dead_s", [6e-9, 6.3e-9, 6.8e-9])
+def test_even_light_leaves_the_share_of_free_spads_that_renewal_says(dead_s):
+    """a lambda in the steps of 0.1 ns from the first one on, to (lambda step)^2 / 12 = 3e-6; dead times of whole steps
+    and between.
+    """
+    share = dead_time.firing_shares(np.full(400, 63e6), bin_s=1e-10, dead_time_s=dead_s)
+    free = dead_time.free_share(rate_hz=63e6, dead_time_s=dead_s)
+    np.testing.assert_allclose(share / (1e-10 * 63e6), free, rtol=5e-6)
+
+
+def test_spads_that_start_free_come_into_balance():
+    """Before a dead time is over they have not fired, exp(-lambda t); after ten of them they are in balance."""
+    share = dead_time.firing_shares(np.full(1000, 63e6), bin_s=1e-10, dead_time_s=6e-9, steady=False)
+    time_s = 1e-10 * np.arange(1000)
+    np.testing.assert_allclose(share[:59], -np.expm1(-63e-4) * np.exp(-63e6 * time_s[:59]), rtol=1e-9)
+    assert share[-1] == pytest.approx(63e-4 / (1.0 + 63e6 * 6e-9), rel=1e-4)
 
 
 def test_first_photons_die_with_the_range():

@@ -113,10 +113,29 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
 
 
 @pytest.mark.parametrize(
+    ("fwhm_ns", "jitter_ps", "bin_ns"),
+    [(4.0, 0.0, 1.0), (4.0, 0.0, 0.35), (2.0, 900.0, 0.5), (9.0, 300.0, 3.0)],
+)
+def test_the_bins_that_are_drawn_hold_the_search_and_the_template(fwhm_ns, jitter_ps, bin_ns):
+    """Rationale: variances of pulse (FWHM / 2.3548), jitter and bin (D / sqrt(12)) add up to that of an echo. The peak
+    is looked for within 1.25 sigmas, and the template reaches 3 sigmas beyond that and one bin.
+    """
+    counter = photons.sensor(
+        f"laser.pulse_fwhm_ns={fwhm_ns}", f"detector.jitter_ps={jitter_ps}", f"histogram.bin_ns={bin_ns}"
+    )
+    sigma_ns = math.sqrt((fwhm_ns / 2.354820045) ** 2 + (1e-3 * jitter_ps) ** 2 + bin_ns**2 / 12.0)
+    assert 1e9 * float(counter.pixel(0.0).sigma_s) == pytest.approx(sigma_ns, rel=1e-9)
+    search = math.ceil(1.25 * sigma_ns / bin_ns)
+    assert counter.histogram.search == search
+    assert counter.histogram.reach == search + 1 + math.ceil(3.0 * sigma_ns / bin_ns)
+
+
+@pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("histogram.bin_ns=5", "histogram.bin_ns: must be <="),
-        ("histogram.bin_ns=0.05", "histogram.bin_ns: must be >="),
+        # 1.5 times the root of (4 / 2.3548)^2 + 5^2 / 12, and 8.5 times that of 0.05 over 56 bins.
+        ("histogram.bin_ns=5", "histogram.bin_ns: must be <= 3.34, 1.5 times the width"),
+        ("histogram.bin_ns=0.05", "histogram.bin_ns: must be >= 0.26 (64 bins"),
         ("detector.dead_time_ns=2", "detector.dead_time_ns: must be >= 4, the width of the pulse, got 2"),
         ("histogram.window_us=200", "histogram.window_us: must be <= 100, the pulse period, got 200"),
         ("histogram.pulse_period_us=3", "histogram.shots: must be <= 33"),

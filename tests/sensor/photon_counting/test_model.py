@@ -22,16 +22,54 @@ def test_power_and_photons_are_inverse(coincidence, coates):
     np.testing.assert_allclose(back, power, rtol=1e-6 if coincidence == 1 else 1e-4)
 
 
-def test_background_counts_are_those_of_free_spads():
-    """N a (1 - exp(-lambda bin)) with a = 1 / (1 + lambda tau); of first photons N (1 - exp(-lambda window))."""
-    counter = photons.sensor()
+def in_sun(rate_hz, *overrides):
+    """A sensor of the tests and the power (1,) at which a free SPAD of it detects this rate."""
+    counter = photons.sensor(*overrides)
+    dark = counter.pixel(np.zeros(1))
+    return counter, (rate_hz - float(dark.rate_hz[0])) / float(dark.per_watt) * np.ones(1)
+
+
+@pytest.mark.parametrize(("rate_mhz", "dead_ns"), [(2.0, 12.0), (60.0, 5.0), (100.0, 5.0), (50.0, 4.0)])
+@pytest.mark.parametrize("least", [1, 2])
+def test_background_counts_are_those_of_free_spads(rate_mhz, dead_ns, least):
+    """Rationale: firings renew themselves, so a bin of length D has a lambda D of them, a = 1 / (1 + lambda tau), and
+    SPADs that come alive within the bin count too. With coincidence that is the probability of each SPAD.
+    Reference: 30 bins of 64 SPADs that are followed from one firing to the next.
+    Tolerance: four standard errors of 2,000 shots, in which bins exclude each other: fewer than of Poisson counts.
+    """
+    counter, power_w = in_sun(
+        1e6 * rate_mhz, f"detector.dead_time_ns={dead_ns}", f"detector.coincidence={least}",
+        "histogram.shots=2000",
+    )  # fmt: skip
+    pixel = counter.pixel(power_w)
+    mean = float(1e-3 * rate_mhz / (1.0 + 1e-3 * rate_mhz * dead_ns))
+    told = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
+    of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **told).reshape(2000, 64, 30)
+    assert of_spads.max() == 1.0
+    counts = (
+        float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
+    )
+    expected = 1e-9 * float(pixel.count_rate_hz[0])
+    assert counts == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 30))
+    if least == 1:
+        assert expected == pytest.approx(128e3 * mean, rel=1e-9)
+        # NEAR_IR counts the same ones.
+        assert pixel.background_counts(1e-6)[0][0] == pytest.approx(pixel.count_rate_hz[0], rel=1e-12)
+    # No light, no echo: the background of the response is that of the sum.
+    assert pixel.counts(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-9 * expected)
+
+
+def test_background_counts_of_first_photons():
+    """N (1 - exp(-lambda window)) in all; in a bin in the middle of which the echo comes, N lambda D exp(-lambda t)."""
+    counter = photons.sensor("detector.stamps='first'")
     pixel = counter.pixel(BACKGROUND_W)
     rate = float(pixel.rate_hz[0])
-    share = -math.expm1(-rate * 1e-9) / (1.0 + rate * 12e-9)
-    assert pixel.count_rate_hz[0] == pytest.approx(64 * 50 * share / 1e-9, rel=1e-9)
-    first = photons.sensor("detector.stamps='first'").pixel(BACKGROUND_W)
-    counts, _ = first.background_counts(1e-6)
+    counts, narrowing = pixel.background_counts(1e-6)
     assert counts[0] * 1e-6 == pytest.approx(64 * 50 * -math.expm1(-rate * 1e-6), rel=1e-9)
+    assert narrowing[0] == pytest.approx(math.exp(-0.5 * rate * 1e-6), rel=1e-9)
+    late = counter.pixel(BACKGROUND_W, range_m=30.0)
+    armed_s = 60.0 / 299792458.0 - float(counter.tdc.blanking_s)
+    assert late.count_rate_hz[0] == pytest.approx(64 * 50 * rate * math.exp(-rate * armed_s), rel=1e-9)
 
 
 def test_dead_time_narrows_the_noise_of_the_filter():

@@ -219,11 +219,12 @@ class Bins:
         share = blind.by_sun + blind.by_echoes
         if pixel.spad.stamps == "all":
             # The sun's get free evenly over one dead time; those of echoes one dead time after these; and who fired
-            # in these bins, one dead time after that.
+            # in these bins, one dead time after that. The middle of a bin stands for all of it.
             step = pixel.histogram.bin_s / pixel.spad.dead_time_s
+            still = ops.maximum(1.0 - (now.number + 0.5) * step, 0.0)
             width = _RELEASE * pixel.sigma_s / pixel.histogram.bin_s
             left = ops.minimum(ops.maximum((blind.freed - now.number) / width + 0.5, 0.0), 1.0)
-            share = blind.by_sun * ops.maximum(1.0 - now.number * step, 0.0) + blind.by_echoes * left
+            share = blind.by_sun * still + blind.by_echoes * left
         return ops.maximum(whole * (1.0 - share) - now.fired, 0.0)
 
     def _still_blind(self, now: _Drawn, firings: Array, new: Lanes) -> Lanes:

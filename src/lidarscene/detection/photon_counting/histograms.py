@@ -53,7 +53,9 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     fine_s = bin_s / _FINE
     times = (np.arange(count * _FINE) + 0.5) * fine_s
     light = folded(train, sensor.histogram).train
-    spread, narrow = broadened(light, sensor, pixel.sigma_s)
+    # An echo is as wide as pulse and jitter; sums over the steps of a bin make it as wide as in the histogram.
+    width_s = np.sqrt(pixel.sigma_s**2 - bin_s**2 / 12.0)
+    spread, narrow = broadened(light, sensor, width_s)
     power = sampled_power_w(spread, narrow, times)
     once = spad.stamps == "first"
     rate = power * pixel.per_watt + np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))

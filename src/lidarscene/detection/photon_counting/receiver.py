@@ -20,6 +20,7 @@ from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
+from ...sensor.detectors import WorkingPoint
 from ...sensor.model import Sensor
 from ...sensor.photon_counting.model import LEAST_THRESHOLD, Macropixel
 from .. import ambient, comparator, intensity
@@ -176,7 +177,7 @@ class _Receiver(Shots):
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
-        threshold = _drawn(sensor.threshold(point), pixel.histogram.threshold_spread, self.seed, self.pulse)
+        threshold = self._met_by_echo(point, place, power_w)
         detections = pixel.detections(lone_w)
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
@@ -213,18 +214,32 @@ class _Receiver(Shots):
 
     def _expected(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
-        ops, sensor = self.ops, self.sensor
-        point = sensor.working_point(self.train.background_power_w, range_m=self.seen.range_m(place))
-        signal = point.signal(power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s))
-        threshold = sensor.threshold(point)
-        if self._several:
-            # Echoes that merge behind the filter have a broad peak, and noise finds some higher place on it.
-            own = ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0)
-            threshold = threshold - matched_filter.gain_of_breadth(
-                signal=signal, background=point.noise * point.noise, own=own,
-                bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
-            )  # fmt: skip
+        point = self.sensor.working_point(self.train.background_power_w, range_m=self.seen.range_m(place))
+        signal = self._signal(point, power_w)
+        threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
         return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
+
+    def _met_by_echo(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
+        """Draw the threshold that a peak of the light behind the filter meets, (n,)."""
+        assert point.beyond_law is not None
+        level, signal = self.sensor.threshold(point), self._signal(point, power_w)
+        more, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
+        return _drawn(level + more, spread, self.seed, self.pulse)
+
+    def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
+        """Photons of a peak of the light behind the filter, (n,)."""
+        return point.signal(power_w * (self.seen.fwhm_s / self.sensor.laser.pulse_fwhm_s))
+
+    def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
+        """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
+        if not self._several:
+            return 0.0
+        ops, signal = self.ops, self._signal(point, power_w)
+        return matched_filter.gain_of_breadth(
+            signal=signal, background=point.noise * point.noise,
+            own=ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0),
+            bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
+        )  # fmt: skip
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
         """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.

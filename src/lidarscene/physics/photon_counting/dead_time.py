@@ -70,7 +70,9 @@ def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady:
     """(..., n) probability that a SPAD fires in each bin of a shot, for a light that is even within a bin; NumPy.
 
     The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
-    a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90).
+    a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90). Firings are spread
+    over their bin and come free over one bin as well: a_i is the share in the middle of the bin, to second order in
+    lambda bin_s.
 
     rate_hz      (..., n) lambda in each bin
     dead_time_s  inf: a SPAD fires once in a shot
@@ -78,17 +80,24 @@ def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady:
     """
     hazard = -np.expm1(-np.asarray(rate_hz, dtype=np.float64) * bin_s)
     count = hazard.shape[-1]
-    dead = count if math.isinf(dead_time_s) else round(dead_time_s / bin_s)
-    fired = np.zeros((*hazard.shape[:-1], count + dead))
-    if steady and not math.isinf(dead_time_s):
+    if math.isinf(dead_time_s):
+        blind_bins, oldest_share, steady = count, 0.0, False
+    else:
+        # A firing k bins back is still blind with the weight clip(tau / bin_s + 1/2 - k, 0, 1), as in `coates`.
+        blind_bins = math.floor(dead_time_s / bin_s + 0.5)
+        oldest_share = dead_time_s / bin_s + 0.5 - blind_bins
+    fired = np.zeros((*hazard.shape[:-1], count + blind_bins))
+    if steady:
         # In balance f = a h with a = 1 - d f.
-        fired[..., :dead] = hazard[..., :1] / (1.0 + dead * hazard[..., :1])
-    busy = fired[..., :dead].sum(axis=-1)
+        fired[..., :blind_bins] = hazard[..., :1] / (1.0 + (blind_bins - 1 + oldest_share) * hazard[..., :1])
+    busy = fired[..., :blind_bins].sum(axis=-1)
     for i in range(count):
-        fired[..., dead + i] = (1.0 - busy) * hazard[..., i]
-        if dead:
-            busy = busy + fired[..., dead + i] - fired[..., i]
-    return fired[..., dead:]
+        oldest = fired[..., i]
+        firings = (1.0 - busy + (1.0 - oldest_share) * oldest) * hazard[..., i]
+        fired[..., blind_bins + i] = firings
+        if blind_bins:
+            busy = busy + firings - oldest
+    return fired[..., blind_bins:]
 
 
 def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) -> Numbers:

@@ -64,6 +64,8 @@ class WorkingPoint:
                       photons; None for (9)
     echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
     level             threshold that follows the background by a law of its own; None: the converter sets it
+    beyond_law        threshold and signal to what such an echo must have above the threshold where its neighbours lack
+                      it, and the threshold's standard deviation (None: sharp); None: neighbours are not asked
     memory            of a SiPM whose cells are followed in time; None: every echo finds the detector as the first does
     calibrated        the point that the sensor takes this one for, with an earlier echo forgotten; None: itself
     """
@@ -84,6 +86,7 @@ class WorkingPoint:
     crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
     echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
     level: Lanes | None = None
+    beyond_law: Callable[[Lanes, Lanes], tuple[Lanes, Lanes | None]] | None = None
     unfiltered: WorkingPoint | None = None
     memory: CellMemory | None = None
     calibrated: WorkingPoint | None = None

@@ -73,7 +73,7 @@ class Histogram:
 
     shots       added up for one point
     neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone. No neighbour shares
-                noise, which meets the middle of the threshold and `lone_photons`
+                noise, nor an echo that is too weak for them: these meet the middle of the threshold and `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -116,6 +116,10 @@ class Histogram:
         """Standard deviation of the threshold that noise meets; None where that is sharp."""
         return None if self.neighbours else self.threshold_spread
 
+
+SUPPORTED_SHARE = 0.4
+"""Share of the neighbours with a return from which on the law of the threshold holds: recordings tell it of points that
+have a return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
 
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
@@ -177,9 +181,9 @@ class Macropixel:
 
     @property
     def count_share(self) -> Lanes:
-        """Probability of a background count of one trial in one bin."""
-        share = self.free * dead_time.firing_share(detections=self.rate_hz * self.histogram.bin_s)
-        return self._coincident(share)
+        """Mean background counts of one trial in one bin; at most one of each SPAD fits into a bin."""
+        # SPADs that come alive within the bin count too: firings renew themselves at the rate a lambda throughout.
+        return self._coincident(self.free * self.rate_hz * self.histogram.bin_s)
 
     @property
     def count_rate_hz(self) -> Lanes:
@@ -230,9 +234,11 @@ class Macropixel:
         if self.spad.coincidence == 1:
             return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
         # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
-        bin_s, before = self.histogram.bin_s, self.free
+        bin_s = self.histogram.bin_s
         total: Lanes = 0.0
         background = self.rate_hz * bin_s
+        # SPADs that are free at some time in the bin, so that no light makes the counts of `count_share`.
+        before = self.free * background / dead_time.firing_share(detections=background)
         dark = self.count_share
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
@@ -276,34 +282,53 @@ class Macropixel:
 
 
 def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
-    """What the filter makes of light and background; signals are photons (T95) to (T98b).
+    """What the filter makes of light and background; signals are photons (T95) to (T98c).
 
     ambient_s  time in each shot in which the background is counted
     """
+    histogram = pixel.histogram
     rate, sigma = pixel.count_rate_hz, pixel.sigma_s
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
     own = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
     most = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
     kappa_2 = 0.0 if pixel.corrected else -own / most
-    spread = pixel.histogram.threshold_spread
-    blurred: Lanes = 0.0 if spread is None else spread * spread
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
+    near_counts = rate * histogram.bin_s * (2.0 * histogram.reach + 1.0)
 
-    def found(threshold: Lanes, signal: Lanes) -> Lanes:
+    def probability(threshold: Lanes, spread: Lanes | None, signal: Lanes) -> Lanes:
         shot = ops.maximum(own * signal + kappa_2 * signal * signal, 0.0)
+        blurred = 0.0 if spread is None else spread * spread
         total = ops.maximum(variance + shot + blurred, 1e-30)
         unit = (variance * background_unit + shot * own_unit) / total
-        return matched_filter.detection_probability(
+        share = matched_filter.detection_probability(
             threshold=threshold, signal=signal, background=variance, own=shot, unit=unit, blurred=blurred
         )
+        if spread is None:
+            return share
+        # Without a count there is no peak, however low the threshold is drawn.
+        below_zero = normal_tail(threshold / ops.maximum(spread, 1e-6))
+        return ops.maximum(share - below_zero * ops.exp(-signal - near_counts), 0.0)
+
+    def beyond_law(threshold: Lanes, signal: Lanes) -> tuple[Lanes, Lanes | None]:
+        spread = histogram.threshold_spread
+        if not histogram.neighbours:
+            return 0.0, spread
+        # Neighbours on one wide surface have the same light.
+        returning = probability(threshold, spread, signal)
+        lone = ops.maximum(1.0 - returning * (1.0 / SUPPORTED_SHARE), 0.0)
+        return lone * histogram.lone_photons, None if spread is None else (1.0 - lone) * spread
+
+    def found(threshold: Lanes, signal: Lanes) -> Lanes:
+        more, spread = beyond_law(threshold, signal)
+        return probability(threshold + more, spread, signal)
 
     def false_peak(threshold: Lanes) -> Lanes:
         # A receiver that asks the neighbours too wants more of a peak that is noise, since they do not have it.
-        alone = threshold + pixel.histogram.lone_photons
+        alone = threshold + histogram.lone_photons
         return matched_filter.false_peak_share(
-            threshold=alone, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=pixel.histogram.bin_s
+            threshold=alone, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=histogram.bin_s
         )
 
     background = ops.sqrt(rate * ambient_s)
@@ -312,10 +337,11 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         kappa_1=own,
         kappa_2=kappa_2,
         least_threshold=0.0,
-        level=pixel.histogram.threshold_floor + pixel.histogram.threshold_slope * background,
+        level=histogram.threshold_floor + histogram.threshold_slope * background,
         signal=lambda power_w: pixel.counts(pixel.detections(power_w)),
         power_w=pixel.power_w,
         largest=None if pixel.corrected else most * _LARGEST_SHARE,
         noise_tail=false_peak,
         echo_tail=found,
+        beyond_law=beyond_law,
     )
