@@ -116,7 +116,7 @@ def add_render(commands: Any) -> None:
         metavar="COLUMN",
         help="give points of a PLY file red, green and blue by a column, as intensity",
     )
-    add("--no-truth", action="store_true", help="leave the ground truth out")
+    add("--no-truth", action="store_true", help="leave the columns of ground truth out of the cloud")
     add("--ascii", action="store_true", help="write text instead of binary")
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
     add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
