@@ -6,7 +6,6 @@ A job may run for days. Its bar and its lines of failures go to the error stream
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files.json_text import json_text
 from ..rendering.options import Whole
 from .terminal import Answer, Lines
 from .words import whole
@@ -169,7 +169,7 @@ def _as_text(progress: Progress, manifest: Path) -> str:
 
 
 def _as_json(progress: Progress, manifest: Path) -> str:
-    return json.dumps(
+    return json_text(
         {
             "frames": progress.frames,
             "rendered": progress.rendered,
