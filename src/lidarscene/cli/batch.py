@@ -67,7 +67,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
 
     if arguments.scheduler is not None and arguments.workers is not None:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
-    cluster.require_packages()
+    cluster.require_packages(local=arguments.scheduler is None)
     job = Job.read(arguments.job)
     if os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
         raise InputError(f"--output {arguments.output}: must be a folder, got a file")
