@@ -33,7 +33,7 @@ seed_count = {frames}
 
 def measure(scene: Path, *, frames: int, step_deg: float, rounds: int) -> Section:
     """Seconds of a job on one worker and on two, each of one thread, and the ratio of each round."""
-    cluster.require_packages()
+    cluster.require_packages(local=True)
     seconds: dict[int, list[float]] = {count: [] for count in WORKERS}
     busy: dict[int, list[float]] = {count: [] for count in WORKERS}
     with ExitStack() as stack:

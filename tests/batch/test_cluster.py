@@ -17,7 +17,7 @@ from lidarscene.batch import cluster
 from lidarscene.batch.run import Connect, Progress, run_job
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
-from lidarscene.errors import LidarSceneError
+from lidarscene.errors import LidarSceneError, OptionWarning
 
 ROOT = Path(__file__).parents[2]
 WITHOUT = "raise ModuleNotFoundError(\"No module named 'lidarscene'\")"
@@ -141,6 +141,8 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
     argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", equipped.address]
     assert main.main(argv) == 0
     first = capsys.readouterr()
+    note = f"lidarscene: note: --scheduler {equipped.address}: whoever reaches this port, or those of the workers, runs"
+    assert first.err.count(note) == 1
     assert "dashboard     http://127.0.0.1:" in first.err
     assert main.main(argv) == 0
     again = json.loads(capsys.readouterr().out)
@@ -158,6 +160,7 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
         assert written.read_bytes() == alone.read_bytes()
 
 
+@pytest.mark.filterwarnings("ignore:.* whoever reaches this port:lidarscene.errors.OptionWarning")
 def test_a_scheduler_that_dies(
     equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
 ) -> None:
@@ -184,6 +187,28 @@ def test_a_scheduler_that_dies(
     assert 3 <= done < 10
     progress = run_job(job, out, connect=threads)
     assert (progress.reused, progress.rendered, progress.failed) == (done, 10 - done, {})
+
+
+def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """The key is in files that Dask's own configuration names, and nothing is noted; without it, one line."""
+    pytest.importorskip("cryptography")
+    import dask
+    from distributed import LocalCluster, Security
+
+    security = Security.temporary()
+    tls = {"ca-file": security.tls_ca_file}
+    tls |= {f"client.{part}": getattr(security, f"tls_client_{part}") for part in ("cert", "key")}
+    for name, text in tls.items():
+        (tmp_path / name).write_text(text)
+    files = {f"distributed.comm.tls.{name}": str(tmp_path / name) for name in tls}
+    with LocalCluster(n_workers=0, security=security, dashboard_address=None) as scheduler:
+        address = scheduler.scheduler_address
+        with dask.config.set(files), cluster.remote_client(address) as client:
+            assert client.scheduler_info()["address"] == address
+        refused = rf"^--scheduler {address}: no Dask scheduler answers there: .*ssl_context"
+        with pytest.raises(LidarSceneError, match=refused), cluster.remote_client(address):
+            pass
+    assert not [one for one in recwarn if issubclass(one.category, OptionWarning)]
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["another program", "nobody"])

@@ -47,6 +47,78 @@ def all_done(job: Job, folder: Path) -> bool:
     return all(store.row(task.key) is not None for task in job.tasks())
 
 
+INTRUDER = """
+import asyncio, os, ssl, sys
+from distributed.comm import connect
+from distributed.protocol.pickle import dumps
+from distributed.security import Security
+
+async def intrude(folder, way, scheme, how, port, operation):
+    try:
+        address = f"{scheme}://127.0.0.1:{port}"
+        comm = await asyncio.wait_for(connect(address, timeout=SECONDS, **how), SECONDS)
+        call = {"op": operation, "function": dumps(os.mkdir), "args": dumps((os.path.join(folder, f"{way}-{port}"),))}
+        await comm.write({**call, "kwargs": dumps({}), "wait": True, "reply": True})
+        await asyncio.wait_for(comm.read(), SECONDS)
+        comm.abort()
+    except Exception:  # whatever stops it
+        pass
+
+def ways(pem):
+    if pem:
+        its = Security(**dict.fromkeys(("tls_ca_file", "tls_client_cert", "tls_client_key"), pem))
+        return {"key": ("tls", its.get_connection_args("client"))}
+    none = {"ssl_context": ssl._create_unverified_context(), "require_encryption": True}
+    own = Security.temporary().get_connection_args("client")
+    return {"plain": ("tcp", {}), "none": ("tls", none), "own": ("tls", own)}
+
+async def main(folder, *doors):
+    chosen = ways(sys.stdin.read()).items()
+    tried = [intrude(folder, way, *how, *door.split("/")) for way, how in chosen for door in doors]
+    await asyncio.gather(*tried)
+
+asyncio.run(main(*sys.argv[1:]))
+"""
+"""A program of another user: tries to run code at ports, each with the operation that does so, with the key on its
+standard input or without.
+"""
+
+
+def test_who_lacks_the_key_runs_no_code(client: Any, tmp_path: Path) -> None:
+    """Rationale: every user of a machine reaches its ports on loopback. A second process tries all ports that this one
+    and its workers listen on; with the key it succeeds at the scheduler, two nannies and two workers.
+    """
+    psutil = pytest.importorskip("psutil")
+    processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    # Before psutil 6 the method had another name.
+    sockets = [getattr(one, "net_connections", None) or one.connections for one in processes]
+    ports = {one.laddr.port for of in sockets for one in of(kind="tcp") if one.status == psutil.CONN_LISTEN}
+    nannies = [one.address for one in client.cluster.workers.values()]
+    doors = {_port(one): "run" for one in [*nannies, *client.nthreads()]}
+    doors[_port(client.cluster.scheduler_address)] = "run_function"
+    assert len(doors) == 5
+    assert doors.keys() <= ports
+    # In vain for two seconds, though a port that is open takes some milliseconds.
+    _intrude(tmp_path, [f"{port}/{how}" for port in ports for how in ("run", "run_function")], seconds=2.0)
+    assert os.listdir(tmp_path) == []
+    pem = client.security.tls_client_key + client.security.tls_client_cert
+    _intrude(tmp_path, [f"{port}/{how}" for port, how in doors.items()], seconds=PATIENCE_S, pem=pem)
+    assert set(os.listdir(tmp_path)) == {f"key-{port}" for port in doors}
+    # The key itself is in no argument and no environment, which others may read.
+    secret = client.security.tls_client_key.splitlines()[1]
+    for process in processes:
+        assert secret not in " ".join([*process.cmdline(), *process.environ().values()])
+
+
+def _intrude(folder: Path, doors: list[str], *, seconds: float, pem: str = "") -> None:
+    program = [sys.executable, "-c", INTRUDER.replace("SECONDS", str(seconds)), str(folder), *doors]
+    subprocess.run(program, input=pem, text=True, check=True, timeout=PATIENCE_S)
+
+
+def _port(address: str) -> int:
+    return int(address.rsplit(":", 1)[1])
+
+
 def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Path) -> None:
     """SIGKILL to one of two workers after the third frame: all frames come, with the bytes of a run without it."""
     job, killed = Job.read(long_job), []

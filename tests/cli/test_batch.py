@@ -124,13 +124,22 @@ def test_mistakes(
     assert not (tmp_path / "out" / "frames").exists()
 
 
-def test_without_dask(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+@pytest.mark.parametrize("package", ["distributed", "cryptography"])
+def test_without_a_package(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, package: str
 ) -> None:
+    """Rationale: without keys the processes of this machine would take code from all of its users. The scheduler of
+    others needs no key of ours.
+    """
+    pytest.importorskip("distributed")
     find = importlib.util.find_spec
     monkeypatch.setattr(
-        cluster.importlib.util, "find_spec", lambda name: None if name == "distributed" else find(name)
+        cluster.importlib.util, "find_spec", lambda name: None if name == package else find(name)
     )
-    assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out")]) == 1
+    argv = ["batch", str(job_file), "-o", str(tmp_path / "out")]
+    assert main.main(argv) == 1
     told = capsys.readouterr().err
-    assert told.startswith("lidarscene: error: batch needs distributed; try: pip install 'lidarscene[batch]'")
+    missing = f"lidarscene: error: batch needs {package}; try: pip install 'lidarscene[batch]'"
+    assert told.startswith(missing)
+    assert main.main([*argv, "--scheduler", "nonsense"]) == 1
+    assert capsys.readouterr().err.startswith(missing) == (package == "distributed")

@@ -186,3 +186,23 @@ def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> Non
     )
     hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
     assert "--colours: must be one of" in hidden
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "said"),
+    [
+        ("a.ply", ("--no-truth",), "normals and velocities are ground truth, which is left out (--no-truth)"),
+        ("a.bin", (), "must go with a format that has all columns: ply, pcd, "),
+        ("a.pcap", ("--sensor", "vlp-16"), "must go with a format that has all columns"),
+        ("d", ("--dataset", "kitti"), "must go with a format that has all columns"),
+    ],
+)
+def test_normals_that_no_file_would_have_are_refused(
+    run: Run, wall: str, tmp_path: Path, name: str, more: tuple[str, ...], said: str
+) -> None:
+    """Rationale: they cost time, and whoever asks for them would look for them in vain."""
+    coarse = () if "vlp-16" in more else COARSE
+    ran = run("render", wall, "-o", name, "--vectors", *more, *coarse)
+    assert (ran.code, ran.out) == (2, "")
+    assert f"--vectors: {said}" in ran.err
+    assert not (tmp_path / name).exists()

@@ -13,6 +13,8 @@ import pytest
 from helpers.documentation import ROOT
 from helpers.notebooks import run, written
 
+from lidarscene.formats.registry import SUFFIXES
+
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
@@ -23,11 +25,25 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(mi, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_notebook_runs(mi, path: Path) -> None:
     mpl.use("agg")
     kept = json.loads(path.read_text(encoding="utf-8"))
     assert kinds(run(path)) == kinds(kept)
+
+
+def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: one that was run at the top of the repository left a cloud of 5 MB there, which was then published."""
+    monkeypatch.chdir(tmp_path)
+    source = "from pathlib import Path\nPath('left.ply').write_text('ply')\nprint(Path.cwd(), Path('left.ply').is_file())"
+    cell = {"cell_type": "code", "source": [source]}
+    (tmp_path / "saves.ipynb").write_text(json.dumps({"cells": [cell]}), encoding="utf-8")
+    (shown,) = run(tmp_path / "saves.ipynb")["cells"][0]["outputs"]
+    folder, is_there = shown["text"][0].split()
+    assert is_there == "True"
+    assert not Path(folder).exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["saves.ipynb"]
+    assert Path.cwd() == tmp_path
+    assert [path.name for path in ROOT.iterdir() if path.name.endswith(SUFFIXES)] == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

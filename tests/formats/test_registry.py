@@ -17,6 +17,7 @@ from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError, OutputError
 from lidarscene.files import optional
 from lidarscene.formats import las
+from lidarscene.formats.columns import OF_VECTORS
 from lidarscene.formats.registry import FORMATS, format_of
 
 READ = [name for name, one in FORMATS.items() if one.read]
@@ -69,6 +70,19 @@ def test_the_same_cloud_gives_the_same_file(tmp_path: Path, name: str) -> None:
         small_cloud(50).save(path, format=name)
         data.append(path.read_bytes())
     assert data[0] == data[1]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_normals_are_in_a_file_of_all_columns(tmp_path: Path, name: str) -> None:
+    """Two clouds that differ in a normal alone have the same file only in formats that lack columns."""
+    need(name)
+    data = []
+    for folder, x in (("a", 0.0), ("b", 1.0)):
+        vectors = {attribute: np.full(7, x, np.float32) for attribute in OF_VECTORS}
+        path = file_of(tmp_path / folder, name)
+        small_cloud(**vectors).save(path, format=name)
+        data.append(path.read_bytes())
+    assert (data[0] != data[1]) == FORMATS[name].all_columns
 
 
 def test_suffix_names_the_format() -> None:

@@ -1,6 +1,6 @@
 """Run a notebook in this process, and keep what it shows: as Jupyter would, without its server.
 
-Cells share one namespace. What a cell prints, the value of its last expression and its Matplotlib figures are its
+It runs in an empty folder that is gone afterwards, so that what it saves is nowhere else. Cells share one namespace. What a cell prints, the value of its last expression and its Matplotlib figures are its
 outputs.
 """
 
@@ -9,6 +9,7 @@ import base64
 import contextlib
 import io
 import json
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,14 @@ def run(path: Path) -> dict[str, Any]:
     """The notebook with the outputs of a run, from top to bottom; what a cell raises is raised."""
     notebook: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     namespace: dict[str, Any] = {"__name__": "__main__"}
-    number = 0
-    for cell in notebook["cells"]:
-        if cell["cell_type"] == "code":
-            number += 1
-            cell["execution_count"] = number
-            cell["outputs"] = _outputs(
-                "".join(cell["source"]), namespace, f"{path.name}, cell {number}", number
-            )
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for number, cell in enumerate(cells, start=1):
+            where = f"{path.name}, cell {number}"
+            cell |= {
+                "execution_count": number,
+                "outputs": _outputs("".join(cell["source"]), namespace, where, number),
+            }
     return notebook
 
 

@@ -1,7 +1,7 @@
 """Small recordings, packet by packet as the makers' manuals have them, and pcap files of them."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 DATA = Path(__file__).parents[1] / "recordings" / "data"
@@ -29,13 +29,13 @@ def velodyne_packet(azimuths: Sequence[int], distances: Sequence[Sequence[int]],
     return blocks + struct.pack("<IBB", stamp_us, STRONGEST, VLP16)
 
 
-def turns(packets: int, *, lost: tuple[int, int] = (-1, -1), start: int = 0) -> list[bytes]:
-    """Packets of a VLP-16 at 10 Hz in a round room of 10 m; ``lost``: a laser and a firing without return."""
+def turns(packets: int, *, lost: Collection[tuple[int, int]] = (), start: int = 0) -> list[bytes]:
+    """Packets of a VLP-16 at 10 Hz in a round room of 10 m; ``lost``: lasers and firings without return."""
     made = []
     for number in range(packets):
         azimuths = [(start + (12 * number + block) * 40) % 36_000 for block in range(12)]
         distances = [
-            [0 if (laser, FIRINGS * number + firing) == lost else 5000 for laser in range(16)]
+            [0 if (laser, FIRINGS * number + firing) in lost else 5000 for laser in range(16)]
             for firing in range(FIRINGS)
         ]
         made.append(velodyne_packet(azimuths, distances, stamp_us=1327 * number))

@@ -16,7 +16,7 @@ from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files import spool
-from lidarscene.formats.registry import LABELS
+from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import gathered, kitti_dataset
 from lidarscene.labels import points as labels
 from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
@@ -180,6 +180,17 @@ def test_labels_need_truth_and_place(tmp_path: Path, street_cloud: PointCloud, f
         lost = replace(street_cloud, metadata={})
         with pytest.raises(InputError, match="does not say how its sensor stood"):
             write_labels(lost, street.scene(), tmp_path / "a.ply", format=format)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("dataset", DATASETS)
+def test_a_data_set_needs_truth(tmp_path: Path, street_cloud: PointCloud, dataset: str) -> None:
+    """Rationale: a frame without its labels looks whole, and is of no use for training."""
+    with (
+        pytest.raises(InputError, match="labels: the cloud has no truth"),
+        kitti_dataset.frame_stream(dataset, tmp_path, 0, street.scene()) as append,
+    ):
+        append(street_cloud.without_truth())
     assert os.listdir(tmp_path) == []
 
 

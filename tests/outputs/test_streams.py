@@ -127,6 +127,38 @@ def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: 
     assert contents(tmp_path / "pieces") == contents(tmp_path / "whole")
 
 
+LABELLED = ("kitti", "semantickitti")
+
+
+@pytest.mark.parametrize("asked", [*ASKED, *LABELLED])
+def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path: Path, asked: str) -> None:
+    """Labels, pictures, missed pulses, waveforms and whole data sets have the same bytes: they need the truth of the
+    frame, or none, and not that of the written cloud.
+    """
+    for folder, more in (("with", ()), ("without", ("--no-truth",))):
+        if asked in LABELLED:
+            argv: tuple[str, ...] = ("-o", folder, "--dataset", asked, "--frames", "2")
+        else:
+            argv = tuple(one for one in all_outputs(folder)[asked] if one != "--no-truth")
+        if asked == "single":
+            argv += ("--waveforms", f"{folder}/w.npz")
+        told = run("render", moving, *argv, *more, *COARSE)
+        assert (told.code, told.err) == (0, "")
+    full, bare = contents(tmp_path / "with"), contents(tmp_path / "without")
+    assert set(full) == set(bare)
+    suffix = Path(all_outputs("")[asked][1]).suffix if asked in ASKED else ""
+    clouds = {name for name in full if suffix and name in (f"a{suffix}", f"a.deskewed{suffix}")}
+    assert len(full) > len(clouds) or asked == "whole"
+    assert {name for name in full if full[name] != bare[name]} == clouds
+    for name in clouds:
+        assert PointCloud.load(tmp_path / "with" / name).has_truth
+        assert not PointCloud.load(tmp_path / "without" / name).has_truth
+    if asked in LABELLED:
+        labels = [name for name in bare if "label" in Path(name).parent.name]
+        assert len(labels) == 2
+        assert all(bare[name] for name in labels)
+
+
 def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
     """What Python writes of the clouds that `render` returns, put together before anything else."""
     overrides = [one.removeprefix("--set=") for one in COARSE]

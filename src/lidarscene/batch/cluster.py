@@ -6,11 +6,12 @@ import asyncio
 import importlib.util
 import logging
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ..errors import LidarSceneError, shortened
+from ..errors import LidarSceneError, OptionWarning, shortened
 
 PATIENCE_S = 30
 """How long a scheduler may take to answer: as long as Dask itself waits for it."""
@@ -35,9 +36,13 @@ LOCAL = {
 """Settings of Dask for workers of this machine."""
 
 
-def require_packages() -> None:
-    """Raise LidarSceneError, with what to install, where Dask or pyarrow is missing."""
-    missing = [name for name in ("distributed", "pyarrow") if importlib.util.find_spec(name) is None]
+def require_packages(*, local: bool) -> None:
+    """Raise LidarSceneError, with what to install, where a package is missing.
+
+    local  whether the cluster is one of this machine, which needs keys
+    """
+    names = ("distributed", "pyarrow", *(["cryptography"] if local else []))
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
     if missing:
         raise LidarSceneError(
             f"batch needs {' and '.join(missing)}; try: pip install 'lidarscene[batch]', or "
@@ -73,9 +78,14 @@ def local_client(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def _started(workers: int) -> Iterator[Any]:
-    from distributed import Client, LocalCluster
+    from distributed import Client, LocalCluster, Security
 
+    # Whoever reaches a port of Dask runs code as its owner, and all users of a machine reach its loopback. So the
+    # scheduler, the workers and their nannies accept only who has the key that this process makes for itself. Workers
+    # get it through the pipe by which they are started; it is in no argument, environment or lasting file.
     with LocalCluster(
+        security=Security.temporary(),
+        protocol="tls://",
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
@@ -101,6 +111,15 @@ def remote_client(address: str) -> Iterator[Any]:
         raise LidarSceneError(
             f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}"
         ) from None
+    if not client.scheduler.address.startswith(("tls:", "wss:")):
+        warnings.warn(
+            OptionWarning(
+                "{scheduler} {0}: whoever reaches this port, or those of the workers, runs code as their owner; tls:// "
+                "asks for a key (docs/scaling.md)",
+                address,
+            ),
+            stacklevel=2,
+        )
     with client:
         yield client
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files.atomic import atomic_output
+from ..files.json_text import json_text
 from ..formats.registry import FORMATS
 
 
@@ -82,7 +83,7 @@ class Store:
             "sha256": _digest(cloud),
         }
         with atomic_output(self._row(key), synced=False) as temporary:  # one that is lost costs this frame
-            temporary.write_text(json.dumps(about | told), encoding="utf-8")
+            temporary.write_text(json_text(about | told), encoding="utf-8")
 
 
 @functools.cache

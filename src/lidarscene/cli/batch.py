@@ -6,7 +6,6 @@ A job may run for days. Its bar and its lines of failures go to the error stream
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files.json_text import json_text
 from ..rendering.options import Whole
 from .terminal import Answer, Lines
 from .words import whole
@@ -67,7 +67,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
 
     if arguments.scheduler is not None and arguments.workers is not None:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
-    cluster.require_packages()
+    cluster.require_packages(local=arguments.scheduler is None)
     job = Job.read(arguments.job)
     if os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
         raise InputError(f"--output {arguments.output}: must be a folder, got a file")
@@ -169,7 +169,7 @@ def _as_text(progress: Progress, manifest: Path) -> str:
 
 
 def _as_json(progress: Progress, manifest: Path) -> str:
-    return json.dumps(
+    return json_text(
         {
             "frames": progress.frames,
             "rendered": progress.rendered,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..files.json_text import json_text
 from .terminal import Answer
 
 KINDS = ("scene", "sensor", "rig", "material", "job")
@@ -88,7 +89,7 @@ def _check_text(arguments: argparse.Namespace) -> str:
     names = [arguments.name] if arguments.name else catalog.names("sensors")
     checks = [catalogue.check(name) for name in names]
     if arguments.json:
-        return json.dumps([catalogue.as_dict(one) for one in checks], indent=2)
+        return json_text([catalogue.as_dict(one) for one in checks], indent=2)
     return catalogue.as_text(checks)
 
 
@@ -100,7 +101,7 @@ def _real_answer(arguments: argparse.Namespace) -> Answer:
     rows = [row for name in names for row in recorded.compared(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")
-    text = json.dumps([recorded.as_dict(row) for row in rows], indent=2) if arguments.json else ""
+    text = json_text([recorded.as_dict(row) for row in rows], indent=2) if arguments.json else ""
     return Answer(text or recorded.as_text(rows), 0 if all(row.held for row in rows) else 1)
 
 

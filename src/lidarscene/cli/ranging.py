@@ -6,12 +6,12 @@ The studies do the work; here conditions are checked under the names of their op
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files.json_text import json_text
 from ..rendering.options import Whole
 from .terminal import Answer, progress
 from .words import number, whole
@@ -230,7 +230,7 @@ def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) ->
     written = _write(arguments, swept, told, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
     notes = report.notes(swept, sensors)
     if arguments.json:
-        return json.dumps(report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
+        return json_text(report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
     from ..studies.ranging.curves import QUANTITIES
 
     lines = [f"{QUANTITIES[swept.question.quantity]}: {told}", report.table_text(swept), *notes]
@@ -267,7 +267,7 @@ def _summary(arguments: argparse.Namespace, found: list[Subject], held: Target) 
     distance_m = 100.0 if arguments.distance is None else float(arguments.distance)
     rows = [summary_of(one, held, distance_m=distance_m, visibility_m=visibility_m) for one in found]
     if arguments.json:
-        return json.dumps({row.pop("name"): row for row in rows})
+        return json_text({row.pop("name"): row for row in rows})
     return text_of(rows, held, distance_m, _sun_angle(arguments), visibility_m)
 
 
@@ -294,7 +294,7 @@ def _eye_safety(arguments: argparse.Namespace, found: list[Subject], held: Targe
 
     sensors = [subject.sensor() for subject in found]
     if arguments.json:
-        text = json.dumps([report.as_dict() for sensor in sensors for report in both_reports(sensor)])
+        text = json_text([report.as_dict() for sensor in sensors for report in both_reports(sensor)])
     else:
         first = _sensitivities(arguments, found, held) if arguments.sensitivities else []
         text = "\n\n".join([*first, *(report_text(sensor) for sensor in sensors)])

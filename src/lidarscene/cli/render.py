@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files.json_text import json_text
 from ..outputs.options import FRAMES, Outputs
 from ..rendering.options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .outputs import add_output_options
@@ -116,7 +116,7 @@ def add_render(commands: Any) -> None:
         metavar="COLUMN",
         help="give points of a PLY file red, green and blue by a column, as intensity",
     )
-    add("--no-truth", action="store_true", help="leave the ground truth out")
+    add("--no-truth", action="store_true", help="leave the columns of ground truth out of the cloud")
     add("--ascii", action="store_true", help="write text instead of binary")
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
     add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
@@ -193,9 +193,9 @@ def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | Non
         told["profile"] = report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.
     if len(names) == 1:
-        return json.dumps(told | names[0])
+        return json_text(told | names[0])
     frames = [report.as_dict(one.summary) | files for one, files in zip(done.clouds, names, strict=True)]
-    return json.dumps(told | {"frames": frames})
+    return json_text(told | {"frames": frames})
 
 
 @contextmanager

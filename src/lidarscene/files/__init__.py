@@ -4,6 +4,7 @@ What every reader and writer needs, once: output that appears whole or not at al
 key, and optional packages that are imported when they are first needed, with a hint what to install.
 
 atomic    output that appears whole or not at all
+json_text JSON of reports, without numbers that are not finite
 toml      TOML files as checked models
 overrides values in place of those of a file
 table     models of tables whose keys a dataclass declares

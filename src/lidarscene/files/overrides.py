@@ -6,6 +6,7 @@ The command line gives texts; Python may give a text, several texts or a mapping
 from __future__ import annotations
 
 import json
+import math
 import os
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -114,6 +115,8 @@ def toml_text(value: Any) -> str:
         return "[" + ", ".join(toml_text(one) for one in value) + "]"
     if isinstance(value, (date, time)):
         return value.isoformat()
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(float(value))  # "inf" and "nan", where JSON has words that TOML does not know
     return json.dumps(value, ensure_ascii=False)
 
 

@@ -40,6 +40,7 @@ class Format:
             holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
     colour  whether ``write`` takes ``colours``
+    all_columns  whether a file holds every column of a cloud, normals and velocities too
     """
 
     suffix: str
@@ -51,6 +52,7 @@ class Format:
     extra: str = ""
     text: bool = False
     colour: bool = False
+    all_columns: bool = True
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -101,11 +103,11 @@ FORMATS = {
     "laz": _las(".laz", compressed=True),
     "e57": Format(suffix=".e57", extra="e57", write=_late("lidarscene.formats.e57", "write_e57")),
     "kitti": Format(
-        suffix=".bin", write=_late("lidarscene.formats.kitti", "write_kitti"),
+        suffix=".bin", all_columns=False, write=_late("lidarscene.formats.kitti", "write_kitti"),
         stream=_late("lidarscene.formats.kitti", "kitti_stream"),
     ),
     "nuscenes": Format(
-        suffix=".pcd.bin", write=_late("lidarscene.formats.kitti", "write_nuscenes"),
+        suffix=".pcd.bin", all_columns=False, write=_late("lidarscene.formats.kitti", "write_nuscenes"),
         stream=_late("lidarscene.formats.kitti", "nuscenes_stream"),
     ),
     "npz": Format(
@@ -121,14 +123,14 @@ FORMATS = {
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
-    "osi": Format(suffix=".osi", write=_late("lidarscene.formats.osi", "write_osi")),
+    "osi": Format(suffix=".osi", all_columns=False, write=_late("lidarscene.formats.osi", "write_osi")),
 }  # fmt: skip
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
 
 def _packets(profile: str) -> Format:
     write = _late("lidarscene.formats.packets.pcap", "refuse")
-    return Format(suffix=".pcap", write=write, profile=profile)
+    return Format(suffix=".pcap", write=write, profile=profile, all_columns=False)
 
 
 PACKETS = {

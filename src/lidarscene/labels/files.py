@@ -11,7 +11,6 @@ osi            a trace file of one GroundTruth (`lidarscene.labels.osi_truth`)
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ import numpy as np
 from ..cloud.points import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..files.json_text import json_text
 from ..formats.registry import LABELS, format_of
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
@@ -179,7 +179,7 @@ def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
             },
             "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
         }
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _annotation(box: Box) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.model import Scene
 from . import files
-from .boxes import sensor_place
+from .boxes import sensor_place, truth_of
 from .files import SENSOR_TO_CAMERA, kitti_calibration
 
 Append = Callable[[PointCloud], None]
@@ -39,7 +39,8 @@ def frame_stream(
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
 
-    frame  its number, from 0. Without labels where the clouds have no truth.
+    frame  its number, from 0
+    Raises InputError for a cloud without truth, of which the labels are made.
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
     first: list[PointCloud] = []
@@ -48,11 +49,11 @@ def frame_stream(
 
         def append(cloud: PointCloud) -> None:
             if not first:
+                truth_of(cloud)
                 first.append(cloud.without_points())
                 appended.append(named(clouds, opened.enter_context(kitti_stream(clouds))))
-                if cloud.has_truth:
-                    path, labels = _labels(dataset, clouds, scene)
-                    appended.append(named(path, opened.enter_context(labels)))
+                path, labels = _labels(dataset, clouds, scene)
+                appended.append(named(path, opened.enter_context(labels)))
             for one in appended:
                 one(cloud)
 

@@ -43,7 +43,7 @@ class Outputs:
     format       of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: what the name says, PLY in a folder
     ascii        whether it is text instead of binary
     colours      a column by which points get red, green and blue, as pictures have them; of PLY files
-    truth        whether it has the columns of ground truth
+    truth        whether it has the columns of ground truth; labels are made of the truth either way
     labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
     dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
     deskew       whether there is a second cloud, without the sensor's own motion

@@ -67,8 +67,11 @@ class Plan:
         """That of the clouds."""
         return self.outputs.format_of(folder=self.is_folder)
 
-    def check(self, coordinates: str) -> None:
-        """Raise InputError for outputs that such a run cannot have, LidarSceneError where a package is missing."""
+    def check(self, coordinates: str, *, vectors: bool = False) -> None:
+        """Raise InputError for outputs that such a run cannot have, LidarSceneError where a package is missing.
+
+        coordinates, vectors  as in `FrameOptions` and `TraceOptions`
+        """
         outputs, place = self.outputs, self.outputs.place
         if outputs.merge:
             if not self.rig:
@@ -88,6 +91,14 @@ class Plan:
         if self.is_bag and outputs.labels is not None:
             raise OptionError("{labels}: goes with a folder of clouds, not with one file of several frames")
         chosen = self.format
+        # Traced at some cost, normals and velocities would silently be in no file.
+        if vectors and not outputs.truth:
+            raise OptionError(
+                "{vectors}: normals and velocities are ground truth, which is left out ({truth})"
+            )
+        if vectors and not chosen.all_columns:
+            able = ", ".join(name for name, one in FORMATS.items() if one.all_columns)
+            raise OptionError("{vectors}: must go with a format that has all columns: {0}", able)
         name = place.name.lower()
         if (
             not self.is_folder

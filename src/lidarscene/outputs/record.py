@@ -123,7 +123,7 @@ def record(
     if not isinstance(outputs, Outputs):
         raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
     plan = Plan(outputs, frames, rig is not None)
-    plan.check(frame.coordinates)
+    plan.check(frame.coordinates, vectors=trace.vectors)
     before, since = Summary(), time.perf_counter()
     labels = [""] if rig is None else [one.label for one in rig.sensors]
     # Each group of sensors becomes one cloud: all of them when merged, else one at a time.

@@ -49,8 +49,9 @@ def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> I
     """Write the clouds that are appended in the block as a frame of a data set."""
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
+    # Its labels are made of the truth, and its points have none: `Outputs.truth` changes nothing here.
     with frame_stream(outputs.dataset, outputs.place / label, number, scene) as append:
-        yield _kept(outputs, append)
+        yield append
 
 
 def _kept(outputs: Outputs, append: Append) -> Append:

@@ -1,10 +1,16 @@
 """The command `twin`, and `compare --real` with a twin."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from helpers.command_line import Run
-from helpers.recordings import OUSTER
+from helpers.recordings import OUSTER, pcap, turns
+
+from lidarscene import Simulator, load_scene, load_sensor
 
 
 def test_a_twin_of_a_recording(run: Run) -> None:
@@ -17,6 +23,29 @@ def test_a_twin_of_a_recording(run: Run) -> None:
     }  # fmt: skip
     text = Path("twin/sensor.toml").read_text()
     assert "stops = 2" in text  # it recorded two returns
+
+
+@pytest.mark.usefixtures("mi")
+def test_a_twin_of_a_recording_without_signal_renders(
+    run: Run, tmp_path: Path, library: Callable[[str], Any]
+) -> None:
+    """A Velodyne's packets say nothing of lost pulses. Five degrees of one laser are lost in a round room of 10 m: they
+    are filled from the lasers beside it, and what the twin returns is where the room is.
+    """
+    library("velodyne_decoder")
+    lost = [(3, firing) for firing in range(800, 825)]
+    path = pcap(tmp_path / "room.pcap", turns(150, lost=lost))
+    ran = run("twin", str(path), "--frames", "0", "--sensor", "vlp-16", "-o", "twin")
+    assert (ran.code, ran.err) == (0, "")
+    scene = load_scene("twin/scene.toml")
+    assert {body.class_name for body in scene.bodies} >= {"smooth", "filled"}
+    assert "bright" not in {body.class_name for body in scene.bodies}
+    for file in (tmp_path / "twin").rglob("*.[tj]*"):
+        assert not re.search(r"\b(inf|nan|infinity)\b", file.read_text().lower()), file
+    cloud = Simulator(scene, load_sensor(scene.sensor_name)).render()
+    assert len(cloud) > 0.99 * 16 * 1800
+    # A quad of 0.2 degrees is flat within 20 um here; the rest is the scatter of the sensor, some 10 mm.
+    assert np.median(cloud.range_m) == pytest.approx(10.0, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,35 @@ def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
     )
 
 
+@pytest.mark.parametrize("strength", ["reflectivity", "intensity", "silent"])
+def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above_and_below(
+    strength: str,
+) -> None:
+    """Rationale: without the signal of lost pulses nothing bounds them, and the middle of the hole has no neighbour in
+    its row; "silent": with signals, of which the lost ones are 0. What is filled is the wall, of one reflectivity.
+    """
+    plain = room_sweep()
+    hole = (6, np.arange(-8, 8))  # about the normal of the wall behind
+    values = {name: np.array(getattr(plain, name), float) for name in ("range_m", "signal", "reflectivity")}
+    values["range_m"][hole], values["signal"][hole], values["reflectivity"][hole] = np.nan, 0.0, 0.0
+    if strength == "intensity":
+        values["intensity"] = values["reflectivity"]
+    changed: dict[str, Numbers | None] = dict(values)
+    if strength != "silent":
+        changed["signal"] = None
+    if strength == "intensity":
+        changed["reflectivity"] = None
+    quads = made(room_sweep(**changed))
+    assert kinds(quads)[BRIGHT] == 0
+    assert kinds(quads)[FILLED] == 16
+    filled = quads.kind == FILLED
+    here = quads.corners_m[filled].mean(axis=(0, 1))
+    near = np.linalg.norm(quads.corners_m.mean(axis=1) - here, axis=1) < 3.0
+    wall = np.median(quads.reflectivity[near & (quads.kind == SMOOTH)])
+    # Neighbours are up to 12 degrees off the wall's normal, whose cosine is 0.978: their light is less by so much.
+    np.testing.assert_allclose(quads.reflectivity[filled], wall, rtol=0.03)
+
+
 def test_a_surface_fades_beside_a_lost_pulse() -> None:
     """Rationale: halfway to a lost pulse that allows a twentieth, there is the mean of 1 and 1/20."""
     plain = room_sweep()

@@ -6,7 +6,6 @@ All names are known before any work is done, so that a file that cannot be writt
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from ...cloud.points import PointCloud
 from ...figures import pictures as plots
 from ...figures.page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
+from ...files.json_text import json_text
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
 from ...scene.model import View
@@ -114,7 +114,7 @@ def _write(comparison: Comparison, output: Output) -> str:
     if comparison.seed is not None:
         for one, slug in zip(comparison.everything, own, strict=True):
             one.cloud.save(folder / f"{slug}.ply")
-    numbers = json.dumps(as_dict(comparison), indent=2, allow_nan=False)
+    numbers = json_text(as_dict(comparison), indent=2)
     put_text(folder / NUMBERS, numbers + "\n")
     put_text(folder / PAGE, page.as_html())
     return numbers

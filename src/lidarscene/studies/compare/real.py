@@ -6,7 +6,6 @@ strengths are counted on each side, and the table says how far apart they are.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 from ...cloud.points import PointCloud
 from ...figures.page import Page
 from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 
@@ -108,9 +108,9 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
     page.paragraph(_NOTE)
     page.table(("quantity", side.name, real.name, "ratio"), [[_shown(cell) for cell in row] for row in rows])
     put_text(folder / PAGE, page.as_html())
-    put_text(folder / NUMBERS, json.dumps(told, indent=1) + "\n")
+    put_text(folder / NUMBERS, json_text(told, indent=1) + "\n")
     if as_json:
-        return json.dumps(told)
+        return json_text(told)
     lines = [f"{row[0]:34s} {_shown(row[1]):>12s} {_shown(row[2]):>12s} {_shown(row[3]):>8s}" for row in rows]
     head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
     return "\n".join([found, head, *lines, f"wrote {folder / PAGE}"])

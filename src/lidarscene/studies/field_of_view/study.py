@@ -5,7 +5,6 @@ The command `fov` and Python users call `write`.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from ...figures.page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
+from ...files.json_text import json_text
 from ...sensor.model import Sensor
 from . import figures as figures
 from .pattern import DWELL_S, rate_hz
@@ -173,7 +173,7 @@ def _printed(
             }
             for one in everything
         }  # fmt: skip
-        return json.dumps(
+        return json_text(
             {"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]}
         )
     width = max(len(one.name) for one in everything)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from ...figures import lines
 from ...figures.lines import Chart, Line
 from ...figures.page import Page, counted, csv_text
 from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
 from .estimates import Estimate, Solved
 from .near_field import NearField
 from .products import Products
@@ -177,7 +177,7 @@ def put_page(page: Page, folder: Path, numbers: Mapping[str, Any]) -> None:
     """Write the page, as HTML and as Markdown, and the numbers as JSON. Raises OutputError."""
     put_text(folder / PAGE, page.as_html())
     put_text(folder / MARKDOWN, page.as_markdown())
-    put_text(folder / NUMBERS, json.dumps(numbers, indent=1) + "\n")
+    put_text(folder / NUMBERS, json_text(numbers, indent=1) + "\n")
 
 
 def check_places(output: Path, report: Path) -> None:
@@ -191,7 +191,7 @@ def check_places(output: Path, report: Path) -> None:
 
 def told(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
     """What is printed of a fit."""
-    return json.dumps(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
+    return json_text(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
 
 
 def write_report(fit: Fit, folder: Path) -> None:

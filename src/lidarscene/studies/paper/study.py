@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from pathlib import Path
 from ...figures import lines as charts
 from ...figures.page import Page
 from ...files.atomic import atomic_folder, put_text, require_writable
+from ...files.json_text import json_text
 from .claims_model import HOLDS, Claim, claims_of_the_model
 from .claims_results import claims_of_the_results
 from .errata import Erratum, errata
@@ -75,7 +75,7 @@ def write(
         put_text(temporary / PAGES[0], page.as_markdown())
         put_text(temporary / PAGES[1], page.as_html())
     if as_json:
-        return json.dumps({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
+        return json_text({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
                            "files": [str(folder / name) for name in file_names()]})  # fmt: skip
     return _printed(folder, claims, mistakes)
 

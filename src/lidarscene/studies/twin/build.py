@@ -9,6 +9,7 @@ import json
 import math
 import re
 import shutil
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +21,15 @@ from ...catalog import path_of
 from ...errors import InputError
 from ...figures.page import counted
 from ...files.atomic import atomic_output, put_text, require_writable
+from ...files.json_text import json_text
+from ...files.toml import validated
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.packets import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...recordings.units.written import unit_from, write_unit
+from ...scene.tables import SceneFile
 from ...sensor.catalogue import load_sensor
 from ...sensor.model import Sensor
 from ..compare.real import ground_plane
@@ -47,8 +51,8 @@ BRIGHT_STEP = 1.15
 BRIGHT_DIFFUSE = 0.8
 """Of their reflectivity, which the sun sees; the rest goes straight back."""
 
-LEAST_RETRO = 1e-3
-"""cd/lx/m2, the least that a material file takes: for what is no brighter than matt white after all."""
+LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
+"""cd/lx/m2, all that a material file takes: the least is for what is no brighter than matt white after all."""
 
 RETRO_HALF_ANGLE_DEG = 5.0
 """Wider than the beam's parallax by far: what is measured is what comes straight back."""
@@ -127,6 +131,8 @@ def build_twin(
     known = [one for one in klux if one is not None]
     light = float(np.median(known)) if known else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged], light)
+    # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
+    validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
     about = {
         "recording": recording.path.name, "frames": list(choice.frames), "held_out": choice.held_out,
@@ -135,7 +141,7 @@ def build_twin(
         "reflectivity": _told(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
     }  # fmt: skip
-    put_text(folder / ABOUT, json.dumps(about, indent=1) + "\n")
+    put_text(folder / ABOUT, json_text(about, indent=1) + "\n")
     notes.append(
         f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
     )
@@ -175,7 +181,7 @@ def _sensor_file(
 def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
     """Of a uniform sky under which surfaces of these reflectivities have the recorded NEAR_IR, in the median.
 
-    None where NEAR_IR is not known, or the sensor has no such count.
+    None where NEAR_IR is not known, or the sensor has no such count or does not see the sky.
     """
     window_s = getattr(sensor.tdc, "ambient_s", None)
     if sweep.near_ir is None or gauge is None or not window_s or sensor.histogram is None:
@@ -195,8 +201,8 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
     dark, unit = counts(0.0, 0.2), 0.2 * 20.0
     per_unit = (counts(20.0, 0.2) - dark) / unit
     apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
-    good = sweep.kept & (apparent > 0.02) & (apparent < largest_reflectivity())
-    if not good.any():
+    good = sweep.kept & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
+    if not good.any() or not per_unit > 0.0:
         return None
     return max(0.0, float(np.median((sweep.near_ir[good] - dark) / apparent[good])) / per_unit)
 
@@ -256,7 +262,7 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
     ]  # fmt: skip
     for body, _, apparent in bodies:
         if apparent is not None:
-            retro = max((apparent - BRIGHT_DIFFUSE) / math.pi, LEAST_RETRO)
+            retro = min(max((apparent - BRIGHT_DIFFUSE) / math.pi, LEAST_RETRO), MOST_RETRO)
             lines += [
                 f"[materials.{body}]", 'bsdf = "retroreflector"', f"reflectivity = {BRIGHT_DIFFUSE}",
                 f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}", f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}", "",

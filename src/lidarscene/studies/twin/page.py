@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from ...cloud.points import PointCloud
 from ...figures.page import Page
 from ...figures.pictures import common_scale, perspective_picture
 from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
@@ -68,7 +68,7 @@ def compare_twin(
         "verdict": verdict(rows), "recording": recording.path.name, "frame": number, "twin": made,
         "seen": seen(made, number), "rows": [asdict(row) | {"met": row.met} for row in rows],
     }  # fmt: skip
-    text = json.dumps(told, indent=1)
+    text = json_text(told, indent=1)
     put_text(folder / NUMBERS, text + "\n")
     _page(rows, told, (whole, cloud), folder)
     return text if as_json else "\n".join([as_text(rows), told["seen"], f"wrote {folder / PAGE}"])

@@ -139,7 +139,7 @@ def planes_of(grid: Grid) -> Planes:
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
     around = np.stack([_moved(range_m, *by) for by in offsets])
-    middle = np.where(np.isfinite(range_m), range_m, _median(around))
+    middle = np.where(np.isfinite(range_m), range_m, known_median(around))
     normal, found = -direction, middle
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
     neighbours = [_moved(points, *by) for by in offsets]
@@ -194,8 +194,16 @@ def _moved(values: Numbers, row: int, column: int) -> Numbers:
     return turned
 
 
-def _median(around: Numbers) -> Numbers:
-    """Over the window, without what is missing; NaN where all is."""
+def median_around(grid: Grid, values: Numbers) -> Numbers:
+    """Median of (rows, columns) values over the window of each pixel's plane, without NaN.
+
+    Finite wherever values of all kept pixels are and the pixel has a plane, which `LEAST_SHARE` of its window is on.
+    """
+    return known_median(np.stack([_moved(values, *by) for by in _window(grid)]))
+
+
+def known_median(around: Numbers) -> Numbers:
+    """Median over the first axis without NaN; NaN where all is."""
     ordered = np.sort(around, axis=0)
     count = np.isfinite(around).sum(axis=0)
     return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])

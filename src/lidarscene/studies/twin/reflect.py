@@ -85,15 +85,18 @@ class Gauge:
                 return cls(field="signal", range_m=found[0], per_count=found[1])
         if sweep.reflectivity is not None:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
-        if sweep.intensity is None or not np.nanmedian(sweep.intensity[sweep.kept]) > 0.0:
+        if sweep.intensity is None:
+            return None
+        strength = sweep.intensity[sweep.kept & np.isfinite(sweep.intensity)]
+        if not len(strength) or not np.median(strength) > 0.0:
             return None
         if "velodyne" in sweep.metadata.get("format", ""):
             return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
-        scale = ASSUMED_MEDIAN / float(np.nanmedian(sweep.intensity[sweep.kept]))
+        scale = ASSUMED_MEDIAN / float(np.median(strength))
         return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), assumed=True)
 
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
-        """Apparent reflectivity of a sweep's strengths at these ranges."""
+        """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST` where a strength is no number."""
         strength = np.asarray(getattr(returns, self.field), np.float64)
         at, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(at, table, value)
@@ -104,7 +107,7 @@ class Gauge:
                 log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
             )
         factor = np.exp(log_factor)
-        return np.maximum(np.nan_to_num(strength * factor), LEAST)
+        return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST)
 
 
 def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from .planes import Grid, Planes, planes_of
+from .planes import Grid, Planes, known_median, median_around, planes_of
 from .reflect import LEAST, Gauge, dropped, largest_reflectivity, scattering_law
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
@@ -104,24 +104,30 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
 
 
 def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
-    """Of every pixel; of lost ones the median of their row's neighbours, but no more than what they reported."""
+    """Apparent reflectivity of every pixel.
+
+    Of lost pixels it is the median of their row's neighbours, or in a wider hole that of the pixels that their plane
+    was fitted to; but no more than what they reported.
+    """
     sweep = grid.sweep
     if gauge is None:
         return np.full(sweep.shape, 0.2)
-    found = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
+    apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
     lost = ~sweep.kept & planes.there
     if lost.any():
-        masked = np.where(sweep.kept, found, np.nan)
-        around = np.sort(
-            np.stack([np.roll(masked, (0, by), axis=(0, 1)) for by in range(-4, 5)])[:, lost], axis=0
-        )
-        middle = np.take_along_axis(around, (np.isfinite(around).sum(axis=0) // 2)[None], axis=0)[0]
-        found[lost] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost])
-    return np.maximum(found, LEAST)
+        known = np.where(sweep.kept, apparent, np.nan)
+        middle = known_median(np.stack([np.roll(known, by, axis=1)[lost] for by in range(-4, 5)]))
+        if np.isnan(middle).any():
+            middle = np.where(np.isnan(middle), median_around(grid, known)[lost], middle)
+        apparent[lost] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost])
+    return np.maximum(apparent, LEAST)
 
 
 def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
-    """What the strength of a lost pulse allows: makers report its highest peak, though none was kept."""
+    """Most that the strength of a lost pulse allows, inf where it is not recorded: no bound.
+
+    Makers report the highest peak of a pulse, though none was kept.
+    """
     signal = grid.sweep.signal
     if not grid.sweep.knows_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
