@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from helpers.run_seed import NAME as SEED_NAME
@@ -67,7 +68,7 @@ def pytest_report_header() -> str:
     return "order and random streams: " + ("fixed" if SEED is None else f"{SEED_NAME}={SEED}")
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+def pytest_terminal_summary(terminalreporter: Any) -> None:
     """The same in the end, where a long or quiet run shows it, and what should not have been skipped."""
     if SEED is not None:
         terminalreporter.line(pytest_report_header())
@@ -81,7 +82,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
-def refused_skips(terminal: pytest.TerminalReporter) -> list[str]:
+def refused_skips(terminal: Any) -> list[str]:
     """Reasons of skipped tests that TEST_NO_SKIPS=1 does not allow."""
     reasons = {report.longrepr[2].removeprefix("Skipped: ") for report in terminal.stats.get("skipped", ())}
     return sorted(one for one in reasons if NO_SKIPS and not one.startswith(MAY_BE_SKIPPED))
