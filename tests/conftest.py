@@ -10,8 +10,11 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
+from helpers.run_seed import NAME as SEED_NAME
+from helpers.run_seed import run_seed, shuffle
 from helpers.waiting import PATIENCE_S
 from hypothesis import HealthCheck, settings
 
@@ -20,10 +23,14 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm, transfer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-# Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
+SEED = run_seed()
+"""Of the order of the tests and of their random streams; None: both are fixed."""
+# Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
+# not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
+    os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{CACHE.name}/hypothesis"
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
@@ -40,7 +47,12 @@ LONGEST = (
     "cli/test_field_of_view.py", "cli/test_ranging.py", "docs/test_notebooks.py", "cli/test_batch.py",
 )  # fmt: skip
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
-REQUIRED = os.environ.get("LIDARSCENE_REQUIRE_BACKEND") == "1"
+NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"
+MAY_BE_SKIPPED = (
+    "no GPU", "root may write anywhere", "no LLVM 15 on this system", "for machines without a GPU",
+    "no disk of its own can be mounted here", "SimSiPM is not installed", "could not import 'mujoco'",
+)  # fmt: skip
+"""Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -51,10 +63,38 @@ def pytest_configure(config: pytest.Config) -> None:
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
 
+def pytest_report_header() -> str:
+    """How to run the tests once more in this order, on these random streams."""
+    return "order and random streams: " + ("fixed" if SEED is None else f"{SEED_NAME}={SEED}")
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """The same in the end, where a long or quiet run shows it, and what should not have been skipped."""
+    if SEED is not None:
+        terminalreporter.line(pytest_report_header())
+    for reason in refused_skips(terminalreporter):
+        terminalreporter.line(f"TEST_NO_SKIPS=1: skipped: {reason}", red=True)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    if session.exitstatus == pytest.ExitCode.OK and terminal and refused_skips(terminal):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def refused_skips(terminal: Any) -> list[str]:
+    """Reasons of skipped tests that TEST_NO_SKIPS=1 does not allow."""
+    reasons = {report.longrepr[2].removeprefix("Skipped: ") for report in terminal.stats.get("skipped", ())}
+    return sorted(one for one in reasons if NO_SKIPS and not one.startswith(MAY_BE_SKIPPED))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])
+    if SEED is not None:
+        items[:] = shuffle(items, SEED)
+        return
     turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 
@@ -98,7 +138,7 @@ def _no_garbage(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def mi() -> ModuleType:
-    """Mitsuba with a variant set; where there is none the test is skipped, or fails if REQUIRED."""
+    """Mitsuba with a variant set; where there is none the test is skipped."""
     return _mitsuba()
 
 
@@ -111,21 +151,17 @@ def _mitsuba() -> ModuleType:
             )  # there is a worker for each core; a thread that waits costs a fifth of the CPU
         return mitsuba
     except BackendError as error:
-        if REQUIRED:
-            raise
         pytest.skip(f"no usable back end: {' '.join(str(error).split())}")
 
 
 @pytest.fixture(scope="session")
 def open3d() -> ModuleType:
-    """Open3D through its door; where it cannot be had the test is skipped, or fails if REQUIRED."""
+    """Open3D through its door; where it cannot be had the test is skipped."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what it imports is not ours
         try:
             return open3d_door.open3d()
         except LidarSceneError as error:
-            if REQUIRED:
-                raise
             pytest.skip(str(error))
 
 

@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
-"""Environments that are not the one of `make`: `make test-all` runs all of these checks, .ci/run the first.
+"""Environments that are not the one of `make`, as `make test-all` and .ci/run make them.
 
     wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
              releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder
     lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
-    newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says
+    newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says; where no
+             Python is newer than 3.12, uv installs one
+
+A check that cannot be made is an error. Parts of the suite run side by side, in one process each.
 
 Run it with the Python of .venv, which has uv and lidarscene: the formats that need an extra come from there.
 """
@@ -27,14 +30,23 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "environments"
 UV = shutil.which("uv", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}") or "uv"
 LOWEST = ("--resolution", "lowest-direct")
-LOWEST_PYTHON = "3.11"  # as requires-python of pyproject.toml
+LOWEST_PYTHON = (3, 11)  # as requires-python of pyproject.toml
+NEWEST_PYTHON = (3, 13)  # or a newer one; from 3.12 on uv.lock has the newest releases, of NumPy above all
 NOT_OURS = ("LIDARSCENE_", "DRJIT_", "PYTHON", "VIRTUAL_ENV", "UV_PROJECT", "MAKE", "MFLAGS")
 COARSE = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
 ON_LLVM = {"LIDARSCENE_VARIANT": "llvm_ad_mono"}
+# The command line on a machine whose system has no LLVM.
+NO_SYSTEM_LLVM = """
+import sys
+from lidarscene.kernel.device import llvm
+llvm._in_system = lambda: ()
+from lidarscene.cli.main import main
+sys.exit(main())
+"""
 # What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
 PART = (
-    "tests/maths", "tests/files", "tests/formats", "tests/cloud", "tests/sensor", "tests/scene", "tests/materials",
-    "tests/catalog", "tests/labels", "tests/figures", "tests/batch/test_work.py", "tests/cli/test_main.py",
+    "tests/maths", "tests/files", "tests/formats", "tests/cloud", "tests/recordings", "tests/scene", "tests/materials",
+    "tests/figures", "tests/sensor/test_file.py", "tests/sensor/test_optics.py", "tests/batch/test_work.py",
     "tests/cli/test_outputs.py", "tests/kernel/rays/test_meeting.py", "tests/chain/test_scanners.py",
 )  # fmt: skip
 # Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
@@ -47,9 +59,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("checks", nargs="+", choices=("wheel", "lowest", "newest"))
-    for name in parser.parse_args().checks:
-        {"wheel": check_wheel, "lowest": check_lowest, "newest": check_newest}[name]()
-        say(f"{name}: done")
+    names = parser.parse_args().checks
+    if missing := [path for path in PART if not (ROOT / path).exists()]:
+        raise SystemExit(f"environments: PART: no such file or folder: {', '.join(missing)}")
+    if "wheel" in names:
+        check_wheel()
+    parts = [{"lowest": check_lowest, "newest": check_newest}[name] for name in names if name != "wheel"]
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(lambda check: check(), parts))
 
 
 # --- the suite in an environment of its own ----------------------------------------------------------
@@ -57,7 +74,7 @@ def main() -> None:
 
 def check_lowest() -> None:
     """Everything that pyproject.toml names, extras and tools of the tests too, at its lowest bound."""
-    python = made(KEPT / "lowest", LOWEST_PYTHON)
+    python = made(KEPT / "lowest", lowest_python())
     install = ("pip", "install", "--quiet", "--python", python, *LOWEST)
     uv(*install, "--all-extras", "--group", "dev", "--requirements", "pyproject.toml", "--editable", ".")
     run_part("lowest bounds", python, *OLD)
@@ -65,10 +82,7 @@ def check_lowest() -> None:
 
 def check_newest() -> None:
     """What uv.lock says on the newest Python; open3d, which is optional, where there is a wheel of it."""
-    newest = newest_python()
-    if not newest:
-        return
-    python = made(KEPT / "newest", newest)
+    python = made(KEPT / "newest", newest_python())
     sync = ("sync", "--quiet", "--locked", "--python", python)
     target = {"UV_PROJECT_ENVIRONMENT": str(KEPT / "newest")}
     if uv(*sync, check=False, **target):
@@ -78,17 +92,17 @@ def check_newest() -> None:
 
 
 def run_part(name: str, python: str, *options: str) -> None:
-    """A working back end first: without one the tests would be skipped, not fail."""
+    """Run the part and print it when it has ended."""
     with tempfile.TemporaryDirectory() as home:
         environment = clean(home)
         say(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
-        must(
-            run([python, "-m", "lidarscene", "doctor"], ROOT, environment),
-            0,
-            "lidarscene can trace rays here",
-        )
-        pytest = [python, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *options, *PART]
-        if subprocess.run(pytest, cwd=ROOT, env=environment, check=False).returncode:
+        pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
+        done = subprocess.run(
+            pytest, cwd=ROOT, env=environment | {"TEST_NO_SKIPS": "1"}, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, check=False,
+        )  # fmt: skip
+        say(f"{name}:\n{done.stdout}")
+        if done.returncode:
             raise SystemExit(f"environments: {name}: the tests failed: {' '.join(pytest)}")
 
 
@@ -100,9 +114,11 @@ def check_wheel() -> None:
     with tempfile.TemporaryDirectory() as folder:
         uv("build", "--quiet", "--out-dir", folder)  # the sdist, and the wheel from the sdist
         (wheel,) = Path(folder).glob("*.whl")
-        kinds = [("newest releases", sys.executable, ()), ("lowest bounds", LOWEST_PYTHON, LOWEST)]
-        if newest := newest_python():
-            kinds.append(("newest Python", newest, ()))
+        kinds = [
+            ("newest releases", sys.executable, ()),
+            ("lowest bounds", lowest_python(), LOWEST),
+            ("newest Python", newest_python(), ()),
+        ]
 
         def check(kind: tuple[str, str, tuple[str, ...]]) -> None:
             name, version, options = kind
@@ -156,10 +172,11 @@ def use(home: Path, python: str) -> None:
     gone = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"} | ON_LLVM
     without_llvm(lidarscene, "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file; try: ", **gone)
     uv("pip", "uninstall", "--quiet", "--python", python, "karellen-llvm-core")
-    if lidarscene("doctor", **ON_LLVM).returncode == 0:
-        say("the system has an LLVM of its own: a machine without one was not tried")
-    else:
-        without_llvm(lidarscene, "found; try: ", **ON_LLVM)
+
+    def without_system(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+        return run([python, "-c", NO_SYSTEM_LLVM, *arguments], folder, environment | more)
+
+    without_llvm(without_system, "no LLVM library found; try: ", **ON_LLVM)
 
 
 def without_llvm(lidarscene, told: str, **environment: str) -> None:
@@ -196,17 +213,24 @@ def must(ran: subprocess.CompletedProcess[str], code: int, told: str, *, error: 
 # --- Pythons and processes ---------------------------------------------------------------------------
 
 
+def lowest_python() -> str:
+    """A Python of the lowest release that is supported: one of this machine, or the one that uv installs."""
+    here = dict(installed())
+    return here.get(LOWEST_PYTHON) or downloaded(LOWEST_PYTHON)
+
+
 def newest_python() -> str:
-    """$PYTHON_NEWEST, or the newest Python here that is newer than this one; "" (and a line) if there is none."""
+    """$PYTHON_NEWEST, or the newest Python of this machine, or, where that is too old, the one that uv installs."""
     if wanted := os.environ.get("PYTHON_NEWEST"):
         return wanted
-    best = max(installed(), default=((0, 0), ""))
-    if best[0] <= sys.version_info[:2]:
-        say(
-            f"no Python newer than {sys.version_info[0]}.{sys.version_info[1]} here: skipped; try PYTHON_NEWEST=..."
-        )
-        return ""
-    return best[1]
+    release, path = max(installed(), default=((0, 0), ""))
+    return path if release >= NEWEST_PYTHON else downloaded(NEWEST_PYTHON)
+
+
+def downloaded(release: tuple[int, int]) -> str:
+    """The Python that uv installs for its user."""
+    uv("python", "install", "--quiet", "{}.{}".format(*release))
+    return "{}.{}".format(*release)
 
 
 def installed() -> Iterator[tuple[tuple[int, int], str]]:

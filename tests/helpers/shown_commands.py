@@ -5,13 +5,13 @@ with one body of a kind, two frames for ten, fields of view after 0.02 s in cell
 four, charts and pictures that are not drawn, a job of four frames for twelve on a thread of this process, the view
 written by `--save` instead of served. A scene of `scenes/` is compiled once for commands in a row. What is only parsed
 is in `PARSED_ONLY`, with the test that runs its like. Of two commands of which one has more options than the other only
-that one is run. Whole scenes are rendered in tests/cli/test_main.py, charts drawn by the tests of each command.
+that one is run, unless the page goes on with the file of the shorter one. Whole scenes are rendered in
+tests/cli/test_main.py, charts drawn by the tests of each command.
 """
 
 import functools
 import re
 import shlex
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -116,6 +116,14 @@ def _all_by_names() -> tuple[str, ...]:
     return tuple(by_names(one) for page in PAGES for one in commands(page))
 
 
+def is_read_later(command: str, page: Path) -> bool:
+    """Whether the page names what the command writes in another command, or in its Python."""
+    target = command.partition(" > ")[2] or value_of("-o", command.split())
+    texts = [one for one in commands(page) if one != command]
+    texts += [block.code for block in blocks(page, "python")]
+    return target is not None and any(re.search(rf"{re.escape(target)}(?![\w.-])", text) for text in texts)
+
+
 def coarse_job() -> str:
     text = (ROOT / "scenes" / "job.toml").read_text(encoding="utf-8")
     for old, new in COARSE_JOB.items():
@@ -179,7 +187,10 @@ def coarse(arguments: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Reader:
-    """Who follows one page after the other, in one folder; ``done`` is what runs for another page."""
+    """Who follows one page after the other, each in a folder of its own; ``done`` is what ran for another page.
+
+    That runs once more only for a page that goes on with what it writes, so that each page can be followed alone.
+    """
 
     folder: Path
     done: set[str] = field(default_factory=set)
@@ -188,7 +199,9 @@ class Reader:
 
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
         """In the order of the page, and its Python between them where it has files of its own."""
-        make_workplace(self.folder, page, monkeypatch)
+        folder = self.folder / page.stem
+        folder.mkdir()
+        make_workplace(folder, page, monkeypatch)
         draw_roughly(monkeypatch)
         draw_nothing(monkeypatch)
         use_threads(monkeypatch)
@@ -198,18 +211,20 @@ class Reader:
                 Path(f"{name}.toml").write_text(
                     catalog.path_of("sensors", original).read_text("utf-8"), "utf-8"
                 )
-        if not Path(MESH).exists():
-            trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
-        self._run(capsys, MADE_BEFORE.get(page.name, ()))
+        trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
+        for command in MADE_BEFORE.get(page.name, ()):
+            self._run(capsys, command)
         shown = set(shell_lines(page))
         own_files = any(block.file_name for block in blocks(page))
         for block in in_order(page):
             if block.language == "python" and own_files:
                 exec(compile(block.code, str(block), "exec"), {"__name__": "documentation"})
             if block.language == "sh":
-                typed = [re.split(" #", line)[0].strip() for line in block.code.splitlines()]
-                self._run(capsys, (line.removeprefix(".venv/bin/") for line in typed))
-        self._run(capsys, (one for one in commands(page) if one not in shown and not incomplete(one)))
+                for line in block.code.splitlines():
+                    self._try(capsys, page, re.split(" #", line)[0].strip().removeprefix(".venv/bin/"))
+        for command in commands(page):
+            if command not in shown and not incomplete(command):
+                self._try(capsys, page, command)
 
     def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Scenes of `scenes/`; a world for commands in a row with the same one, as `compare` has one for all sensors.
@@ -243,20 +258,27 @@ class Reader:
             monkeypatch.setattr(module, "load_scene", load)
         monkeypatch.setattr(simulator, "build_world", world)
 
-    def _run(self, capsys: pytest.CaptureFixture[str], shown: Iterable[str]) -> None:
-        """Run or parse those of ours; `> FILE` takes what one prints."""
-        for line in shown:
-            if not line.startswith("lidarscene ") or by_names(line) in self.done:
-                continue
-            self.done.add(by_names(line))
-            command, _, target = line.partition(" > ")
-            arguments = shlex.split(command)[1:]
-            assert main._parser().parse_args(main.with_joined_pose(arguments)).run
-            if parsed_only(command) or (command.split()[1] in ("render", "fov") and in_a_longer_one(command)):
-                continue
-            capsys.readouterr()
-            assert main.main(coarse(arguments)) == 0, f"{command}\n{capsys.readouterr().err}"
-            printed = capsys.readouterr().out
-            assert printed
-            if target:
-                Path(target).write_text(printed, encoding="utf-8")
+    def _try(self, capsys: pytest.CaptureFixture[str], page: Path, line: str) -> None:
+        """Run or parse a line of the page if it is a command of ours that is still to be tried."""
+        if not line.startswith("lidarscene "):
+            return
+        read_later = is_read_later(line, page)
+        if by_names(line) in self.done and not read_later:
+            return
+        self.done.add(by_names(line))
+        arguments = shlex.split(line.partition(" > ")[0])[1:]
+        assert main._parser().parse_args(main.with_joined_pose(arguments)).run
+        runs_elsewhere = arguments[0] in ("render", "fov") and in_a_longer_one(line) and not read_later
+        if parsed_only(line) or runs_elsewhere:
+            return
+        self._run(capsys, line)
+
+    def _run(self, capsys: pytest.CaptureFixture[str], line: str) -> None:
+        """Run a command; `> FILE` takes what it prints."""
+        command, _, target = line.partition(" > ")
+        capsys.readouterr()
+        assert main.main(coarse(shlex.split(command)[1:])) == 0, f"{command}\n{capsys.readouterr().err}"
+        printed = capsys.readouterr().out
+        assert printed
+        if target:
+            Path(target).write_text(printed, encoding="utf-8")

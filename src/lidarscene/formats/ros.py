@@ -80,9 +80,9 @@ def ros_frames(
     with atomic_output(path) as temporary, folder_beside(temporary) as folder:
         bag = folder / Path(path).stem
         # What fails between two frames is not the library's.
-        with library_errors(path):
-            writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
-            writer.open()
+        writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
+        with library_errors(path), _closed_on_error(writer):
+            _open(writer)
             put = _appending(writer, store, layout)
 
         def append(cloud: Cloud) -> None:
@@ -92,19 +92,30 @@ def ros_frames(
         try:
             yield append
         finally:
-            with library_errors(path), _let_go(writer):
+            with library_errors(path), _closed_on_error(writer):
                 writer.close()
         os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
 
 
+def _open(writer: Any) -> None:
+    """Open the writer's file, as its own `open` does, which loses an SQLite that meets a full disk at once."""
+    writer.path.mkdir()
+    kind = writer.STORAGE_PLUGINS[writer.storage_plugin]
+    writer.storage = kind.__new__(
+        kind
+    )  # known to the writer before it opens the file, to be closed whatever happens
+    writer.storage.__init__(writer.path, writer.compression_mode)
+
+
 @contextmanager
-def _let_go(writer: Any) -> Iterator[None]:
+def _closed_on_error(writer: Any) -> Iterator[None]:
     """Close the file if the block fails: without room, rosbags leaves it open."""
     try:
         yield
     except Exception:
+        storage = writer.storage
         with suppress(Exception):
-            writer.storage.bio.close()
+            (storage.conn if hasattr(storage, "conn") else storage.bio).close()
         raise
 
 

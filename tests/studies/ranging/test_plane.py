@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarscene import load_sensor
+from lidarscene.physics.electronics import sipm
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
@@ -167,13 +168,64 @@ def test_more_power_sees_farther(name, more, light, extinction):
 
 
 @monotone
-@given(
-    name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=klux, dark=st.floats(0.02, 0.3)
-)
-def test_brighter_targets_are_seen_farther(name, more, light, dark):
-    sensor = APD if name == "table1-apd" else SIPM
-    low, high = (reach(sensor, reflectivity=dark * f, illuminance_klux=light) for f in (1.0, more))
+@given(more=factor, light=klux, dark=st.floats(0.02, 0.3))
+def test_brighter_targets_are_seen_farther(more, light, dark):
+    """For an APD under any sun: signal as rho, variance as a + b rho, so that their ratio rises with rho.
+
+    A SiPM's cells run out (`test_brighter_targets_keep_a_sipm_busy`).
+    """
+    low, high = (reach(APD, reflectivity=dark * f, illuminance_klux=light) for f in (1.0, more))
     assert high > low
+
+
+def firings_per_klux(sensor):
+    """Background photons that a white target in 1 klux lets each of the SiPM's cells detect in a dead time."""
+    detector = sensor.detector
+    light = plane.echoes_of_plane(sensor, Target(reflectivity=1.0, illuminance_klux=1.0), 1.0)
+    photons = sipm.background_photons(
+        power_w=light.background_power_w[0], dead_time_s=detector.dead_time_s,
+        photon_energy_j=sensor.laser.photon_energy_j,
+    )  # fmt: skip
+    return photons * -math.expm1(-detector.pde / detector.cells)
+
+
+def photons_needed(firings, sensor):
+    """Signal photons per ready cell at the threshold, while the sun fires each cell so often per dead time.
+
+    A share e^-x of N cells is ready (23), with a variance N e^-x (1 - e^-x) (25). The threshold of k deviations is
+    the share k sqrt((e^x - 1) / N) of the ready cells, which fire as 1 - e^-y (24).
+    """
+    share = sensor.tdc.threshold_to_noise * np.sqrt(np.expm1(firings) / sensor.detector.cells)
+    return -np.log1p(-share)
+
+
+@monotone
+@given(dark=st.floats(0.02, 0.3), more=factor, firings=st.floats(0.01, 2.5))
+def test_brighter_targets_keep_a_sipm_busy(dark, more, firings):
+    """Sunlight x and signal photons rho T^2 / R^2 both go as the reflectivity: R goes as sqrt(x / y(x)).
+
+    That rises up to x = 1.05 at 400 cells and five deviations, and falls beyond. Tolerance: dark counts left out, the
+    bisection's 1e-12 and rounding, which log1p makes up to 17 times larger at x = 2.5.
+    """
+    quiet = of("table1-sipm", detector__dark_count_rate_hz=0.0)
+    light = firings / (dark * more * firings_per_klux(quiet))
+    low, high = (reach(quiet, reflectivity=dark * f, illuminance_klux=light) for f in (1.0, more))
+    x = np.array([firings / more, firings])
+    expected = np.sqrt(x / photons_needed(x, quiet))
+    assert high / low == pytest.approx(expected[1] / expected[0], rel=1e-10)
+    if firings <= 1.0:
+        assert high > low
+
+
+def test_sipm_reflectivity_has_a_best():
+    """In 100 klux 0.28 is seen farther than 0.14 and 0.56: x = 1.05 there, more light than that blinds."""
+    brightness = np.geomspace(0.02, 1.0, 400)
+    limit, _ = plane.maximum_range_m(SIPM, Target(reflectivity=brightness))
+    best = brightness[np.argmax(limit)]
+    firings = np.geomspace(0.1, 2.8, 10_000)
+    expected = firings[np.argmax(firings / photons_needed(firings, SIPM))] / (100.0 * firings_per_klux(SIPM))
+    assert best == pytest.approx(expected, rel=0.01)  # a step of either grid, 1 %
+    assert limit[0] < limit.max() > limit[-1]
 
 
 @monotone
@@ -355,6 +407,7 @@ def test_nothing_of_it_needs_llvm_or_mitsuba(run_python):
     code = """
 import sys
 from lidarscene import load_sensor
+from lidarscene.physics.electronics import sipm
 from lidarscene.studies.ranging import plane as ranging
 print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
 print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.modules])
