@@ -12,6 +12,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from helpers.run_seed import NAME as SEED_NAME
+from helpers.run_seed import run_seed, shuffle
 from helpers.waiting import PATIENCE_S
 from hypothesis import HealthCheck, settings
 
@@ -20,6 +22,8 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, llvm, transfer
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+SEED = run_seed()
+"""Of the order of the tests and of their random streams; None: both are fixed."""
 # Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
@@ -51,10 +55,24 @@ def pytest_configure(config: pytest.Config) -> None:
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
 
+def pytest_report_header() -> str:
+    """How to run the tests once more in this order, on these random streams."""
+    return "order and random streams: " + ("fixed" if SEED is None else f"{SEED_NAME}={SEED}")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The same in the end, where a long or quiet run shows it."""
+    if SEED is not None:
+        terminalreporter.line(pytest_report_header())
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])
+    if SEED is not None:
+        items[:] = shuffle(items, SEED)
+        return
     turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 
