@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import importlib
 import os
 import subprocess
 import sys
@@ -31,12 +32,19 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
     os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{CACHE.name}/hypothesis"
+# This process and each that a test starts find the same sources, and draw the run's random numbers.
+RESEEDING = Path(__file__).parent / "helpers" / "reseeding"
+os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", RESEEDING)))
+sys.path.append(str(RESEEDING))
+importlib.import_module("reseed")
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
 
 # Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make.
-settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=SEED is None
+)
 settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
@@ -55,8 +63,11 @@ MAY_BE_SKIPPED = (
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Every folder is a marker: `pytest -m unit` runs tests/unit."""
+    """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
+    if SEED is not None and config.option.hypothesis_seed is None:
+        config.option.hypothesis_seed = str(SEED)
     if gone := [name for name in LONGEST if not (TESTS / name).is_file()]:
         raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(gone)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
@@ -176,7 +187,7 @@ def run_python() -> RunPython:
     """Run code in a fresh Python, with NAME=value in its environment, or NAME=None for unset."""
 
     def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
-        merged = OUTSIDE | {"PYTHONPATH": str(TESTS.parent / "src")} | environment
+        merged = OUTSIDE | environment
         kept = {name: value for name, value in merged.items() if value is not None}
         return subprocess.run(
             [sys.executable, "-c", code], env=kept, capture_output=True, text=True, timeout=PATIENCE_S

@@ -48,7 +48,7 @@ class Standing:
 
     def start(self, *command: str, first: Path | None = None) -> None:
         """Start a part of Dask; ``first`` is where its Python looks for modules first."""
-        path = os.pathsep.join(str(one) for one in (first, ROOT / "src") if one)
+        path = os.pathsep.join(str(one) for one in (first, os.environ["PYTHONPATH"]) if one)
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             started = subprocess.Popen(
                 [sys.executable, "-m", "dask", *command, "--no-dashboard"], cwd=self.folder, stdout=log, stderr=log,

@@ -156,9 +156,8 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
         "--workers",
         "1",
     ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     first = subprocess.Popen(
-        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     try:
         wait_until(lambda: len(list(out.glob("rows/*/*.json"))) >= 3 or first.poll() is not None)

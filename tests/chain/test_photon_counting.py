@@ -45,7 +45,7 @@ def test_numpy_and_device_agree():
         receivers.detect_alone(
             on_device,
             transfer.opaque(counter),
-            seed=transfer.opaque_uint32(4),
+            seed=transfer.seed_word(4),
             pulse=transfer.counter(0, 6_000),
         )
     )

@@ -58,7 +58,7 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     running = subprocess.Popen(
         [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"},
+        cwd=tmp_path, env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
         stdout=subprocess.DEVNULL, stderr=theirs,
     )  # fmt: skip
     os.close(theirs)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import COARSE
+from helpers.run_seed import run_seed
 from helpers.waiting import PATIENCE_S, wait_until
 from helpers.walls import MOVING
 
@@ -60,7 +61,7 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
     next run that writes this frame removes.
     """
     (tmp_path / "moving.toml").write_text(MOVING)
-    rng, out = random.Random(1), tmp_path / "out"
+    rng, out = random.Random(run_seed() or 1), tmp_path / "out"
     for number in range(KILLS):
         how = (signal.SIGTERM, signal.SIGKILL)[number % 2]
         running = subprocess.Popen(

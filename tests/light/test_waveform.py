@@ -56,7 +56,7 @@ def fetched(light, equipped, mi, *, seed=0):
     count = len(light.background_power_w)
     found = multi_echo.detect(
         trains.on_device(light), transfer.opaque(equipped),
-        seed=transfer.opaque_uint32(seed), pulse=transfer.counter(0, count),
+        seed=transfer.seed_word(seed), pulse=transfer.counter(0, count),
     )  # fmt: skip
     return chain.fetched(found)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lidarscene.kernel.device import transfer
 from lidarscene.maths import random
 
 # Random123's kat_vectors for threefry2x32, 20 rounds (Salmon et al., SC11): counter, key, result.
@@ -29,7 +30,7 @@ def test_same_bits_on_the_device(mi):
     pulse = np.arange(5000, dtype=np.uint32) * np.uint32(858_993)
     for seed, stage, draw in ((0, 1, 0), (4_294_967_295, 3, 7)):
         here = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
-        there = random.words(seed=mi.UInt32(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
+        there = random.words(seed=transfer.seed_word(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
         for a, b in zip(here, there, strict=True):
             np.testing.assert_array_equal(a, b.numpy())
     for deviate in (random.normal_pair, lambda w: (random.exponential(w),)):

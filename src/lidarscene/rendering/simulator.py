@@ -233,7 +233,7 @@ class Simulator:
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
         chunk = max(step, chunk - chunk % step)
-        seed_word = transfer.opaque_uint32(asked.seed)
+        seed_word = transfer.seed_word(asked.seed)
         placing = Placing.of(now.goal(asked.coordinates))
 
         def started(first: int) -> Chunk:
@@ -294,7 +294,7 @@ class Simulator:
         asked, _ = _asked(frame, None, options)
         now = self._frame(asked)
         chosen = check_pulses(pulses, self.sensor)
-        seed_word = transfer.opaque_uint32(asked.seed)
+        seed_word = transfer.seed_word(asked.seed)
 
         def train_of(first: int, count: int) -> EchoTrain:
             return self._train(now, now.first_pulse + first, count, seed_word)
@@ -312,7 +312,7 @@ class Simulator:
         """
         asked, _ = _asked(frame, None, options)
         now = self._frame(asked)
-        seed_word = transfer.opaque_uint32(asked.seed)
+        seed_word = transfer.seed_word(asked.seed)
         return self._train(now, now.first_pulse, self.sensor.scanner.pulses, seed_word)
 
     def _train(self, now: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:

@@ -201,7 +201,7 @@ def test_on_the_device(mi, equipment):
     light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
     here = detect(light, equipped)
     there = multi_echo.detect(
-        trains.on_device(light), transfer.opaque(equipped), seed=transfer.opaque_uint32(0),
+        trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0),
         pulse=transfer.counter(0, count),
     )  # fmt: skip
     seen = [np.array(stop.reported.numpy()) for stop in there.stops]

@@ -174,7 +174,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     ambient = transfer.opaque(ambient_of(described, equipped))
     light = echoes.receive(fan, hits, sensor, ambient)
     whole = trains_of.together([light], fan, rays=7)
-    snr = multi_echo.detect(whole, sensor, seed=transfer.opaque_uint32(0), pulse=pulse).snr
+    snr = multi_echo.detect(whole, sensor, seed=transfer.seed_word(0), pulse=pulse).snr
     dr.backward(dr.sum(snr))
     total = float(np.sum(dr.detach(snr).numpy()))
     assert float(np.sum(dr.grad(parameters[key]).numpy())) == pytest.approx(total / 0.1, rel=1e-4)
@@ -193,7 +193,7 @@ def test_what_a_converter_reports_has_none(mi):
     (part,) = light.parts
     light = replace(light, parts=(replace(part, peak_power_w=part.peak_power_w * scale),))
     found = multi_echo.detect(
-        light, transfer.opaque(equipped), seed=transfer.opaque_uint32(0), pulse=transfer.counter(0, 1)
+        light, transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, 1)
     )
     assert dr.grad_enabled(found.snr)
     for one in (found.stops[0].range_m, found.stops[0].amplitude, found.stops[0].snr):

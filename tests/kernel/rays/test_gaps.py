@@ -81,7 +81,7 @@ def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
     """
     pulses = 500
     lanes = transfer.counter(0, pulses * rays)
-    draws = Draws(seed=transfer.opaque_uint32(3), pulse=lanes // rays, ray=lanes % rays)
+    draws = Draws(seed=transfer.seed_word(3), pulse=lanes // rays, ray=lanes % rays)
     steps = [draws.uniform(step).numpy().reshape(pulses, rays) for step in range(8)]
     for level in (0.1, 0.3, 0.5, 0.9):
         for numbers in steps:

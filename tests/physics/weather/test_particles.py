@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import dblquad, quad
 from scipy.stats import chi2, kstest, norm, poisson
 
+from lidarscene.kernel.device import transfer
 from lidarscene.physics.weather import particles, precipitation
 
 WAVELENGTH_M, RATE_MM_H, NEAR_M, FAR_M = 905e-9, 10.0, 2.0, 150.0
@@ -169,7 +170,7 @@ def test_on_the_device(mi, tables):
     """The same drops from Dr.Jit. Tolerance: float32 logarithms, of numbers up to 30."""
     pulse = np.arange(20_000, dtype=np.uint32)
     here = particles.hits(tables, seed=9, pulse=pulse)
-    there = particles.hits(tables, seed=mi.UInt32(9), pulse=mi.UInt32(pulse))
+    there = particles.hits(tables, seed=transfer.seed_word(9), pulse=mi.UInt32(pulse))
     for mine, theirs in zip(here, there, strict=True):
         np.testing.assert_allclose(theirs[0].numpy(), mine[0], rtol=2e-3)
         both = (mine[1] > 0) & (theirs[1].numpy() > 0)

@@ -64,6 +64,11 @@ def opaque_uint32(value: int) -> Any:
     return dr.opaque(mitsuba().UInt32, value)
 
 
+def seed_word(seed: int) -> Any:
+    """Return the seed of a frame as an opaque 32-bit word: the one way in which a seed enters a kernel."""
+    return opaque_uint32(seed)
+
+
 def counter(first: int, count: int) -> Any:
     """Return the (count,) numbers first, first + 1, ... as UInt32; neither argument becomes code."""
     import drjit as dr

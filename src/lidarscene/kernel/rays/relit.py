@@ -38,11 +38,11 @@ def light_of(
     equipment = transfer.opaque(sensor)
     rays = beams.fire(
         equipment, pulse=transfer.counter(pulses.start, len(pulses)), origin_m=place.origin_m, rotation=place.rotation,
-        seed=transfer.opaque_uint32(seed),
+        seed=transfer.seed_word(seed),
     )  # fmt: skip
     towards = transfer.opaque(tuple(float(x) for x in sun))
     air = transfer.opaque(ambient)
-    firing = Firing(seed=transfer.opaque_uint32(seed))
+    firing = Firing(seed=transfer.seed_word(seed))
     ways = trace(world, rays, sun=towards, moving=movers, firing=firing)
     light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}

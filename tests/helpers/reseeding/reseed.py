@@ -1,0 +1,90 @@
+"""Give every stream of random numbers in this process the run's seed, TEST_SEED: NumPy's, and those of frames.
+
+A generator that is asked for with a seed gets that seed and the run's: streams of a run differ as before, and none is
+that of another run. Without TEST_SEED nothing changes. Streams of Python's `random` are few: tests key these by
+themselves. The program knows nothing of this: modules are changed when they are imported, here and in every process
+that a test starts (see `sitecustomize`).
+"""
+
+import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import os
+import sys
+import zlib
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any
+
+RUN = os.environ.get("TEST_SEED") or None
+
+
+def frame_seed(seed: int) -> int:
+    """Seed of a frame in this run, 32 bits: different for different seeds."""
+    return (int(seed) ^ zlib.crc32(f"run {RUN}".encode())) & 0xFFFFFFFF
+
+
+def _numpy(module: ModuleType) -> None:
+    for name in ("default_rng", "SFC64"):
+        setattr(module, name, _with_run(getattr(module, name)))
+
+
+def _with_run(generator: Callable[..., Any]) -> Callable[..., Any]:
+    def seeded(seed: Any = None) -> Any:
+        if seed is None or hasattr(seed, "random") or hasattr(seed, "generate_state"):
+            return generator(seed)  # no seed, or a stream that has its own
+        words = [seed] if isinstance(seed, int) or not hasattr(seed, "__len__") else list(seed)
+        return generator([*words, int(RUN or 0)])
+
+    return seeded
+
+
+def _words(module: ModuleType) -> None:
+    """Seeds of NumPy's path, and literals; a word on the device has its run from `_seed_word`."""
+    words, on_device = module.words, importlib.import_module("lidarscene.maths.arrays").is_drjit
+
+    def of_run(*, seed: Any, **which: Any) -> Any:
+        return words(seed=seed if on_device(seed) else frame_seed(seed), **which)
+
+    module.words = of_run  # type: ignore[attr-defined]
+
+
+def _seed_word(module: ModuleType) -> None:
+    """Seeds go to the device by one function. The run's word is folded in before, so it is no part of a kernel."""
+    word = module.seed_word
+    module.seed_word = lambda seed: word(frame_seed(seed))  # type: ignore[attr-defined]
+
+
+CHANGES = {
+    "numpy.random": _numpy,
+    "lidarscene.maths.random": _words,
+    "lidarscene.kernel.device.transfer": _seed_word,
+}
+
+
+class _Importer(importlib.abc.MetaPathFinder):
+    """Imports the modules of `CHANGES` as the other finders do, and changes each right after."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if name not in CHANGES:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
+        if spec is None or spec.loader is None:
+            return None
+        execute = spec.loader.exec_module
+
+        def executed(module: ModuleType) -> None:
+            execute(module)
+            CHANGES[name](module)
+
+        spec.loader.exec_module = executed  # type: ignore[method-assign]
+        return spec
+
+
+if RUN is not None:
+    sys.meta_path.insert(0, _Importer())
+    for name in CHANGES.keys() & sys.modules.keys():
+        CHANGES[name](sys.modules[name])
