@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.readings import ADC, SHOTS, readings
-from helpers.trains import FWHM_S, SIGMA_S, detect, sensor, train
+from helpers.readings import ADC, CLEAN, SHOTS, on_light, readings
+from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 from scipy.optimize import brentq
 from scipy.stats import kstest, norm
 
@@ -241,3 +241,113 @@ def test_rates_at_their_limits(rate_mhz, samples):
     if samples in (5, 1024):
         with pytest.raises(InputError, match=r"sampler\.rate_mhz: must be [<>]="):
             sensor("table1-apd", *ADC, f"sampler.rate_mhz={outside!r}")
+
+
+def passed(fine_m, power, level, peak_m):
+    """Ranges at which light comes over a level before a peak and falls below it behind."""
+    over = power >= level
+    top = int(np.argmin(np.abs(fine_m - peak_m)))
+    assert over[top]
+    return fine_m[top - int(np.argmin(over[top::-1]))], fine_m[top + int(np.argmin(over[top:]))]
+
+
+@pytest.mark.parametrize(
+    ("lasting", "level", "highest"),
+    [
+        ([], 1.0, 2.0),
+        # Light before the pulse only: it starts at 2 U, the lowest level above that light.
+        ([(55.0, 0.0), (55.5, 1.5), (59.0, 1.4), (60.0, 0.0)], 2.0, 2.0),
+        # Light behind it only, which hides where it falls below U.
+        ([(60.0, 0.0), (61.5, 1.5), (80.0, 1.4)], 2.0, 2.0),
+        # On both sides.
+        ([(55.0, 0.0), (55.5, 1.5), (80.0, 1.4)], 2.0, 2.0),
+    ],
+    ids=["alone", "before", "behind", "both"],
+)
+def test_levels_of_a_pulse_on_other_light(lasting, level, highest):
+    """The middle of both crossings of the lowest level that the pulse alone passes, to noise and bins of sigma_p / 500;
+    the amplitude is no more than the next level. Reference: the waveform in bins, searched by hand. Other pulses stand
+    before it and behind.
+    """
+    equipped = sensor("table1-apd", *CLEAN, *LEVELS, "tdc.stops=3", "tdc.keep='strongest'")
+    light, fine_m, power = on_light(equipped, [(55.0, 7.0), (60.0, 2.3), (70.0, 7.0)], lasting)
+    second = detect(light, equipped).stops[1]
+    point = equipped.working_point(light.background_power_w)
+    up_m, down_m = passed(fine_m, power, level, 60.0)
+    assert second.range_m[0] == pytest.approx(0.5 * (up_m + down_m), abs=0.004 * SIGMA_M)
+    assert second.width_s[0] == pytest.approx((down_m - up_m) / HALF_C, abs=0.008 * SIGMA_S)
+    up_m, down_m = passed(fine_m, power, highest, 60.0)
+    assert power.max() > 6.0
+    by_width = highest * math.exp((down_m - up_m) ** 2 / (8.0 * SIGMA_M**2))
+    wanted = min(by_width, 4.0) if lasting else by_width
+    assert second.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(wanted, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("lasting", "base"),
+    [
+        ([(59.8, 0.0), (60.4, 2.3), (80.0, 2.3)], 0.0),
+        ([(55.0, 0.0), (55.5, 1.5), (59.0, 1.4), (60.2, 1.4), (61.2, 2.4), (80.0, 2.3)], 1.0),
+    ],
+)
+def test_levels_that_light_behind_a_pulse_holds_say_nothing(lasting, base):
+    """The pulse is read as the TDC alone reads it: where it crosses, later by the walk of what it is over its ``base``.
+
+    The light behind it rises once more by a threshold, and to no level. Reference: the waveform in bins, and sigma_p
+    sqrt(2 ln((s - base) / U)) with s its peak. The place of a peak beside a corner of other light is good to the
+    differences that stand for that light's slope: 2 % of the height.
+    """
+    equipped = sensor("table1-apd", *CLEAN, *LEVELS, "tdc.stops=3", "tdc.keep='strongest'")
+    light, fine_m, power = on_light(equipped, [(55.0, 7.0), (60.0, 2.3), (70.0, 1.2)], lasting)
+    second = detect(light, equipped).stops[1]
+    near = np.abs(fine_m - 60.0) < 4.0 * SIGMA_M
+    peak_m, peak = fine_m[near][np.argmax(power[near])], power[near].max()
+    assert 3.1 < peak < 3.9
+    up_m, _ = passed(fine_m, power, 1.0 + base, peak_m)
+    walk_m = SIGMA_M * math.sqrt(2.0 * math.log(peak - base))
+    assert second.range_m[0] == pytest.approx(up_m + walk_m, abs=0.02 * SIGMA_M)
+    point = equipped.working_point(light.background_power_w)
+    assert second.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(peak, rel=0.03)
+
+
+@pytest.mark.parametrize(("top", "wanted"), [(1.7, 2.0), (3.0, 4.0), (5.0, 8.0), (20.0, 8.0)])
+def test_levels_take_air_for_no_more_than_the_next_one(top, wanted):
+    """Light over 12 m: its width says thousands of times its height. Above the highest level another is assumed, as far
+    from it as that is from the one before.
+    """
+    equipped = sensor("table1-apd", *CLEAN, "sampler.type='multi_level_tdc'", "sampler.levels=[2, 4]")
+    lasting = [(50.0, 0.0), (51.0, 0.95 * top), (57.0, top), (63.0, 0.95 * top), (64.0, 0.0)]
+    light, _, _ = on_light(equipped, [(50.0, 0.0)], lasting)
+    first = detect(light, equipped).stops[0]
+    point = equipped.working_point(light.background_power_w)
+    assert first.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_levels_above_where_an_amplifier_clips_are_not_there():
+    """Two sensors that differ in such a level alone read strong pulses alike, shot by shot."""
+    clips = ["detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3"]
+    both = [
+        readings(2e4, *clips, "sampler.type='multi_level_tdc'", f"sampler.levels={levels}")
+        for levels in ("[2, 4]", "[2, 4, 8]")
+    ]
+    for have, want in zip(*both, strict=True):
+        np.testing.assert_array_equal(have, want)
+    assert both[0][1].mean() > 0.9
+
+
+def test_a_pulse_that_grazes_the_levels_has_neither_width_nor_walk():
+    """Noise lets the leading edge pass the threshold and not the trailing one: the crossing is all that is known, as a
+    sensor that takes off no walk reports it, and the amplitude is the threshold.
+    """
+    light = train(np.full((4000, 1), 60.0), trains.power_at_snr(sensor("table1-apd"), 6.0))
+    corrected, raw = (
+        detect(light, sensor("table1-apd", *LEVELS, "tdc.threshold_to_noise=6", f"tdc.walk='{walk}'")).stops[
+            0
+        ]
+        for walk in ("corrected", "raw")
+    )
+    grazes = corrected.reported & (corrected.status == 0) & (corrected.width_s == 0.0)
+    assert grazes.sum() > 400
+    np.testing.assert_allclose(corrected.range_m[grazes], raw.range_m[grazes], atol=1e-9)
+    assert np.ptp(corrected.amplitude[grazes]) == 0.0
+    assert corrected.amplitude[grazes].min() == corrected.amplitude[corrected.reported].min()

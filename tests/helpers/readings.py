@@ -2,14 +2,21 @@
 
 import numpy as np
 
+from lidarscene.light.echoes import Volume
+from lidarscene.maths.arrays import Table
+
 from . import trains
-from .trains import detect, sensor, train
+from .trains import SIGMA_M, detect, sensor, train
 
 SHOTS = 8000
 
 # An amplifier so noisy that the echo's own noise is nothing, and so fast that samples know nothing of one another.
 WHITE = ["tdc.bandwidth_mhz=2000", "detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=7"]
 ADC = ["sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=20", "sampler.full_scale=100"]
+
+
+CLEAN = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4"]
+"""Noise of 1e-4 of the threshold U, the echo's own included: edges move by some 1e-4 sigma_p."""
 
 
 def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=6):
@@ -28,3 +35,25 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
     signal = float(equipped.working_point(light.background_power_w[:1]).signal(np.array([power]))[0])
     return (stop.range_m - range_m)[kept], stop.amplitude[kept] / signal, width_s[kept]
+
+
+def on_light(equipped, echoes, lasting):
+    """Echoes on light that lasts: the train, U in watts, and the power over ranges in bins of sigma_p / 500.
+
+    echoes   (range [m], height in U) of each
+    lasting  (range [m], height in U) of corners, between which the other light goes straight; none beyond the last
+    """
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    level_w = float(point.power_w(equipped.threshold(point))[0])
+    bins_m, (ranges_m, heights) = np.linspace(0.0, 150.0, 3001), np.array(echoes).T
+    course = np.interp(bins_m, *np.array(lasting).T, left=0.0, right=0.0) if lasting else 0.0 * bins_m
+    air = Volume(
+        shape=Table(course), far_m=150.0, hump_m=(0.0, 150.0), scale=np.array([level_w if lasting else 0.0]),
+        end_m=np.array([1e6]), extinction_per_m=0.0,
+    )  # fmt: skip
+    fine_m = np.arange(0.0, 150.0, SIGMA_M / 500.0)
+    power = np.interp(fine_m, bins_m, course)
+    for range_m, height in echoes:
+        power = power + height * np.exp(-0.5 * ((fine_m - range_m) / SIGMA_M) ** 2)
+    light = train(ranges_m[None, :], level_w * heights[None, :], volume=air if lasting else None)
+    return light, fine_m, power

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.readings import ADC, SHOTS, WHITE, readings
+from helpers.readings import ADC, CLEAN, SHOTS, WHITE, on_light, readings
 from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 from scipy.stats import chi2, norm
 
@@ -155,3 +155,113 @@ def test_two_pulses_in_one_window_are_read_apart():
         here = stop.reported & (stop.status == 0)
         assert here.mean() > 0.98
         assert np.median(stop.range_m[here]) == pytest.approx(place, abs=0.05 * SIGMA_M)
+
+
+def clean_pulses(height, *overrides, tick_s=1e-9, phases=97):
+    """Errors in sigma_p, first returns, ranges and U of lone pulses of a height in U, over the phases of a clock."""
+    equipped = sensor("table1-apd", *CLEAN, *ADC, f"sampler.rate_mhz={1e-6 / tick_s!r}", *overrides)
+    range_m = 60.0 + HALF_C * tick_s * (np.arange(phases) + 0.5) / phases
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    level = equipped.threshold(point)
+    stop = detect(train(range_m[:, None], height * float(point.power_w(level)[0])), equipped).stops[0]
+    assert stop.reported.all()
+    return (stop.range_m - range_m) / SIGMA_M, stop, range_m, float(level[0])
+
+
+CENTROID = "sampler.estimator='centroid'"
+
+
+def test_samples_are_taken_at_the_ticks_of_the_clock():
+    """A pulse that is over the threshold for less than a tick: its one sample is at a tick, a multiple of 1 ns after
+    the pulse left, and it is over the threshold; without such a sample the crossing is all that is known.
+    """
+    height = 1.015
+    error, stop, range_m, _ = clean_pulses(height, CENTROID)
+    reach = math.sqrt(
+        2.0 * math.log(height)
+    )  # 0.17 sigma_p: half of the time over the threshold, less than a tick
+    tick = 1e-9 / SIGMA_S
+    assert 2.0 * reach < tick
+    ticks = stop.range_m / HALF_C / 1e-9
+    sampled = stop.width_s > 0.0
+    np.testing.assert_array_equal(stop.width_s[sampled], 1e-9)
+    np.testing.assert_allclose(ticks[sampled], np.rint(ticks[sampled]), atol=1e-6)
+    np.testing.assert_allclose(error[~sampled], -reach, atol=0.01)  # noise of 1e-4 over the slope of 0.17
+    nearest = np.rint(range_m / HALF_C / 1e-9) * 1e-9 * HALF_C
+    inside = np.abs(nearest - range_m) / SIGMA_M
+    clear = np.abs(inside - reach) > 0.01
+    np.testing.assert_array_equal(sampled[clear], (inside < reach)[clear])
+
+
+def test_the_matched_filter_goes_uphill_from_one_sample():
+    """Pulses with one sample over the threshold, up to 0.39 sigma_p off: two steps of Newton's method on exp(-x^2 / 4)
+    go from x to x^3 / 2 and on to nothing.
+
+    The window begins 2.4 sigma_p before the crossing, where exp(-x^2) / sqrt(pi) = 2e-3 of the slope's weight is left.
+    """
+    off = 0.5 * 2e-9 / SIGMA_S
+    height = math.exp(0.5 * off**2)
+    error, _, _, _ = clean_pulses(height, tick_s=2e-9)
+    assert 0.5 * off**3 > 0.025
+    assert np.abs(error).max() < 4e-3
+
+
+def test_a_sample_at_the_threshold_is_over_it():
+    """Steps of a quarter of the threshold: a sample counts from 3.5 steps on, and 4 of them are the threshold.
+
+    Reference: the pulse at the ticks, rounded by hand; those within 1e-3 of a half step may go either way.
+    """
+    level = clean_pulses(1.2, CENTROID)[3]
+    _, stop, range_m, _ = clean_pulses(1.2, CENTROID, "sampler.bits=3", f"sampler.full_scale={2.0 * level!r}")
+    step = level / 4.0
+    time_s = 1e-9 * np.arange(380, 440)
+    signal = 1.2 * level * np.exp(-0.5 * ((time_s - range_m[:, None] / HALF_C) / SIGMA_S) ** 2)
+    steps = np.rint(signal / step)
+    sure = np.abs(signal / step - 3.5).min(axis=1) > 1e-3
+    assert sure.mean() > 0.9
+    counted = np.where(steps >= 4, steps, 0.0)
+    assert (counted == 4).any(axis=1).mean() > 0.5
+    np.testing.assert_allclose(stop.width_s[sure], 1e-9 * (counted > 0).sum(axis=1)[sure])
+    wanted = (counted * time_s).sum(axis=1) / counted.sum(axis=1) * HALF_C
+    np.testing.assert_allclose(stop.range_m[sure], wanted[sure], atol=1e-6)
+    np.testing.assert_allclose(stop.amplitude[sure], step * counted.max(axis=1)[sure])
+
+
+def test_samples_end_soon_after_the_crossing():
+    """A weak pulse and a strong one 4.7 sigma_p behind it: the light is below half of the threshold from 1.7 to 2.6
+    sigma_p after the crossing, with two samples at least. The centroid is the weak pulse's.
+    """
+    equipped = sensor("table1-apd", *CLEAN, *ADC, CENTROID)
+    light, _, _ = on_light(equipped, [(60.0, 1.05), (60.0 + 4.7 * SIGMA_M, 10.0)], [])
+    first = detect(light, equipped).stops[0]
+    assert first.range_m[0] == pytest.approx(60.0, abs=0.3 * SIGMA_M)
+
+
+def test_samples_of_a_pulse_on_light_that_lasts():
+    """What the light has is taken off: the range is that of the pulse alone. The centroid moves by 0.07 sigma_p if one
+    side has one sample more, at the threshold; the matched filter by its noise.
+
+    The amplitude is the whole height. Behind a matched filter light that lasts is int g / int g^2 = sqrt(2) times as
+    high as before it.
+    """
+    for overrides, gain, good_to in (([CENTROID], 1.0, 0.07), ([], math.sqrt(2.0), 0.01)):
+        equipped = sensor("table1-apd", *CLEAN, *ADC, *overrides, "tdc.stops=2", "tdc.keep='strongest'")
+        light, _, _ = on_light(equipped, [(50.0, 9.0), (60.0, 4.0)], [(50.0, 0.0), (51.0, 1.5), (80.0, 1.5)])
+        second = detect(light, equipped).stops[1]
+        point = equipped.working_point(light.background_power_w)
+        level = equipped.threshold(point)[0]
+        assert second.range_m[0] == pytest.approx(60.0, abs=good_to * SIGMA_M)
+        assert second.amplitude[0] / level == pytest.approx(4.0 + 1.5 * gain, rel=0.01)
+
+
+def test_samples_of_slow_light_are_those_of_its_peak():
+    """Light over tens of metres trips the comparator far before its peak: the samples lie around that.
+
+    The window ends three pulse widths behind 4.7 sigma_p before the peak and begins one before.
+    """
+    equipped = sensor("table1-apd", *CLEAN, *ADC)
+    corners = [(30.0, 0.0), (59.0, 2.9), (60.0, 3.0), (61.0, 2.9), (90.0, 0.0)]
+    light, _, _ = on_light(equipped, [(60.0, 0.0)], corners)
+    first = detect(light, equipped).stops[0]
+    assert first.reported[0]
+    assert -8.0 * SIGMA_M < first.range_m[0] - 60.0 < 3.0 * SIGMA_M

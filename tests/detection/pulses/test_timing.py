@@ -6,13 +6,16 @@ of the signal, and the three rules as an engineer would write them.
 
 import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import trains
+from helpers.readings import CLEAN, on_light
 from helpers.trains import FWHM_S, SIGMA_S
 from scipy.constants import c
-from scipy.stats import chi2, norm
+from scipy.special import erf
+from scipy.stats import chi2, kstest, norm
 
 from lidarscene import load_sensor
 from lidarscene.detection import returns
@@ -231,6 +234,122 @@ def test_one_echo_or_a_train_of_one(rule):
     kept = want.reported
     for name in ("range_m", "amplitude", "width_s"):
         np.testing.assert_allclose(getattr(have, name)[kept], getattr(want, name)[kept], rtol=1e-9, atol=1e-9)
+
+
+def on_lasting(sensor, height, lasting, shots):
+    """Second returns of pulses with an echo at 60 m on light that lasts, heights in U; a brighter echo comes first."""
+    corners = [(50.0, 0.0), (51.0, lasting), (80.0, lasting)]
+    one, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
+    (part,) = one.parts
+    many = replace(
+        one, found=np.full(shots, True), background_power_w=np.full(shots, trains.BACKGROUND_W),
+        parts=(replace(part, range_m=np.tile(part.range_m, shots), peak_power_w=np.tile(part.peak_power_w, shots)),),
+        volume=replace(one.volume, scale=np.tile(one.volume.scale, shots), end_m=np.full(shots, 1e6)),
+    )  # fmt: skip
+    return trains.detect(many, sensor, seed=3).stops[1]
+
+
+WITH_BRIGHTER = ("tdc.stops=2", "tdc.keep='strongest'")
+
+
+@pytest.mark.parametrize("walk", ["corrected", "none"])
+@pytest.mark.parametrize("rule", ["leading_edge", *RULES])
+def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
+    """Without noise to speak of its range is its own, to 0.2 % of sigma_p for noise of 1e-4 of U, and its amplitude
+    that of all light; behind a matched filter light that lasts is sqrt(2) times as high, by (T80) less where both mix.
+    """
+    sensor = load_sensor(
+        "table1-apd", overrides=[*CLEAN, f"tdc.timing='{rule}'", f"tdc.walk='{walk}'", *WITH_BRIGHTER]
+    )
+    stop = on_lasting(sensor, 4.0, 1.5, 20)
+    np.testing.assert_allclose(stop.range_m, 60.0, atol=2e-3 * trains.SIGMA_M)
+    gain = math.sqrt(2.0 / (1.0 + 4.0 / 5.5)) if rule == "matched_filter" else 1.0
+    level = sensor.threshold(sensor.working_point(np.array([trains.BACKGROUND_W])))[0]
+    np.testing.assert_allclose(stop.amplitude / level, 5.5 * gain, rtol=2e-3)
+
+
+@pytest.mark.parametrize("lasting", [0.5, 1.0, 3.0])
+def test_light_that_lasts_does_not_blur_a_peak(lasting):
+    """Steady light adds nothing to where a pulse's peak is: the scatter is that of the pulse alone, which fine samples
+    of both in noise have. 4 % for curvature, beside chi-square at 1e-6 on either side.
+    """
+    snr, count = 100.0, 4000
+    sensor = equipped(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
+    stop = on_lasting(sensor, snr / 10.0, lasting * snr / 10.0, count)
+    assert stop.reported.all()
+    time_s, signal = sampled(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
+    wanted_s = top(time_s, signal + lasting)[0].std()
+    spread = math.sqrt(chi2.isf(1e-6, count - 1) / (count - 1)) ** 2
+    have_s = stop.range_m.std() * 2.0 / c
+    assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * 1.04
+
+
+def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
+    """What a receiver of peaks reports is over the threshold by itself: a Gaussian cut off there, by Kolmogorov and
+    Smirnov at 1e-6; of an edge's peak the noise is another, so that some count as the threshold itself.
+    """
+    sensor, count = equipped(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=6"), 4000
+    power = trains.power_at_snr(sensor, 6.5)
+    light = trains.train(np.full((count, 1), 50.0), np.full((count, 1), power))
+    stop = trains.detect(light, sensor, seed=2).stops[0]
+    amplitude = stop.amplitude[stop.reported & (stop.status == 0)]
+    point = sensor.working_point(light.background_power_w[:1])
+    threshold, noise_a = float(sensor.threshold(point)[0]), float(point.noise[0])
+    assert (amplitude > threshold).all()
+    own = norm(6.5, 1.0)
+    shares = 1.0 - own.sf(amplitude / noise_a) / own.sf(threshold / noise_a)
+    assert kstest(shares, "uniform").pvalue > 1e-6
+
+
+def test_noise_of_a_peak_and_of_the_converter_add_up():
+    """Their variances: they are drawn apart. Chi-square at 1e-6; drawn together, the sum would be 4 in place of 2."""
+    alone_s = shots("peak", 50.0, QUIET_ECHO)[0]
+    jitter_ps = float(1e12 * alone_s.std())
+    both_s = shots("peak", 50.0, QUIET_ECHO, f"tdc.jitter_ps={jitter_ps!r}")[0]
+    count = len(both_s)
+    low, high = (chi2.ppf(p, count - 1) / (count - 1) for p in (1e-6, 1.0 - 1e-6))
+    assert 2.0 * low**2 < (both_s.std() / alone_s.std()) ** 2 < 2.0 * high**2
+
+
+def test_a_clipped_pulse_has_the_walk_of_what_is_measured():
+    """The fraction of a clipped peak is early: with "none" the sensor takes off what that is, and the range is true."""
+    clips = ["detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3"]
+    sensor = load_sensor(
+        "table1-apd",
+        overrides=[*clips, "tdc.timing='constant_fraction'", "tdc.walk='none'", "tdc.edges='rising'"],
+    )
+    power = trains.power_at_snr(sensor, 1e4)
+    stop = trains.detect(trains.train(np.full((200, 1), 50.0), np.full((200, 1), power)), sensor).stops[0]
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    early = math.sqrt(2.0 * math.log(2.0 * 1e4 * float(point.noise[0]) / 5e-3))
+    assert early > 2.0
+    # Noise is 1 % of the clipped peak, and the edge there 2.5 per sigma_p.
+    np.testing.assert_allclose(stop.range_m, 50.0, atol=0.02 * trains.SIGMA_M)
+
+
+def test_time_of_cells_behind_a_matched_filter():
+    """(T79) with SciPy's erf: cells that fired make less noise of the pulse's flank, kappa_2 < 0.
+
+    At 200 of 400 cells the last term takes a tenth off the deviation. Chi-square at 1e-6 and 2 % for the curvature.
+    """
+    sensor, count = load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'"]), 20_000
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    raw = point.unfiltered
+    signal = 0.5 * (400.0 - float(raw.busy[0]))
+    power = float(raw.power_w(np.array([signal]))[0])
+    stop = trains.detect(trains.train(np.full((count, 1), 50.0), np.full((count, 1), power)), sensor).stops[0]
+    time_s = (stop.range_m[stop.reported & (stop.status == 0)] - 50.0) * 2.0 / c
+    x = 2.0 * math.pi * float(sensor.noise_bandwidth_hz) * SIGMA_S
+    share = math.sqrt(math.pi) * erf(x) / x
+    variance = share * (
+        float(raw.noise[0]) ** 2 + (2.0 / 3.0) ** 1.5 * float(np.ravel(raw.kappa_1)[0]) * signal
+        + 0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2
+    )  # fmt: skip
+    slope = 1.0 - 2.0 * x * math.exp(-(x**2)) / (math.sqrt(math.pi) * erf(x))
+    wanted_s = math.sqrt(2.0 * variance * slope) * SIGMA_S / signal
+    assert abs(0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2) * share > 0.1 * variance
+    low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
+    assert 0.98 * low * wanted_s < time_s.std() < 1.02 * high * wanted_s
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,9 @@ def of_rise(
         time_s = shots.time_s(place) - _fraction_walk_s(shots, above, own_w, width_s)
     else:
         place = rise.peak
-        time_s = shots.time_s(place) + _peak_error_s(shots, trip, curvature(rise), draw=rise.number)
+        # Light on which the pulse stands does not bend: all that bends is the pulse's, of its own height.
+        curved = curvature(rise) * (rise.top[0] / ops.maximum(own_w, 1e-37))
+        time_s = shots.time_s(place) + _peak_error_s(shots, trip, curved, draw=rise.number)
     return comparator.converted(shots, time_s, draw=rise.number), place
 
 
@@ -174,7 +176,8 @@ def _own_power_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
     """Peak power of a pulse above the light on which it stands, (n,)."""
     if isinstance(trip.base, float):
         return rise.top[0]
-    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.power_w(trip.base), 0.0)
+    base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
+    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.power_w(base), 0.0)
 
 
 def _fwhm_s(shots: Shots) -> Lanes:
