@@ -431,6 +431,29 @@ def test_labels_do_not_show_how_the_frame_was_cut(
         assert whole.read_bytes() == pieces.read_bytes()
 
 
+def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
+    """Reference: the same boxes and half-spaces point by point, of a frame whose points wait on disk since a car moves.
+
+    Every other point comes a metre too far to the left and up: no axis may stand for another.
+    """
+    cloud, scene = driving(motion_in="removed")
+    aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
+    cloud = replace(cloud, xyz_m=aside.astype(np.float32))
+    (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
+    content = json.loads(path.read_text())
+    assert content["num_lidar_pts"] == len(cloud)
+    by_name = {one["instance_name"]: one for one in content["sample_annotations"]}
+    assert sorted(by_name) == ["crossing", "parked"]
+    for box in labels.boxes(cloud, scene):
+        one = by_name[box.name]
+        local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
+        least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
+        assert least <= one["num_lidar_pts"] <= most < one["num_body_pts"]
+        assert one["num_body_pts"] == np.count_nonzero(cloud.body == box.body)
+        assert one["velocity"] == box.velocity_m_s.tolist()
+        assert one["visibility"] == pytest.approx(box.visibility, abs=1e-4)
+
+
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
     cloud, scene = driving(motion_in="removed")
