@@ -59,11 +59,13 @@ def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> Non
 
 
 def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
-    """TCP, IPv6, the first and a later fragment (RFC 791: bit 13 says that more follow, the lowest 13 are the place)."""
+    """TCP, IPv6, the first and a later fragment (RFC 791: bit 13 says that more follow, those below are the place)."""
     others = [
-        datagram(b"tcp", protocol=6), b"\x60" + datagram(b"six")[1:], datagram(b"more", fragment=0x2000),
+        datagram(b"tcp", protocol=6),
+        b"\x60" + datagram(b"six")[1:],
+        datagram(b"more", fragment=0x2000),
         datagram(b"later", fragment=0x0001),
-    ]  # fmt: skip
+    ]
     whole = datagram(b"whole", fragment=0x4000)  # which must not be cut
     assert captured(tmp_path / "a.pcap", 1, [PLAIN + one for one in (*others, whole)]) == [b"whole"]
 
