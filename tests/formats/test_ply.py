@@ -49,6 +49,24 @@ def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asc
         assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
 
 
+def test_a_file_is_read_by_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: a cloud of 100 million points is never twice in memory. No block is larger than it may be, and the
+    last one is as large as what is left.
+    """
+    monkeypatch.setattr(ply, "BLOCK_POINTS", 8)
+    sizes: list[int] = []
+    read = np.fromfile
+
+    def noted(file: Any, dtype: Any, count: int) -> Any:
+        sizes.append(count)
+        return read(file, dtype, count=count)
+
+    write_ply(tmp_path / "a.ply", small_cloud(27))
+    monkeypatch.setattr(np, "fromfile", noted)
+    assert_same(PointCloud.load(tmp_path / "a.ply"), small_cloud(27))
+    assert sizes == [8, 8, 8, 3]
+
+
 @pytest.mark.parametrize("ascii", [False, True])
 def test_extreme_numbers(tmp_path: Path, ascii: bool) -> None:
     tiny, big = np.finfo(np.float32).smallest_subnormal, np.float32(3.4e38)

@@ -11,15 +11,24 @@ import numpy as np
 import pytest
 from helpers import street
 from helpers.formats import osi_messages, rotated, value_at
+from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
-from lidarscene.labels import gathered, kitti_dataset
+from lidarscene.labels import gathered, kinds, kitti_dataset
 from lidarscene.labels import points as labels
-from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, write_labels
+from lidarscene.labels.files import (
+    CAMERA,
+    PICTURE_PX,
+    label_paths,
+    labels_stream,
+    semantic_kitti,
+    write_labels,
+)
+from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, pose_at
 from lidarscene.scene.model import Ball, Body, Scene
@@ -242,6 +251,224 @@ def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud
     assert int(truth.stationary_object[0].classification.type) == 8
 
 
+def boxes_of_classes(*class_names: str) -> list[labels.Box]:
+    poses = [
+        Pose.from_degrees(position_m=(n, 2, 3), yaw_deg=30, pitch_deg=20, roll_deg=10) for n in range(99)
+    ]
+    return [
+        labels.Box(
+            body=n,
+            name="",
+            class_name=name,
+            size_m=np.array(CAR),
+            pose=poses[n],
+            velocity_m_s=np.array([n, 5, -7]),
+        )
+        for n, name in enumerate(class_names)
+    ]
+
+
+def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
+    """Reference: the names of the OSI group's own definitions, in betterosi; and roll, pitch, yaw as SciPy has them."""
+    osi = library("betterosi")
+    vehicles = {
+        "car": "CAR",
+        "van": "DELIVERY_VAN",
+        "truck": "HEAVY_TRUCK",
+        "trailer": "TRAILER",
+        "motorcycle": "MOTORBIKE",
+        "motorcyclist": "MOTORBIKE",
+        "bicycle": "BICYCLE",
+        "cyclist": "BICYCLE",
+        "bus": "BUS",
+        "Tram": "TRAM",
+    }
+    walkers = {"pedestrian": "PEDESTRIAN", "person": "PEDESTRIAN", "animal": "ANIMAL"}
+    things = {
+        "pole": "POLE",
+        "sign": "VERTICAL_STRUCTURE",
+        "traffic_sign": "VERTICAL_STRUCTURE",
+        "barrier": "BARRIER",
+        "gantry": "OTHER",
+    }
+    boxes = boxes_of_classes(*vehicles, *walkers, *things)
+    (tmp_path / "a.osi").write_bytes(ground_truth(boxes, 17.25))
+    (truth,) = osi_messages(tmp_path / "a.osi", "GroundTruth", library)
+    assert (truth.timestamp.seconds, truth.timestamp.nanos) == (17, 250_000_000)
+    moving = truth.moving_object
+    kinds = [osi.MovingObjectType(one.type).name for one in moving]
+    assert kinds == ["VEHICLE"] * len(vehicles) + list(walkers.values())
+    named = osi.MovingObjectVehicleClassificationType
+    assert [named(one.vehicle_classification.type).name for one in moving[: len(vehicles)]] == list(
+        vehicles.values()
+    )
+    standing = [
+        osi.StationaryObjectClassificationType(one.classification.type).name
+        for one in truth.stationary_object
+    ]
+    assert standing == list(things.values())
+    assert [one.id.value for one in (*moving, *truth.stationary_object)] == list(range(1, len(boxes) + 1))
+    for box, one in zip(boxes, moving, strict=False):
+        get = lambda *path, base=one.base: float(value_at(base, path))  # noqa: E731
+        assert [get("velocity", axis) for axis in "xyz"] == box.velocity_m_s.tolist()
+        turned = [get("orientation", name) for name in ("yaw", "pitch", "roll")]
+        np.testing.assert_allclose(
+            Rotation.from_euler("ZYX", turned).as_matrix(), box.pose.rotation, atol=1e-12
+        )
+
+
+KITTI_TYPES = {"Car", "Van", "Truck", "Pedestrian", "Cyclist", "Tram", "Misc"}
+"""Of KITTI's devkit that are counted; "Person_sitting" and "DontCare" are of its pictures."""
+
+SEMANTIC = {
+    "car": 10,
+    "bicycle": 11,
+    "bus": 13,
+    "motorcycle": 15,
+    "tram": 16,
+    "truck": 18,
+    "van": 20,
+    "trailer": 20,
+    "pedestrian": 30,
+    "person": 30,
+    "cyclist": 31,
+    "motorcyclist": 32,
+    "road": 40,
+    "parking": 44,
+    "sidewalk": 48,
+    "pavement": 48,
+    "ground": 49,
+    "kerb": 49,
+    "building": 50,
+    "fence": 51,
+    "wall": 52,
+    "barrier": 52,
+    "lane_marking": 60,
+    "vegetation": 70,
+    "terrain": 72,
+    "pole": 80,
+    "sign": 81,
+    "traffic_sign": 81,
+    "animal": 99,
+    "traffic_cone": 99,
+    "unlabelled": 0,
+}
+"""SemanticKITTI's numbers (semantic-kitti-api, config/semantic-kitti.yaml): 13 bus, 16 on rails, 20 other vehicle, 48
+sidewalk, 49 other ground, 52 other structure, 60 lane marking, 72 terrain, 80 pole, 81 traffic sign, 99 other object.
+"""
+
+MOVING = {
+    "car": 252,
+    "cyclist": 253,
+    "pedestrian": 254,
+    "motorcyclist": 255,
+    "tram": 256,
+    "bus": 257,
+    "truck": 258,
+    "van": 259,
+    "trailer": 259,
+}
+"""The same file: 253 moving bicyclist, 254 person, 255 motorcyclist, 256 on rails, 257 bus, 258 truck, 259 other."""
+
+
+def test_classes_of_kitti() -> None:
+    assert {name: kind.semantic_kitti for name, kind in labels.KINDS.items()} == SEMANTIC
+    assert {kind.kitti for kind in labels.KINDS.values() if kind.thing} == KITTI_TYPES
+    assert {kind.kitti for kind in labels.KINDS.values() if not kind.thing} == {"DontCare"}
+    own = {
+        "car": "Car",
+        "van": "Van",
+        "truck": "Truck",
+        "tram": "Tram",
+        "cyclist": "Cyclist",
+        "person": "Pedestrian",
+        "pedestrian": "Pedestrian",
+    }
+    assert {
+        name: kind.kitti for name, kind in labels.KINDS.items() if kind.kitti not in ("Misc", "DontCare")
+    } == own
+    assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING
+    assert set(kinds.MOVING) == {SEMANTIC[name] for name in MOVING}
+
+
+def label_of(box: labels.Box) -> list[str]:
+    from lidarscene.labels.files import _kitti_line
+
+    return _kitti_line(box).split(" ")
+
+
+def test_a_line_of_kitti_by_hand() -> None:
+    """A car ahead and to the left that looks to the left: the devkit's rotation_y is 0 along the camera's x (right) and
+    grows towards -z, and alpha is the same seen from the camera. Its place is the middle of its bottom.
+    """
+    pose = street.at(20.0, 5.0, -1.0, 90.0)
+    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=10, reached=9)
+    kind, truncated, occluded, alpha, *rest = label_of(box)
+    assert (kind, truncated, occluded) == ("Car", "0.00", "0")
+    height, width, length, x, y, z, rotation_y = map(float, rest[4:])
+    assert (height, width, length) == (1.5, 2.0, 4.0)
+    assert (x, y, z) == pytest.approx((-5.0, 1.75, 20.0), abs=1e-4)
+    # To the left is -x: a heading (cos, -sin) of (-1, 0) in (x, z).
+    assert (math.cos(rotation_y), -math.sin(rotation_y)) == pytest.approx((-1.0, 0.0), abs=1e-4)
+    seen = rotation_y - math.atan2(x, z)
+    assert math.remainder(float(alpha) - seen, 2.0 * math.pi) == pytest.approx(0.0, abs=2e-4)
+    assert -math.pi <= float(alpha) <= math.pi
+
+
+@pytest.mark.parametrize(
+    ("reached", "level", "token"),
+    [
+        (85, "0", "4"),
+        (80, "0", "4"),
+        (79, "1", "3"),
+        (60, "1", "3"),
+        (59, "1", "2"),
+        (40, "1", "2"),
+        (39, "2", "1"),
+        (0, "2", "1"),
+    ],
+)
+def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
+    """nuScenes' bins end at 40, 60 and 80 %; of KITTI's levels 0 is fully visible, 1 partly, 2 largely occluded."""
+    from lidarscene.labels.files import _annotation
+
+    pose = street.at(20.0, 0.0, 0.0, 0.0)
+    box = labels.Box(
+        body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached
+    )
+    assert label_of(box)[2] == level
+    assert label_of(replace(box, beams=0, reached=0))[2] == "3"  # unknown
+    content = _annotation(replace(box, points_inside=12, points_on=7))
+    assert (content["visibility_token"], content["visibility"]) == (token, reached / 100)
+    assert (content["num_lidar_pts"], content["num_body_pts"], content["size"]) == (12, 7, [2.0, 4.0, 1.5])
+
+
+def test_a_box_that_reaches_out_of_the_picture() -> None:
+    """Of a block 2 m wide and high and 1 m deep, 10 m ahead and 8.5 m to the left, a part is left of pixel 0: the
+    picture ends 621 pixels to the left, with 720 pixels for each metre at 1 m.
+    """
+    from lidarscene.labels.files import _in_picture
+
+    size_m = np.array([1.0, 2.0, 2.0])
+    box = labels.Box(body=0, name="", class_name="car", size_m=size_m, pose=street.at(10.0, 8.5, 0.0, 0.0))
+    (left, top, right, low), truncated = _in_picture(box)
+    edges = [621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5]  # 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m
+    assert edges[0] < 0 < edges[1]
+    assert (left, right) == pytest.approx((0.0, edges[1]))
+    assert (top, low) == pytest.approx((187.5 - 720 / 9.5, 187.5 + 720 / 9.5))
+    assert truncated == pytest.approx(-edges[0] / (edges[1] - edges[0]))
+
+
+@pytest.mark.parametrize(("body", "instance"), [(0, 1), (65_534, 65_535), (65_535, 1), (65_536, 2)])
+def test_instances_fill_16_bits(body: int, instance: int) -> None:
+    """Of 65,536 bodies none has 0, which is no instance."""
+    cloud = street.cloud(step_deg=8.0)
+    named = replace(cloud, body_names=(), body=np.full(len(cloud), body), class_id=np.full(len(cloud), 1))
+    label = semantic_kitti(named, Scene(bodies=()))
+    assert set((label >> 16).tolist()) == {instance}
+    assert set((label & 0xFFFF).tolist()) == {10}
+
+
 # --- data sets --------------------------------------------------------------------------------------
 
 
@@ -440,6 +667,29 @@ def test_labels_do_not_show_how_the_frame_was_cut(
         *(label_paths(tmp_path / name, format=format) for name in ("whole.ply", "pieces.ply")), strict=True
     ):
         assert whole.read_bytes() == pieces.read_bytes()
+
+
+def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
+    """Reference: the same boxes and half-spaces point by point, of a frame whose points wait on disk since a car moves.
+
+    Every other point comes a metre too far to the left and up: no axis may stand for another.
+    """
+    cloud, scene = driving(motion_in="removed")
+    aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
+    cloud = replace(cloud, xyz_m=aside.astype(np.float32))
+    (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
+    content = json.loads(path.read_text())
+    assert content["num_lidar_pts"] == len(cloud)
+    by_name = {one["instance_name"]: one for one in content["sample_annotations"]}
+    assert sorted(by_name) == ["crossing", "parked"]
+    for box in labels.boxes(cloud, scene):
+        one = by_name[box.name]
+        local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
+        least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
+        assert least <= one["num_lidar_pts"] <= most < one["num_body_pts"]
+        assert one["num_body_pts"] == np.count_nonzero(cloud.body == box.body)
+        assert one["velocity"] == box.velocity_m_s.tolist()
+        assert one["visibility"] == pytest.approx(box.visibility, abs=1e-4)
 
 
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:

@@ -1,5 +1,6 @@
 """Packets of pcap files, and turns."""
 
+import struct
 import tracemalloc
 from pathlib import Path
 
@@ -17,6 +18,56 @@ def test_payloads_and_times_of_both_orders_and_clocks(tmp_path: Path, order: str
     assert [one.payload for one in packets] == [b"first", b"second"]
     assert packets[1].stamp_s == pytest.approx(100.001, abs=1e-9)
     assert [one.payload for one in packets_of(path, lambda payload: payload != b"first")] == [b"second"]
+
+
+IP = 20
+"""Bytes of a header of IPv4 without options."""
+
+
+def datagram(
+    payload: bytes, *, options: bytes = b"", protocol: int = 17, fragment: int = 0, after: int = 0
+) -> bytes:
+    """An IPv4 packet of UDP, with ``after`` bytes that fill up a short frame behind it."""
+    udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
+    size, words = IP + len(options) + len(udp), (IP + len(options)) // 4
+    head = struct.pack(">BBHHHBBH8s", 0x40 | words, 0, size, 0, fragment, 64, protocol, 0, bytes(8))
+    return head + options + udp + bytes(after)
+
+
+def captured(path: Path, link: int, frames: list[bytes]) -> list[bytes]:
+    """Payloads of these frames in a pcap of a link type."""
+    content = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, link)
+    for frame in frames:
+        content += struct.pack("<IIII", 100, 0, len(frame), len(frame)) + frame
+    path.write_bytes(content)
+    return [one.payload for one in packets_of(path)]
+
+
+PLAIN, TAGGED = bytes(12) + b"\x08\x00", bytes(12) + b"\x81\x00\x00\x2a\x08\x00"
+"""Heads of Ethernet, without and with a tag of a virtual network (IEEE 802.1Q: 0x8100, then its number 42)."""
+
+
+@pytest.mark.parametrize(
+    ("link", "before"), [(1, PLAIN), (1, TAGGED), (101, b""), (113, bytes(14) + b"\x08\x00")]
+)
+def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> None:
+    """By the link types of tcpdump.org: Ethernet has 14 bytes before IP and 18 with a tag, raw IP none, Linux cooked
+    capture 16. A frame is filled up to 60 bytes, and a header of IP may have options: neither belongs to a payload.
+    """
+    frames = [datagram(b"first", after=13), datagram(b"second", options=bytes(8)), datagram(b"")]
+    assert captured(tmp_path / "a.pcap", link, [before + one for one in frames]) == [b"first", b"second", b""]
+
+
+def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
+    """TCP, IPv6, the first and a later fragment (RFC 791: bit 13 says that more follow, those below are the place)."""
+    others = [
+        datagram(b"tcp", protocol=6),
+        b"\x60" + datagram(b"six")[1:],
+        datagram(b"more", fragment=0x2000),
+        datagram(b"later", fragment=0x0001),
+    ]
+    whole = datagram(b"whole", fragment=0x4000)  # which must not be cut
+    assert captured(tmp_path / "a.pcap", 1, [PLAIN + one for one in (*others, whole)]) == [b"whole"]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:

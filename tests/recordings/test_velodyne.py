@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.packets import packets_of, random_frame
 from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 
 from lidarscene.errors import InputError
+from lidarscene.formats.packets.makers import maker_of
 from lidarscene.recordings.opening import open_recording
+from lidarscene.sensor.catalogue import load_sensor
 
 PACKETS = 75
 """Of a turn: 12 blocks of 0.4 degrees each."""
@@ -31,6 +34,28 @@ def test_frames_are_turns_and_can_be_sought(two_turns: Path) -> None:
         assert [one.shape for one in recording] == [(16, FIRINGS * PACKETS)] * 2
         with pytest.raises(InputError, match=r"vlp.pcap: frame must be 0 to 1, got 2"):
             recording[2]
+
+
+def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """A VLS-128 stamps a packet 6.46 us after its first laser fires, so that times count from before the stamp.
+
+    Reference: the clock of the scene that the packets are of. Tolerance: half a microsecond of the stamp, and the
+    0.54 us by which velodyne-decoder takes off more; both again from firing to firing.
+    """
+    library("velodyne_decoder")
+    sensor = load_sensor("vls-128")
+    cloud = random_frame(sensor, number=1)
+    made = packets_of(maker_of(sensor), sensor, [cloud])[:40]
+    with open_recording(pcap(tmp_path / "vls.pcap", [one.payload for one in made])) as recording:
+        sweep = recording[0]
+    assert cloud.frame_start_s > 0.09
+    assert sweep.start_s == pytest.approx(cloud.frame_start_s, abs=1.1e-6)
+    assert sweep.time_s is not None
+    assert np.nanmin(sweep.time_s) == 0.0
+    # Of the first packet it does not know yet how long a firing takes.
+    later = np.arange(3, sweep.shape[1])
+    begun_s = np.nanmin(sweep.time_s[:, later], axis=0)
+    np.testing.assert_allclose(begun_s, sensor.scanner.cycle_s * later, atol=2.2e-6)
 
 
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lidarscene import catalog, load_rig
 from lidarscene.errors import InputError
@@ -87,6 +88,17 @@ def test_csv_with_quaternions_and_columns_of_others(tmp_path: Path) -> None:
     spline = read_poses(path)
     assert isinstance(spline, Spline)
     np.testing.assert_allclose(spline.poses[1].rotation @ [1, 0, 0], [0, 0, -1], atol=1e-8)
+
+
+@pytest.mark.parametrize("length", [0.991, 1.009])
+def test_a_quaternion_of_few_digits_turns_and_does_not_stretch(tmp_path: Path, length: float) -> None:
+    """Reference: SciPy, which norms quaternions. Files are taken with lengths up to 0.01 off 1."""
+    turn = Rotation.from_euler("ZYX", [50.0, -20.0, 10.0], degrees=True)
+    numbers = " ".join(map(repr, (length * turn.as_quat()).tolist()))
+    path = tmp_path / "way.tum"
+    path.write_text(f"0 0 0 0 {numbers}\n1 1 0 0 {numbers}\n")
+    spline = read_poses(path)
+    np.testing.assert_allclose(spline.poses[0].rotation, turn.as_matrix(), atol=1e-12)
 
 
 def test_epoch_times_keep_their_microseconds(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
 
 MOVING = {"pedestrian": PEDESTRIAN, "person": PEDESTRIAN, "animal": ANIMAL}
 VEHICLES = {
-    "car": 4, "van": 6, "truck": 7, "trailer": 10, "motorcycle": 11, "motorcyclist": 11, "bicycle": 12,
-    "cyclist": 12, "bus": 13, "tram": 14,
+    "car": 4, "van": 6, "truck": 7, "trailer": 9, "motorcycle": 10, "motorcyclist": 10, "bicycle": 11,
+    "cyclist": 11, "bus": 12, "tram": 13,
 }  # fmt: skip
 """Values of MovingObject.VehicleClassification.Type by class."""
 

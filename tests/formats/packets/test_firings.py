@@ -53,10 +53,34 @@ def test_of_three_returns_the_two_strongest_stay() -> None:
     assert frame.range_m[0, 5].tolist() == [13.0, 11.0]
 
 
-def test_background_is_of_lost_pulses_too() -> None:
+def test_the_stronger_of_two_is_that_of_the_higher_snr_where_nothing_counts_photons() -> None:
+    sensor = load_sensor("vlp-16")
+    parts = [points(sensor, np.array([5]), np.array([10.0 + n]), 0, return_number=n) for n in (1, 2)]
+    for part, snr in zip(parts, (7.0, 9.0), strict=True):
+        part["snr"], part["signal"] = np.array([snr], np.float32), np.zeros(1, np.float32)
+    gathering = Gathering(sensor, 0)
+    for part in parts:
+        gathering.add(PointCloud(**part, metadata={"frame": "sensor"}))
+    assert gathering.firings().range_m[0, 5].tolist() == [12.0, 11.0]
+
+
+def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
+    """Of 97.7 us, in which all lasers of an OS1 fire after 80 us."""
+    sensor = load_sensor(
+        "os1-128", overrides={"scanner.columns_per_turn": 1024, "scanner.firing_time_us": [80.0] * 128}
+    )
+    gathering = Gathering(sensor, 0)
+    gathering.add(PointCloud(**points(sensor, np.array([0, 128]), np.array([10.0, 20.0]), 0)))
+    frame = gathering.firings()
+    laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
+    assert frame.range_m[:2, laser, 0].tolist() == [10.0, 20.0]
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_background_is_of_lost_pulses_too(number: int) -> None:
     """By laser, though pulses come in the order of firing."""
     sensor = load_sensor("pandar64")
-    gathering = Gathering(sensor, 1)
-    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + sensor.scanner.pulses
+    gathering = Gathering(sensor, number)
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
     gathering.ambient(pulse, sensor.scanner.channel(pulse).astype(np.uint64))
     assert (gathering.firings().ambient == np.arange(64)).all()

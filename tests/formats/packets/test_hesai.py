@@ -8,6 +8,7 @@ import pytest
 from helpers.packets import packets_of, random_frame
 from helpers.pandar64 import points_of
 
+from lidarscene.formats.packets.firings import Gathering
 from lidarscene.formats.packets.hesai import PACKET
 from lidarscene.formats.packets.makers import maker_of
 from lidarscene.formats.packets.pcap import HEADER, record_of
@@ -64,6 +65,54 @@ def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) 
     across_m = np.linalg.norm(xyz_m - cloud.xyz_m, axis=1)
     assert (across_m < 1e-4 + np.radians(0.006) * cloud.range_m).all()  # half a step, and single precision
     assert np.abs(sweep.time_s[place] + sweep.start_s - cloud.time_s).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("sets", "mode", "dual"), [((), 0x37, 0), (('tdc.keep="last"',), 0x38, 0), (DUAL, 0x39, 1)]
+)
+def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: int) -> None:
+    """By the manual, byte by byte: the head EE FF, 64 lasers, 6 blocks, which return comes first, steps of 4 mm; in the
+    tail 600 turns a minute, the mode of returns, 0x42 of the factory, and year, month, day, hour, minute, second.
+    """
+    sensor = load_sensor("pandar64", overrides=sets)
+    # datetime(2001, 9, 9, 1, 46, 40, tzinfo=UTC).timestamp() is 1e9.
+    cloud = random_frame(sensor)
+    cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": repr(1e9 - 16 * 86_400.0 + 7.0)})
+    packet = packets_of(maker_of(sensor), sensor, [cloud])[0]
+    payload = packet.payload
+    assert payload[:6] == bytes([0xEE, 0xFF, 64, 6, dual, 4])
+    tail = payload[8 + 6 * 194 + 8 :]
+    assert len(tail) == 14
+    assert tail[:2] == (600).to_bytes(2, "little")
+    stamp_us = int.from_bytes(tail[2:6], "little")
+    assert tail[6:] == bytes([mode, 0x42, 1, 8, 24, 1, 46, 47])
+    assert packet.time_s == pytest.approx(1e9 - 16 * 86_400.0 + 7.0 + 1e-6 * stamp_us, abs=1e-6)
+    firings = 3 if dual else 6
+    assert stamp_us == pytest.approx(1e6 * (firings - 1) * 0.1 / 1800 + 51.048 + 3.62 + 42.58, abs=0.6)
+
+
+def test_the_last_packet_goes_on_without_points() -> None:
+    """A frame that ends after eight firings: azimuths and times of the next four are those that they would have had."""
+    sensor = load_sensor("pandar64")
+    gathering = Gathering(sensor, 1)
+    gathering.add(random_frame(sensor, number=1))
+    whole = gathering.firings()
+    names = ("range_m", "intensity", "signal", "ambient", "time_s")
+    maker = maker_of(sensor)
+    short = maker.packets(replace(whole, **{name: getattr(whole, name)[:8] for name in names}))
+    filled = short + maker.rest()
+    expected = maker_of(sensor).packets(whole)[:2]
+    assert [one.time_s for one in filled] == [one.time_s for one in expected]
+    ours, theirs = (
+        np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected)
+    )
+    for name in ("stamp", "utc"):
+        np.testing.assert_array_equal(ours[name], theirs[name])
+    blocks = ours["blocks"]
+    np.testing.assert_array_equal(blocks["azimuth"], theirs["blocks"]["azimuth"])
+    assert blocks["points"]["distance"][1, 1].any()
+    assert not blocks["points"]["distance"][1, 2:].any()
+    assert maker.rest() == []
 
 
 def test_the_stamp_goes_on_from_second_to_second() -> None:

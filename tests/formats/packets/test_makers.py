@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from lidarscene.errors import InputError
@@ -31,6 +32,7 @@ def test_sensors_of_the_catalogue_have_their_packets(
         ("table1-apd", (), "default", "sensor 'table1-apd': has no format of packets; .* vlp-16, hdl-32e, vls-128"),
         ("hdl-64e", (), "default", "sensor 'hdl-64e': has no format of packets"),
         ("vlp-16", ("scanner.cycle_us=60",), "default", "has no format of packets"),
+        ("pandar64", ("scanner.columns_per_turn=1500",), "default", "has no format of packets"),
         ("vlp-16", (), "legacy", "sensor 'vlp-16': must be an Ouster for packets of the profile 'legacy'"),
         ("vlp-16", ("scanner.rotation_hz=10",), "default", "scanner.rotation_hz: must be negative"),
         ("vlp-16", ('intensity={"kind"="range_corrected","reference_m"=10}',), "default", "intensity.kind: must be"),
@@ -42,3 +44,18 @@ def test_a_sensor_without_packets_is_told_in_one_line(
     with pytest.raises(InputError, match=told) as error:
         maker_of(load_sensor(name, overrides=sets), profile)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("later_us", "slower", "is_one"), [(4.0, 1.0, True), (0.0, 0.97, False)])
+def test_a_pandar64_is_known_by_the_time_from_its_first_laser_to_its_last(
+    later_us: float, slower: float, is_one: bool
+) -> None:
+    """By 51.05 us, whenever in the cycle the first of them fires; lasers that take 1.5 us less are others."""
+    scanner = load_sensor("pandar64").scanner
+    times_us = slower * 1e6 * scanner.firing_s[np.argsort(scanner.lasers_by_place.values)] + later_us
+    sensor = load_sensor("pandar64", overrides={"scanner.firing_time_us": times_us.round(6)})
+    if is_one:
+        assert maker_of(sensor).port == 2368
+    else:
+        with pytest.raises(InputError, match="has no format of packets"):
+            maker_of(sensor)

@@ -1,6 +1,7 @@
 """Packets of Velodyne: an independent decoder gives back every point, its laser and its time."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from helpers.packets import packets_of, random_frame
 
 from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.packets.firings import Gathering
 from lidarscene.formats.packets.makers import maker_of
 from lidarscene.formats.packets.velodyne import MODELS, PACKET
 from lidarscene.sensor.catalogue import load_sensor
@@ -156,3 +158,77 @@ def test_packets_run_on_from_frame_to_frame() -> None:
     assert len(made) == 3 * sensor.scanner.cycles // 24
     times_s = np.diff([one.time_s for one in made])
     np.testing.assert_allclose(times_s, 24 * 55.296e-6, atol=1e-9)
+
+
+def test_an_encoder_is_read_at_its_nearest_step() -> None:
+    """Steps of 0.5 degrees: every azimuth is one of them, and never farther from the head than half of one.
+
+    Tolerance: the hundredth to which a packet rounds the head's own azimuth.
+    """
+    azimuths = []
+    for sets in ((), ("scanner.encoder_step_deg=0.5",)):
+        sensor = load_sensor("vlp-16", overrides=sets)
+        made = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])
+        blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
+        azimuths.append(blocks["azimuth"].astype(int).ravel())
+    head, encoder = azimuths
+    assert (encoder % 50 == 0).all()
+    behind = (head - encoder + 18_000) % 36_000 - 18_000
+    assert np.abs(behind).max() <= 26
+    assert behind.min() < -20 < 20 < behind.max()
+
+
+def test_stamps_begin_anew_with_every_hour() -> None:
+    """They count microseconds of the hour. A packet is sent when its last laser has fired: 23 firings of 55.296 us and
+    15 of 16 lasers of 2.304 us after it began.
+    """
+    sensor = load_sensor("vlp-16")
+    cloud = random_frame(sensor)
+    late = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
+    made = packets_of(maker_of(sensor), sensor, [late])
+    stamp = np.frombuffer(b"".join(one.payload for one in made), PACKET)["stamp"].astype(int)
+    assert stamp[0] == 3_599_950_000
+    later = np.arange(len(stamp)) * 24 * 55.296
+    np.testing.assert_allclose((stamp - stamp[0]) % 3_600_000_000, later, atol=0.51)
+    assert stamp[-1] == pytest.approx(later[-1] - 50_000, abs=0.51)
+    assert made[0].time_s - 7199.95 == pytest.approx(1e-6 * (23 * 55.296 + 15 * 2.304), abs=1e-9)
+
+
+def test_the_last_packet_goes_on_without_points() -> None:
+    """A frame that ends after thirty firings: azimuths and times are those that the whole frame has there."""
+    sensor = load_sensor("vlp-16")
+    gathering = Gathering(sensor, 0)
+    gathering.add(random_frame(sensor))
+    whole = gathering.firings()
+    names = ("range_m", "intensity", "signal", "ambient", "time_s")
+    maker = maker_of(sensor)
+    filled = (
+        maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
+    )
+    expected = maker_of(sensor).packets(whole)[:2]
+    ours, theirs = (
+        np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected)
+    )
+    np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
+    np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
+    np.testing.assert_allclose([one.time_s for one in filled], [one.time_s for one in expected], atol=1e-9)
+    assert maker.rest() == []
+
+
+@pytest.mark.parametrize(("sets", "mode"), [((), 0x37), (DUAL, 0x39)], ids=["single", "dual"])
+@pytest.mark.parametrize(("name", "code"), [("vlp-16", 0x22), ("hdl-32e", 0x21), ("vls-128", 0xA1)])
+def test_what_a_packet_says_of_itself(name: str, code: int, sets: tuple[str, ...], mode: int) -> None:
+    """By the manuals: mode and model in the last two bytes; blocks of lasers 0 to 31, 32 to 63 and so on begin with
+    EEFF, DDFF, CCFF and BBFF, and with two returns the last four of a VLS-128 have no lasers.
+    """
+    sensor = load_sensor(name, overrides=sets)
+    payload = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])[0].payload
+    assert payload[-2:] == bytes([mode, code])
+    banks = [payload[100 * block : 100 * block + 2].hex() for block in range(12)]
+    four = ["ffee", "ffdd", "ffcc", "ffbb"]
+    if name != "vls-128":
+        assert banks == ["ffee"] * 12
+    elif sets:
+        assert banks == [one for one in four for _ in (0, 1)] + ["ffff"] * 4
+    else:
+        assert banks == four * 3

@@ -70,9 +70,6 @@ def last_and_other(frame: Firings, *, step_m: float, both: bool) -> dict[str, Nu
 
 def turns_clockwise(scanner: Spinning) -> bool:
     """Whether the azimuths of firings fall, as makers count them."""
-    return (
-        math.sin(
-            math.radians(float(head_deg(scanner, np.array([1]))[0] - head_deg(scanner, np.array([0]))[0]))
-        )
-        < 0
-    )
+    # By the head itself: an encoder may say the same of two firings.
+    first, second = np.asarray(scanner.head.angle_rad(np.arange(2, dtype=np.uint32)), np.float64)
+    return math.sin(second - first) < 0.0
