@@ -120,3 +120,38 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     inside = 1.0 - np.exp(-0.75)
     mean = (2.0 - (2.0 + 1.5) * np.exp(-0.75)) / inside
     np.testing.assert_allclose(fit.ratios, 2.0 * np.sqrt(mean / scatter._MEAN), rtol=0.08)
+
+
+def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:
+    """Along the law's own scale: information and variance of an exponential number, what is above six left out.
+
+    By sums over its density: of n patches the mean score falls by some 0.6 n as the scale grows by a factor of e, for
+    those at the edge come in; its variance is 0.71 n. Without a limit both are n. 512 patches stand for the density.
+    """
+    share = (np.arange(100_000) + 0.5) / 100_000
+    square = -2.0 * np.log1p(-share)
+    mean = square[square < scatter.FURTHEST].mean()
+
+    def score(scale: float) -> float:
+        relative = square / scale
+        return float(np.sum(np.where(relative < scatter.FURTHEST, relative / mean - 1.0, 0.0)))
+
+    inside = np.sum(square < scatter.FURTHEST)
+    information = (score(0.99) - score(1.01)) / (np.log(1.01) - np.log(0.99)) / inside
+    variance = np.var(square[square < scatter.FURTHEST]) / mean**2
+    blocks = 128
+    share = (np.arange(4 * blocks) * 197 % (4 * blocks) + 0.5) / (4 * blocks)
+    radius = 0.01 * np.sqrt(-2.0 * np.log1p(-share))
+    residuals = np.stack([0.6 * radius, 0.8 * radius], axis=-1).reshape(2 * blocks, 2, 2)
+    levels = np.tile([400.0, 6400.0], blocks)
+    residuals[1::2] *= 0.5  # c^2 / 400 + floor^2 is 10 mm, c^2 / 6400 + floor^2 5 mm
+    smooth = ring_of(np.full((2 * blocks, 2, 2), 1e-5), levels)
+    fit = fit_scatter(pulses_of_rings(smooth, ring_of(residuals, levels), smooth))
+    assert fit is not None
+    assert fit.solved.meat is not None
+    number = fit.patches.sum()
+    along = [
+        fit.solved.value @ matrix @ fit.solved.value / number
+        for matrix in (fit.solved.slope, fit.solved.meat)
+    ]
+    assert along == pytest.approx([information, variance], rel=0.1)
