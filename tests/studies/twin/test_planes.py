@@ -118,3 +118,12 @@ def test_planes_are_met_from_the_beams_exit() -> None:
     planes = planes_of(grid_of(sweep))
     off_mm = 1e3 * np.abs(planes.range_m - grid_of(sweep).sweep.range_m)[planes.smooth()]
     assert np.quantile(off_mm, 0.9) < 0.1
+
+
+def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
+    """A post 0.3 m before a wall, one pixel wide and all rings high, is a plane of its own; one pixel of it is none."""
+    range_m = np.array(room_sweep().range_m)
+    range_m[5, 180] -= 0.3
+    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    assert not planes.there[5, 180]
+    assert planes.there[5, [179, 181]].all()
