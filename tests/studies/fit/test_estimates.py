@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.studies.fit import estimates
-from lidarscene.studies.fit.estimates import Solved, least_squares
+from lidarscene.studies.fit.estimates import Estimate, Solved, least_squares
 
 
 def solved_line(noise: np.ndarray, blocks: int) -> Solved:
@@ -63,3 +63,49 @@ def test_the_solver_stays_within_bounds_and_evaluations() -> None:
     assert count == calls <= estimates.MOST_EVALUATIONS
     bounded, _, _ = least_squares(law, np.array([3.0, 1.0]), np.array([1.0, 0.1]), high)
     assert bounded[0] == pytest.approx(1.0)
+
+
+def test_what_comes_with_what_is_held_is_added_to_both_uncertainties() -> None:
+    """Two blocks of scores s and -s: the unbiased variance of their sum is 4 s^2, which 400 draws have to 5 %."""
+    slope = np.array([[2.0, 1.0], [1.0, 2.0]])
+    scores = np.array([[0.3, -0.1], [-0.3, 0.1]])
+    beside = np.array([[0.5, 0.2], [0.2, 0.4]])
+    alone = Solved(value=np.ones(2), slope=slope, scores=scores)
+    both = replace(alone, beside=beside)
+    inverse = np.array([[2.0, -1.0], [-1.0, 2.0]]) / 3.0
+    np.testing.assert_allclose(alone.covariance, inverse)
+    np.testing.assert_allclose(both.covariance, inverse + beside)
+    moved = inverse @ scores[0]
+    np.testing.assert_allclose(alone.bootstrap, 4.0 * np.outer(moved, moved), rtol=0.25)
+    np.testing.assert_allclose(both.bootstrap - alone.bootstrap, beside)
+    np.testing.assert_allclose(alone.correlation, [[1.0, -0.5], [-0.5, 1.0]])
+    first = both.estimate("first", "", lambda p: p[0])
+    assert first.fisher == pytest.approx(np.sqrt(2.0 / 3.0 + 0.5))
+    assert first.bootstrap == pytest.approx(np.sqrt(both.bootstrap[0, 0]))
+
+
+def test_scores_of_another_variance_make_a_sandwich() -> None:
+    """Scores of the variance J at a slope H: the solution's is 1/H J 1/H."""
+    solved = Solved(value=np.ones(1), slope=np.array([[4.0]]), scores=np.ones((3, 1)), meat=np.array([[9.0]]))
+    assert solved.covariance == pytest.approx(9.0 / 16.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)]
+)
+def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: float, known: bool) -> None:
+    assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).known is known
+
+
+@pytest.mark.parametrize(("ratio", "sigma"), [(1.2, 1.0), (1.4, 1.4), (0.7, 1.0)])
+def test_a_bootstrap_that_scatters_a_little_more_is_not_taken(ratio: float, sigma: float) -> None:
+    assert Estimate(key="a", value=9.0, unit="", fisher=1.0, bootstrap=ratio).sigma == sigma
+
+
+def test_slopes_at_an_upper_bound_are_taken_from_within() -> None:
+    """Rationale: a law may not be defined beyond its bounds, as a root is not."""
+    value, slope, _ = least_squares(
+        lambda p: np.sqrt(2.0 - p) - 0.5, np.array([2.0]), np.array([1.0]), np.array([2.0])
+    )
+    assert value == pytest.approx([1.75], rel=1e-4)
+    assert slope[0, 0] == pytest.approx(-1.0, rel=2e-3)  # -1 / (2 sqrt(2 - p)), a forward difference of 1e-3

@@ -1,11 +1,14 @@
 """What is expected of a pulse, against the stages that draw it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.drawn_scenes import published
 
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.studies.fit.known_scene import Scene, expected
+from lidarscene.studies.fit.products import near_field_m
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 SHOTS = 4000
@@ -43,3 +46,72 @@ def test_the_chance_is_that_of_the_stages() -> None:
     kept = np.mean(np.asarray(seen.reported) & (np.asarray(seen.status) == 0))
     assert 0.05 < chance < 0.95
     assert kept == pytest.approx(chance, abs=4.0 * np.sqrt(0.25 / SHOTS))
+
+
+def wall(count: int = 5, spot_over_field: float | None = 0.5) -> Scene:
+    """Weak and strong echoes in some light."""
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.1, illuminance_klux=50.0), np.geomspace(10.0, 60.0, count)
+    )
+    return Scene.of(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
+
+
+def test_strangers_are_kept_half_of_the_time() -> None:
+    plain, some = expected(wall(), {}), expected(replace(wall(), strangers=0.2), {})
+    np.testing.assert_allclose(some.chance, 0.8 * np.asarray(plain.chance) + 0.1)
+
+
+def test_texture_is_a_mean_over_bright_and_dark_places() -> None:
+    """Log-normal reflectivities of mean one: by a fine sum over them, and their variance is that of the signal."""
+    texture = 0.3
+    scene = replace(wall(), light_measured=True)
+    place, weight = np.polynomial.hermite_e.hermegauss(60)
+    chances = [np.asarray(expected(scene, {}, texture * x - 0.5 * texture**2).chance) for x in place]
+    mean = np.tensordot(weight / weight.sum(), np.array(chances), 1)
+    plain, rough = expected(scene, {}), expected(replace(scene, texture=texture), {})
+    assert np.any((mean > 0.05) & (mean < 0.95))
+    np.testing.assert_allclose(rough.chance, mean, atol=0.01)  # five places in their stead
+    added = np.asarray(rough.variance) - np.asarray(plain.variance)
+    np.testing.assert_allclose(added, (texture * np.asarray(plain.signal)) ** 2)
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_brighter_surfaces_return_more_of_the_sun_unless_that_was_measured(measured: bool) -> None:
+    scene = replace(wall(), light_measured=measured)
+    dark = np.asarray(expected(replace(scene, background_w=0.0 * scene.background_w), {}).near_ir)
+    plain, bright = (np.asarray(expected(scene, {}, log).near_ir) - dark for log in (0.0, 0.1))
+    sunny = np.asarray(expected(scene, {"optics.sun_irradiance_w_m2": 0.1}).near_ir) - dark
+    # SPADs that have fired count less: a few per cent of the tenth.
+    np.testing.assert_allclose(bright / plain, 1.0 if measured else np.exp(0.1), rtol=0.01)
+    np.testing.assert_allclose(sunny / plain, np.exp(0.1), rtol=0.01)
+
+
+def test_parameters_that_come_as_a_product_do_the_same() -> None:
+    by_power, by_lens = (
+        expected(wall(), {key: 0.2}) for key in ("laser.peak_power_w", "optics.efficiency_laser")
+    )
+    np.testing.assert_allclose(by_power.signal, by_lens.signal)
+    assert np.all(np.asarray(by_power.signal) > np.asarray(expected(wall(), {}).signal))
+    wider = expected(wall(spot_over_field=0.5 * np.exp(0.3)), {})
+    np.testing.assert_allclose(expected(wall(), {"spot_over_field": 0.3}).signal, wider.signal)
+
+
+@pytest.mark.parametrize("spot_over_field", [0.5, None])
+def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(
+    spot_over_field: float | None,
+) -> None:
+    """With the power of an echo the same, only the share of the light on the detector is left."""
+    scene = wall(spot_over_field=spot_over_field)
+    scene = replace(scene, range_m=near_field_m(published()) * np.geomspace(0.3, 4.0, 5))
+    twice = replace(scene, range_m=2.0 * scene.range_m)
+    moved = expected(twice, {"near_field_m": np.log(2.0)})
+    np.testing.assert_allclose(moved.signal, expected(scene, {}).signal, rtol=1e-3)
+    assert np.asarray(expected(twice, {}).signal)[0] > 1.2 * np.asarray(moved.signal)[0]
+
+
+def test_a_floor_of_the_ranges_adds_in_squares() -> None:
+    scene = wall()
+    without, floor = (np.asarray(expected(replace(scene, floor_m=at), {}).sigma_m) for at in (0.0, 0.02))
+    np.testing.assert_allclose(floor**2 - without**2, 0.02**2)
+    twice = np.asarray(expected(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
+    np.testing.assert_allclose(twice**2 - without**2, 0.04**2)

@@ -142,3 +142,12 @@ def test_what_is_held_widens_what_moves_with_it() -> None:
     assert beside[0, 0] > 10.0 * alone[0, 0]
     slopes[3] = slopes[0]
     np.testing.assert_array_equal(_beside(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)
+
+
+def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: KnownFit) -> None:
+    """Rationale: the jitter is held, and not known; a longer pulse scatters ranges as it does."""
+    alone = np.diag(np.linalg.inv(fit.solved.slope))
+    whole = np.diag(fit.solved.covariance)
+    pulse = fit.names.index("laser.pulse_fwhm_ns")
+    assert np.all(whole >= alone)
+    assert whole[pulse] > 1.0001 * alone[pulse]

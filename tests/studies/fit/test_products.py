@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 from lidarscene.physics.optics import receiver
+from lidarscene.physics.photon_counting import matched_filter
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.fit.near_field import share
-from lidarscene.studies.fit.products import KEYS, QUANTITIES, products_of, scatter_over_sigma
+from lidarscene.studies.fit.products import (
+    KEYS,
+    QUANTITIES,
+    products_of,
+    scatter_c_mm,
+    scatter_over_sigma,
+    width_of_place,
+)
 
 ALL = tuple(QUANTITIES)
 
@@ -83,3 +91,24 @@ def test_scatter_of_the_filters_peak() -> None:
         weight = np.exp(-0.5 * ((times - place[:, None]) / width) ** 2)
         place = np.sum(weight * times, axis=1) / np.sum(weight, axis=1)
     assert np.std(place) * math.sqrt(photons) == pytest.approx(scatter_over_sigma(width), rel=0.045)
+
+
+def test_ranges_scatter_hardly_more_than_photons_allow() -> None:
+    """Cramer's and Rao's bound of S photons of a Gaussian pulse is c / 2 sigma / sqrt(S), and the filter's loss is a
+    few per cent; jitter and bin add to the pulse's sigma in squares.
+    """
+    for name in ("os0-128", "os1-128", "os2-128"):
+        sensor = load_sensor(name)
+        assert sensor.histogram is not None
+        pulse_s = float(sensor.laser.pulse_fwhm_s) / (2.0 * math.sqrt(2.0 * math.log(2.0)))
+        blur_s = math.hypot(sensor.detector.jitter_s, sensor.histogram.bin_s / math.sqrt(12.0))  # type: ignore[union-attr]
+        bound_mm = 0.5e3 * 299_792_458.0 * math.hypot(pulse_s, blur_s)
+        assert bound_mm < scatter_c_mm(sensor) < 1.2 * bound_mm
+
+
+def test_a_bin_makes_the_filter_wider() -> None:
+    """A slope over two bins is that of a template convolved with a box of two bins: variance (2 b)^2 / 12 more."""
+    for ratio in (0.2, 0.6):
+        box = 2.0 * ratio * ((np.arange(10_000) + 0.5) / 10_000 - 0.5)
+        wider = math.sqrt(matched_filter.TEMPLATE**2 + np.mean(box**2))
+        assert width_of_place(1.0, ratio) == pytest.approx(wider, rel=1e-6)

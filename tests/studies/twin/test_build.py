@@ -17,6 +17,7 @@ from lidarscene.scene.tables import SceneFile
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 from lidarscene.studies.recorded import background_w
+from lidarscene.studies.twin import build
 from lidarscene.studies.twin.build import (
     COLUMNS,
     Choice,
@@ -28,6 +29,7 @@ from lidarscene.studies.twin.build import (
     scene_text,
 )
 from lidarscene.studies.twin.reflect import Gauge
+from lidarscene.studies.twin.surfels import Surfels
 
 
 def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
@@ -142,3 +144,51 @@ def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: fl
     made = validated(SceneFile, tomllib.loads(text), "scene.toml")
     coefficient = made.materials["bright0"].retro_coefficient_cd_per_lx_m2
     assert coefficient == pytest.approx(np.clip((apparent - 0.8) / np.pi, 1e-3, 1e7), rel=1e-5)
+
+
+def test_a_sky_of_so_much_light_is_found_again() -> None:
+    """Surfaces of 20 % counted under 20 klux by the stages of `render`, dark counts included."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
+    sky = Target(reflectivity=0.2, illuminance_klux=20.0, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0)
+    power_w = echoes_of_plane(sensor, sky, np.full(1, 20.0)).background_power_w
+    counted = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
+    sweep = room_sweep(
+        signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0)
+    )
+    assert illuminance_klux(sweep, Gauge.of(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
+    dark = room_sweep(signal=None, near_ir=np.zeros((24, 360)), reflectivity=np.full((24, 360), 20.0))
+    assert illuminance_klux(dark, Gauge.of(dark), sensor) == 0.0
+
+
+def test_quads_of_several_frames_are_where_each_frame_saw_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame sees one square ahead of it, under lights of 10, 90 and 20 klux: the median counts."""
+    square = Surfels(
+        corners_m=np.array([[[2.0, 1.0, 1.0], [2.0, -1.0, 1.0], [2.0, -1.0, -1.0], [2.0, 1.0, -1.0]]]),
+        reflectivity=np.full(1, 0.3), kind=np.zeros(1, int),
+    )  # fmt: skip
+    klux = iter((10.0, 90.0, 20.0))
+    monkeypatch.setattr(build, "surfels_of", lambda *_: square)
+    monkeypatch.setattr(build, "illuminance_klux", lambda *_: next(klux))
+    poses = [
+        Pose.from_degrees(position_m=(3.0 * k, k, 0.1 * k), yaw_deg=40.0 * k, pitch_deg=5.0 * k)
+        for k in range(3)
+    ]
+    frames = [room_sweep() for _ in poses]
+    frames = [replace(frame, pose=poses[k], start_s=50.0 + k) for k, frame in enumerate(frames)]
+    recording = recording_of(tmp_path / "three.osf", *frames)
+    build_twin(recording, Choice(frames=(0, 1, 2)), tmp_path / "twin", sensor="vlp-16")
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert scene.sun.illuminance_klux == 20.0
+    (body,) = scene.bodies
+    part = body.parts[0]
+    triangles = np.asarray(part.vertices_m)[np.asarray(part.faces)]
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    # Two triangles of each square: of the same side, two square metres each, their mean is the square's middle.
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 4.0, rtol=1e-6)
+    middles = triangles.mean(axis=1).reshape(3, 2, 3).mean(axis=1)
+    for pose, middle, normal in zip(poses, middles, across.reshape(3, 2, 3), strict=True):
+        np.testing.assert_allclose(middle, pose.rotation @ [2.0, 0.0, 0.0] + pose.position_m, atol=1e-6)
+        np.testing.assert_allclose(normal[0], normal[1], atol=1e-6)
+    assert read_poses(tmp_path / "twin" / "poses.csv").span_s == pytest.approx((0.0, 2.0))

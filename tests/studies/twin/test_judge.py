@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.clouds import small_cloud
 from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
@@ -158,3 +159,148 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
         (row,) = named(found, "kept or lost otherwise than real")
         assert (row.value, row.met) == (pytest.approx(share), met)
     assert judge.apart(room_sweep(), room_sweep(knows_lost=False)) is None
+
+
+def fixed(**changed: Any) -> Pulses:
+    """As `pulses`, but both sides agree to the last digit."""
+    true_m = np.linspace(5.0, 40.0, N)
+    return pulses(**{"range_m": true_m, "simulated_range_m": true_m} | changed)
+
+
+def value_of(rows: Any, quantity: str) -> Row:
+    return next(row for row in rows if row.quantity == quantity and row.value is not None)
+
+
+def test_the_bias_is_of_the_simulation_against_the_recording() -> None:
+    """The recording is 5 mm behind the twin's surface, the simulation 9 mm."""
+    true_m = fixed().true_range_m
+    rows = list(judge._ranges(fixed(range_m=true_m + 0.005, simulated_range_m=true_m + 0.009)))
+    assert value_of(rows, "range, bias").value == pytest.approx(4.0)
+    assert value_of(rows, "range, double validation metric").value == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("factor", "met"), [(0.75, False), (0.85, True), (1.2, True), (1.3, False)])
+def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, met: bool) -> None:
+    plain = pulses()
+    row = value_of(
+        judge._ranges(pulses(signal=None, simulated_change_m=factor * plain.change_m)), "range, scatter"
+    )
+    assert (row.value, row.met) == (pytest.approx(factor), met)
+
+
+def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
+    """30 % too much near by, 20 % too little far off: 25 % in the mean; the bins are half and half."""
+    plain = fixed()
+    assert plain.signal is not None
+    near = plain.true_range_m < np.median(plain.true_range_m)
+    rows = list(judge._signals(fixed(simulated_signal=plain.signal * np.where(near, 1.3, 0.8))))
+    by_range = [row.value for row in named(rows, "signal, mean")]
+    assert by_range == [pytest.approx(0.3, abs=1e-3)] * 4 + [pytest.approx(-0.2, abs=1e-3)] * 4
+    assert value_of(rows, "signal, mean error over the range").value == pytest.approx(0.25, abs=1e-3)
+    for factor, met in ((1.14, True), (1.16, False), (0.86, True), (0.84, False)):
+        scaled = judge._signals(fixed(simulated_signal=factor * plain.signal))
+        assert value_of(scaled, "signal, mean error over the range").met is met
+
+
+def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
+    """Of every second pulse nothing was recorded; simulated it is three times as strong: the mean is doubled."""
+    plain = fixed()
+    assert plain.signal is not None
+    lost = np.arange(N) % 2 == 0
+    rows = judge._signals(
+        fixed(
+            range_m=without(plain.range_m, lost), signal=np.where(lost, 0.0, plain.signal),
+            simulated_signal=plain.signal * np.where(lost, 3.0, 1.0),
+        )
+    )  # fmt: skip
+    assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
+
+
+def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
+    plain = fixed()
+    assert plain.signal is not None
+    rows = judge._signals(fixed(simulated_signal=1e4 / plain.signal))
+    assert value_of(rows, "signal, correlation of logarithms").value == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "lost_share", "met"),
+    [
+        ("points", 0.04, True), ("points", 0.06, False),
+        ("real returns kept", 0.04, True), ("real returns kept", 0.06, False),
+        ("points per ring, worst", 0.09, True), ("points per ring, worst", 0.11, False),
+    ],
+)  # fmt: skip
+def test_limits_of_what_is_lost(quantity: str, lost_share: float, met: bool) -> None:
+    plain = fixed()
+    lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
+    thinned = fixed(simulated_range_m=without(plain.simulated_range_m, lost))
+    assert value_of([*judge._points(thinned), *judge._kept(thinned)], quantity).met is met
+
+
+@pytest.mark.parametrize(("kept_anyway", "met"), [(95, True), (105, False)])
+def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: bool) -> None:
+    plain, number = fixed(), np.arange(N)
+    rows = judge._kept(
+        fixed(
+            range_m=without(plain.range_m, number < 200),
+            simulated_range_m=without(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
+        )
+    )
+    assert value_of(rows, "real losses on surfaces kept").met is met
+
+
+@pytest.mark.parametrize(("angle_deg", "met"), [(0.009, True), (0.011, False)])
+def test_beams_agree_to_a_hundredth_of_a_degree(
+    angle_deg: float, met: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("_ranges", "_signals", "_points", "_second"):
+        monkeypatch.setattr(judge, name, lambda *_: ())
+    monkeypatch.setattr(judge, "_ground", lambda *_: ())
+    rows = judge.rows_of(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
+    row = value_of(rows, "beam direction")
+    assert (row.value, row.met) == (pytest.approx(angle_deg), met)
+
+
+@pytest.mark.parametrize(("farthest_m", "met"), [(43.0, True), (41.0, False), (57.0, True), (58.0, False)])
+def test_the_farthest_ground_is_held_to_15_per_cent(
+    farthest_m: float, met: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of several returns of a pulse only the first counts; the height above the ground is not what is compared."""
+    seen: list[Numbers] = []
+
+    def ground(xyz_m: Numbers) -> tuple[float, float, float]:
+        seen.append(xyz_m)
+        return (1.8, 50.0, 0.4) if len(seen) == 1 else (0.9, farthest_m, 0.1)
+
+    monkeypatch.setattr(judge, "ground_of", ground)
+    cloud = small_cloud(n=8, return_number=np.array([1, 2, 1, 1, 3, 1, 2, 1], np.uint8))
+    (row,) = judge._ground(room_sweep(), cloud)
+    assert (row.value, row.met) == (pytest.approx(farthest_m / 50.0 - 1.0), met)
+    assert len(seen[1]) == 5
+
+
+@pytest.mark.parametrize(
+    ("every", "gap_m", "share_met", "gap_met"),
+    [(14, 0.90, True, True), (16, 1.10, False, True), (10, 1.20, True, False), (6, 0.80, False, False)],
+)
+def test_limits_of_second_returns(every: int, gap_m: float, share_met: bool, gap_met: bool) -> None:
+    """Every tenth recorded pulse has a second return, a metre apart at least; shares to 1.5, gaps to 15 %."""
+    number = np.arange(N)
+    share, gap = judge._second(
+        fixed(
+            gap_m=np.where(number % 10 == 0, 1.0 + (number > 1000), np.nan),
+            simulated_gap_m=np.where(number % every == 0, gap_m + (number > 1000), np.nan),
+        )
+    )
+    assert (share.value, share.met) == (pytest.approx(10.0 / every, rel=0.01), share_met)
+    assert (gap.value, gap.met) == (pytest.approx(gap_m - 1.0), gap_met)
+
+
+def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
+    """A quarter of the pulses is lost in one frame; the half that holds them was recorded in both."""
+    plain = room_sweep()
+    range_m, recorded = np.array(plain.range_m), np.ones(plain.shape, bool)
+    range_m[:, :90] = np.nan
+    recorded[:, 180:] = False
+    assert judge.apart(room_sweep(recorded=recorded), room_sweep(range_m=range_m)) == pytest.approx(0.5)

@@ -8,8 +8,8 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, room_sweep
 
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.studies.twin import listed
-from lidarscene.studies.twin.reflect import Gauge
-from lidarscene.studies.twin.surfels import GROUND, SMOOTH
+from lidarscene.studies.twin.reflect import Gauge, largest_reflectivity, scattering_law
+from lidarscene.studies.twin.surfels import BRIGHT, GROUND, SMOOTH
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
@@ -44,3 +44,64 @@ def test_reflectivities_are_those_of_the_intensities(open3d: Any) -> None:
     )
     assert straight.sum() > 50
     assert np.median(quads.reflectivity[straight]) == pytest.approx(0.4, rel=0.02)
+
+
+def list_of(points_m: Any, apparent: Any) -> Sweep:
+    """Points as a Velodyne lists them, whose intensity is the apparent reflectivity in per cent."""
+    range_m = np.linalg.norm(points_m, axis=1)
+    return Sweep(
+        range_m=range_m, direction=points_m / range_m[:, None], recorded=np.ones(len(points_m), bool),
+        intensity=100.0 * np.asarray(apparent), metadata={"format": "velodyne pcap"},
+    )  # fmt: skip
+
+
+def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright(open3d: Any) -> None:
+    """A wall of 0.3 seen at 0 to 78 degrees. Two of its points return more than a white wall can there: the one
+    ahead returns that of twice a white board, the one aside less than a white board, but too much for its angle.
+    """
+    step_m = 0.3
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-30, 31) * step_m, np.arange(-3, 4) * step_m))
+    wall_m = np.stack([np.full_like(y, 2.0), y, z], axis=1)
+    cos = 2.0 / np.linalg.norm(wall_m, axis=1)
+    apparent = 0.3 * scattering_law(cos)
+    ahead, aside = (int(np.argmin(np.hypot(y - at, z))) for at in (0.0, 8.7))
+    apparent[ahead], apparent[aside] = 2.0, 0.95 * largest_reflectivity()
+    sweep = list_of(wall_m, apparent)
+    quads = listed.surfels_of(sweep, Gauge.of(sweep), None)
+    bright = np.isin(np.arange(len(y)), (ahead, aside))
+    assert np.array_equal(quads.kind, np.where(bright, BRIGHT, SMOOTH))
+    np.testing.assert_allclose(quads.reflectivity[~bright], 0.3, rtol=1e-6)
+    np.testing.assert_allclose(quads.reflectivity[[ahead, aside]], apparent[[ahead, aside]], rtol=1e-6)
+    normal = np.cross(
+        quads.corners_m[:, 1] - quads.corners_m[:, 0], quads.corners_m[:, 3] - quads.corners_m[:, 0]
+    )
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    facing = np.where(bright[:, None], sweep.direction, [[1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", normal, facing)), 1.0, rtol=1e-6)
+    # Four neighbours are a step away, the fifth is a diagonal: half way to it on each side.
+    inner = (np.abs(y) < 8.0) & (np.abs(z) < 0.5) & ~bright
+    width = np.linalg.norm(quads.corners_m[inner, 0] - quads.corners_m[inner, 1], axis=1)
+    np.testing.assert_allclose(width, np.sqrt(2.0) * step_m, rtol=1e-6)
+
+
+def test_the_completed_ground_is_the_grounds_alone(open3d: Any) -> None:
+    """A sloping ground to 10 m with a wall behind: the ground ends where its returns do, as bright as they are."""
+    steps = np.arange(-19, 20) * 0.5
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    x, y = x[np.hypot(x, y) < 10.0], y[np.hypot(x, y) < 10.0]
+    ground = np.array([-1.8, 0.02, -0.05])
+    ground_m = np.stack([x, y, ground[0] + ground[1] * x + ground[2] * y], axis=1)
+    up = np.array([-ground[1], -ground[2], 1.0])
+    cos = np.abs(ground_m @ up) / np.linalg.norm(ground_m, axis=1) / np.linalg.norm(up)
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-30, 31) * 0.5, np.arange(2, 20) * 0.5))
+    wall_m = np.stack([np.full_like(y, 40.0), y, z], axis=1)
+    apparent = np.concatenate([0.15 * scattering_law(cos), np.full(len(y), 0.7)])
+    sweep = list_of(np.concatenate([ground_m, wall_m]), apparent)
+    quads = listed.surfels_of(sweep, Gauge.of(sweep), ground)
+    completed = quads.kind == GROUND
+    corners_m = quads.corners_m[completed]
+    level_m = ground[0] + corners_m[..., :2] @ ground[1:] - listed.BELOW_M
+    np.testing.assert_allclose(corners_m[..., 2], level_m, atol=1e-9)
+    reach_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max()
+    assert 8.0 < reach_m < 10.5 + np.sqrt(0.5) * listed.CELL_M
+    np.testing.assert_allclose(quads.reflectivity[completed], 0.15, rtol=0.02)

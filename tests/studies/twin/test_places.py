@@ -8,6 +8,7 @@ import pytest
 from helpers.twins import room_sweep
 
 from lidarscene.maths.pose import Pose
+from lidarscene.studies.twin import places
 from lidarscene.studies.twin.places import angles_deg, places_of
 
 MOVED = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=0.5)
@@ -29,6 +30,29 @@ def test_frames_without_poses_are_laid_on_each_other(open3d: Any) -> None:
     found = places_of(sweeps, 0)[1]
     assert np.abs(found.position_m - MOVED.position_m).max() < 0.03
     assert angles_deg(found) == pytest.approx(angles_deg(MOVED), abs=0.2)
+
+
+def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five turned and shifted poses; each frame is laid on its neighbour towards the first, without an error."""
+    truth = {
+        number: Pose.from_degrees(position_m=(3.0 * number, number**2, 0.1), yaw_deg=25.0 * number, pitch_deg=3.0)
+        for number in range(5)
+    }  # fmt: skip
+    pairs = []
+
+    def laid(cloud: int, on: int) -> Pose:
+        pairs.append((cloud, on))
+        return truth[on].inverse() @ truth[cloud]
+
+    sweeps = {number: room_sweep(metadata={"frame": str(number)}) for number in truth}
+    monkeypatch.setattr(places, "_thinned", lambda sweep: int(sweep.metadata["frame"]))
+    monkeypatch.setattr(places, "_laid", laid)
+    laid_places = places_of(sweeps, 2)
+    assert sorted(pairs) == [(0, 1), (1, 2), (3, 2), (4, 3)]
+    for number, pose in truth.items():
+        expected = truth[2].inverse() @ pose
+        np.testing.assert_allclose(laid_places[number].position_m, expected.position_m, atol=1e-9)
+        np.testing.assert_allclose(laid_places[number].rotation, expected.rotation, atol=1e-9)
 
 
 def test_angles_make_the_pose_again() -> None:

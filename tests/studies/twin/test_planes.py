@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers.twins import COLUMNS, RINGS, directions, room_sweep
+from helpers.twins import COLUMNS, RINGS, directions, room, room_sweep
 
 from lidarscene.errors import InputError
 from lidarscene.maths.arrays import Numbers
+from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import Planes, grid_of, of_columns, planes_of
 
@@ -91,3 +92,38 @@ def test_a_list_of_points_has_no_grid() -> None:
                  direction=sweep.direction.reshape(-1, 3))  # fmt: skip
     with pytest.raises(InputError, match="must be a sweep of rows and columns"):
         grid_of(flat)
+
+
+def test_uneven_rings_end_half_way_to_the_next() -> None:
+    """Rings at 10, 8, 2 and -1 degrees, given from below: a ring ends half way to the ring above, and below."""
+    elevation = np.radians([-1.0, 2.0, 8.0, 10.0])[:, None]
+    azimuth = np.radians(np.arange(0.0, 360.0, 2.0))[None, :]
+    direction = np.stack(
+        np.broadcast_arrays(
+            np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+        ),
+        axis=-1,
+    )
+    shape = direction.shape[:2]
+    grid = grid_of(Sweep(range_m=np.ones(shape), recorded=np.ones(shape, bool), direction=direction))
+    np.testing.assert_allclose(np.degrees(grid.above_rad), [1.0, 1.0, 3.0, 1.5])
+    np.testing.assert_allclose(np.degrees(grid.below_rad), [1.0, 3.0, 1.5, 1.5])
+
+
+def test_planes_are_met_from_the_beams_exit() -> None:
+    """Beams that start half a metre aside of the origin: the plane's range counts from there."""
+    start_m = np.array([0.5, -0.3, 0.2])
+    range_m, _, _ = room(directions(), Pose(position_m=start_m))
+    sweep = room_sweep(range_m=range_m, origin_m=np.broadcast_to(start_m, (RINGS, COLUMNS, 3)))
+    planes = planes_of(grid_of(sweep))
+    off_mm = 1e3 * np.abs(planes.range_m - grid_of(sweep).sweep.range_m)[planes.smooth()]
+    assert np.quantile(off_mm, 0.9) < 0.1
+
+
+def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
+    """A post 0.3 m before a wall, one pixel wide and all rings high, is a plane of its own; one pixel of it is none."""
+    range_m = np.array(room_sweep().range_m)
+    range_m[5, 180] -= 0.3
+    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    assert not planes.there[5, 180]
+    assert planes.there[5, [179, 181]].all()

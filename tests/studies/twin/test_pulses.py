@@ -20,11 +20,12 @@ from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.model import Body, Part, Scene, Sun
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
+from lidarscene.studies.twin import pulses as twin_pulses
 from lidarscene.studies.twin.build import COLUMNS, Choice, build_twin
 from lidarscene.studies.twin.judge import rows_of
 from lidarscene.studies.twin.page import compare_twin
 from lidarscene.studies.twin.planes import of_columns
-from lidarscene.studies.twin.pulses import Pulses, matched, pulses_of
+from lidarscene.studies.twin.pulses import Pulses, from_exit, matched, pulses_of
 from lidarscene.studies.twin.surfels import SMOOTH
 
 Made = tuple[Recording, Path, Sensor]
@@ -191,3 +192,84 @@ def test_other_beams_are_refused(made: Made) -> None:
             sensor,
             Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]),
         )
+
+
+def test_points_of_a_pulse_are_its_first_and_second() -> None:
+    """Points of pulses 3, 1 and 5, of which 3 has three: the third is neither."""
+    first, second = twin_pulses._by_pulse(np.array([3, 3, 3, 1, 5, 5]), 6)
+    assert first.tolist() == [-1, 3, -1, 0, -1, 4]
+    assert second.tolist() == [-1, -1, -1, 1, -1, 5]
+
+
+def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
+    """Of a straight wall there is none; weights of one pulse and its neighbours have squares that sum to one."""
+    alone = np.zeros((1, 9))
+    alone[0, 4] = 1.0
+    assert np.sum(twin_pulses._change(alone, 2) ** 2) == pytest.approx(1.0)
+    straight = 3.0 + 0.2 * np.arange(9.0)[None, :]
+    np.testing.assert_allclose(twin_pulses._change(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
+
+
+def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of all pulses, (channels, columns, 3) by channel and time, and their numbers."""
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    direction = np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulse)], axis=-1)
+    order = np.argsort(np.asarray(sensor.scanner.channel(pulse)), kind="stable").reshape(
+        sensor.scanner.line_pulses, -1
+    )
+    return direction[order], order
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 0.3, -0.3])
+def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(turned_deg: float) -> None:
+    """Less than half a column aside the nearest pulse is the same, also where azimuths pass 180 degrees."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
+    direction, numbers = fired(sensor)
+    turn = Pose.from_degrees(yaw_deg=turned_deg).rotation
+    turned = (direction @ turn.T)[::-1]
+    sweep = Sweep(
+        range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned
+    )
+    matches, angle_rad = matched(sensor, sweep)
+    assert np.array_equal(matches, numbers[::-1])
+    # Beams within 23 degrees of level turn by nearly as much as the sensor.
+    np.testing.assert_allclose(np.degrees(angle_rad), abs(turned_deg), rtol=0.1, atol=1e-4)
+
+
+@pytest.mark.parametrize(("pitch_deg", "refused"), [(0.6, False), (1.0, True)])
+def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) -> None:
+    """Pitched by so much, the median beam is off by 0.7 of it: the sine of its azimuth is that on average."""
+    sensor = load_sensor("vlp-16")
+    direction, _ = fired(sensor)
+    pitched = direction @ Pose.from_degrees(pitch_deg=pitch_deg).rotation.T
+    sweep = Sweep(
+        range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched
+    )
+    if refused:
+        with pytest.raises(InputError, match=r"the sensor must fire where the recording's did, got 0\.7"):
+            matched(sensor, sweep)
+    else:
+        matched(sensor, sweep)
+
+
+def test_ranges_count_from_the_simulated_exit() -> None:
+    """A recording whose maker counts from the sensor's middle: 10 m there are less from the beam's exit."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
+    direction, numbers = fired(sensor)
+    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
+    assert start is not None
+    exit_m = np.stack([np.asarray(x, float) for x in start], axis=-1)[numbers]
+    shape = direction.shape[:2]
+    same, middle = (
+        Sweep(
+            range_m=np.full(shape, 10.0),
+            recorded=np.ones(shape, bool),
+            direction=direction,
+            origin_m=origin_m,
+        )
+        for origin_m in (exit_m, None)
+    )
+    np.testing.assert_allclose(from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
+    ahead_m = np.einsum("...i,...i", exit_m, direction)
+    assert np.median(ahead_m) > 0.005
+    np.testing.assert_allclose(from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)

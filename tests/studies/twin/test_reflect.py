@@ -85,3 +85,34 @@ def test_an_echo_without_a_range_was_dropped() -> None:
     reflectivity[3, 1] = 0.0
     found = dropped(room_sweep(range_m=range_m, reflectivity=reflectivity))
     assert np.argwhere(found).tolist() == [[3, 0]]
+
+
+@pytest.mark.parametrize("reported", [200.0, 2.0])
+def test_reflectivities_that_are_not_linear_do_not_calibrate(reported: float) -> None:
+    """Of three pixels two report a logarithm above white, or a step of one or two counts; the third is calibrated."""
+    shape = room_sweep().shape
+    third = np.broadcast_to(np.arange(shape[1]) % 3 == 0, shape)
+    signal = np.full(shape, 500.0)
+    reflectivity = np.where(third, 50.0, reported)
+    sweep = room_sweep(range_m=np.full(shape, 10.0), signal=signal, reflectivity=reflectivity)
+    gauge = Gauge.of(sweep)
+    assert gauge is not None
+    np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.5, rtol=1e-6)
+
+
+def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_than_black() -> None:
+    gauge = Gauge(field="signal", range_m=np.array([5.0, 6.0]), per_count=np.array([1e-3, 1.0]))
+    sweep = room_sweep(signal=np.full((24, 360), 1600.0))
+    apparent = gauge.apparent(sweep, np.full(sweep.shape, 2.5))
+    np.testing.assert_allclose(apparent, 1.6 / 16.0)
+    for signal in (0.0, np.nan):
+        dark = room_sweep(signal=np.full((24, 360), signal))
+        np.testing.assert_allclose(gauge.apparent(dark, np.full(dark.shape, 5.0)), 0.002)
+
+
+def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
+    sweep = room_sweep(signal=None)
+    gauge = Gauge.of(sweep)
+    assert gauge is not None
+    assert sweep.reflectivity is not None
+    np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.01 * sweep.reflectivity, rtol=1e-6)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers.twins import COLUMNS, HEIGHT_M, RINGS, room_sweep
+from helpers.twins import COLUMNS, HEIGHT_M, RINGS, WHITE_M2, directions, room_sweep
 
 from lidarscene.maths.arrays import Numbers
+from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
 from lidarscene.studies.twin.reflect import Gauge
@@ -179,3 +180,87 @@ def test_brighter_than_white_is_square_to_its_beam() -> None:
     middle = (a + b + c + d) / 4.0
     assert abs(normal @ middle) / np.linalg.norm(normal) / np.linalg.norm(middle) > 0.9999
     assert quads.reflectivity[there][0] == pytest.approx(0.4 * plain.reflectivity[6, 52], rel=0.1)
+
+
+def test_moved_quads_are_where_the_sensor_sees_them() -> None:
+    """A quarter turn to the left, and 5 m ahead: what was ahead is on the left."""
+    corners_m = np.array([[[2.0, 0.0, 1.0]] * 4])
+    quads = Surfels(corners_m=corners_m, reflectivity=np.ones(1), kind=np.zeros(1, int))
+    placed = quads.placed(Pose.from_degrees(position_m=(5.0, 0.0, 0.0), yaw_deg=90.0))
+    np.testing.assert_allclose(placed.corners_m[0, 0], [5.0, 2.0, 1.0], atol=1e-12)
+
+
+def test_quads_of_uneven_rings_end_where_the_next_begin() -> None:
+    """A wall around the sensor, rings at 12, 10, 4 and 2 degrees: a quad reaches half way to the rings beside it."""
+    elevation = np.radians([12.0, 10.0, 4.0, 2.0])[:, None]
+    azimuth = np.radians(np.arange(360.0))[None, :]
+    parts = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    direction = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    shape = direction.shape[:2]
+    range_m = np.broadcast_to(10.0 / np.cos(elevation), shape)
+    sweep = Sweep(range_m=range_m, recorded=np.ones(shape, bool), direction=direction, knows_lost=True)
+    corners_m = surfels_of(grid_of(sweep), None, None).corners_m
+    up_deg = np.degrees(np.arctan2(corners_m[..., 2], np.linalg.norm(corners_m[..., :2], axis=-1)))
+    ends = np.stack([up_deg.max(axis=1), up_deg.min(axis=1)], axis=1)
+    expected = np.array([[13.0, 11.0], [11.0, 7.0], [7.0, 3.0], [3.0, 1.0]])
+    ring = np.argmin(np.abs(ends.mean(axis=1)[:, None] - expected.mean(axis=1)), axis=1)
+    # A twenty-fifth wider than half of the largest gap, 3 degrees.
+    np.testing.assert_allclose(ends, expected[ring], atol=0.15)
+
+
+@pytest.mark.parametrize("second_m", [2.0, -2.0])
+def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> None:
+    """Ahead, where walls are square to the beam. The pixel returned a quarter each of what a white board would."""
+    plain = room_sweep()
+    column = COLUMNS // 2  # straight ahead
+    row = int(np.argmin(np.abs(plain.direction[:, column, 2])))
+    range_m, signal = np.full(plain.shape, np.nan), np.zeros(plain.shape)
+    range_m[row, column] = plain.range_m[row, column] + second_m
+    first = np.array(plain.signal)
+    first[row, column] = 0.25 * WHITE_M2 / plain.range_m[row, column] ** 2
+    signal[row, column] = 0.25 * WHITE_M2 / range_m[row, column] ** 2
+    quads = made(room_sweep(signal=first, second=Second(range_m=range_m, signal=signal)))
+    middle = quads.corners_m.mean(axis=1)
+    aside = np.abs(np.arctan2(middle[:, 1], middle[:, 0])) < 0.6 * np.pi / COLUMNS * 2.0
+    level = np.abs(
+        middle[:, 2] / np.hypot(middle[:, 0], middle[:, 1])
+        - np.tan(np.arcsin(plain.direction[row, column, 2]))
+    )
+    both = np.flatnonzero(
+        aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05)
+    )
+    reach_m = np.linalg.norm(middle[both], axis=1)
+    width = np.linalg.norm(quads.corners_m[both, 0] - quads.corners_m[both, 1], axis=1) / reach_m
+    order = np.argsort(reach_m)
+    assert len(both) == 2
+    np.testing.assert_allclose(reach_m[order], sorted([10.0, 10.0 + second_m]), rtol=0.01)
+    np.testing.assert_allclose(width[order] / (2.0 * np.pi / COLUMNS * 1.04), [0.5, 1.0], rtol=0.05)
+
+
+def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stands_on_it() -> None:
+    """z = -1.8 + 0.05 x - 0.03 y. A box hides it from 6 m on, less than 0.3 m before the ground at one ring."""
+    slope = np.array([-1.8, 0.05, -0.03])
+    direction = directions()
+    up = np.array([-slope[1], -slope[2], 1.0])
+    with np.errstate(divide="ignore"):
+        meets_m = slope[0] / (direction @ up)
+    far = ~((meets_m > 0.0) & (meets_m < 25.0))
+    box = np.zeros(meets_m.shape, bool)
+    box[-8:, 100:110] = True
+    range_m = np.where(far, np.nan, meets_m)
+    range_m = np.where(box, range_m - np.where(np.arange(COLUMNS) < 105, 0.2, 0.5), range_m)
+    cos = np.abs(direction @ up) / np.linalg.norm(up)
+    signal = np.where(far, 0.0, WHITE_M2 * 0.3 * cos / meets_m**2)
+    reflectivity = np.where(far, 0.0, 30.0 * cos)
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), slope)
+    ground = quads.corners_m[quads.kind == GROUND]
+    level_m = slope[0] + ground[..., :2] @ slope[1:]
+    assert len(ground) > 40
+    np.testing.assert_allclose(ground[..., 2], level_m, atol=1e-6)
+    middle = ground.mean(axis=1)
+    azimuth_deg = np.degrees(np.arctan2(middle[:, 1], middle[:, 0]))
+    near = np.linalg.norm(middle, axis=1) < 0.9 * np.nanmin(meets_m[-9][100:110])
+    behind = near & (azimuth_deg > 70.0 - 0.5) & (azimuth_deg < 80.5)
+    # Columns go clockwise from behind: 105 to 109 are at 75 to 71 degrees.
+    assert set(np.rint(azimuth_deg[behind]).astype(int)) == {71, 72, 73, 74, 75}
+    assert np.linalg.norm(middle, axis=1).max() < 1.3 * 25.0 * 1.01

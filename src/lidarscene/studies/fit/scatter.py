@@ -133,8 +133,7 @@ def _patches(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers]:
     with np.errstate(invalid="ignore"):
         good = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & together
         good &= signal.max(axis=2) < ALIKE * signal.min(axis=2)
-    x = np.arange(PATCH) - 0.5 * (PATCH - 1)
-    basis = np.linalg.qr(np.column_stack([np.ones(PATCH), x, x**2]))[0]
+    basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # all parabolas over the patch
     filled = np.where(good[..., None], range_m, 0.0)
     squares = np.sum((filled - (filled @ basis) @ basis.T) ** 2, axis=2)
     inverse = np.mean(1.0 / np.where(good[..., None], signal, 1.0), axis=2)

@@ -170,8 +170,10 @@ def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         azimuth = np.arctan2(fired[own, 1], fired[own, 0])
         order = np.argsort(azimuth)
         wanted = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
-        middle = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
-        place = np.searchsorted(0.5 * (middle[1:] + middle[:-1]), wanted) % len(own)
+        turn = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
+        ends = 0.5 * (turn[1:] + turn[:-1])  # half way to the next; the last one lies beyond the turn
+        wanted = ends[-1] - (ends[-1] - wanted) % (2.0 * np.pi)
+        place = np.searchsorted(ends, wanted) % len(own)
         numbers[row] = own[order][place]
         apart = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
         angle[row] = np.arcsin(apart.clip(0.0, 1.0))

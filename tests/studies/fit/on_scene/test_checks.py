@@ -1,9 +1,18 @@
 """The statistic by which the scatter of a law is held to what was not fitted."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
+from helpers.drawn_scenes import published
 
-from lidarscene.studies.fit.on_scene.checks import OF_ONE, Judged, capped_scatter
+from lidarscene.studies.fit.estimates import Solved
+from lidarscene.studies.fit.known_scene import Reported, Scene, expected
+from lidarscene.studies.fit.likelihood import MEAN_SQUARE, KnownFit
+from lidarscene.studies.fit.on_scene.checks import OF_ONE, Judged, capped_scatter, judged
+from lidarscene.studies.fit.on_scene.laid import Laid
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 
 def test_the_scatter_of_a_law_that_holds_is_one() -> None:
@@ -35,3 +44,70 @@ def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
     assert of(1.45, 0.05).beyond(1.25)
     assert of(0.6, 0.05).beyond(1.25)
     assert not of(0.6, 0.2).beyond(1.25)
+
+
+def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
+    judged_by_hand = Judged(
+        signal=np.array([[10.0, 100.0, 50.0], [20.0, 100.0, 110.0]]), kept=np.array([[0.2, 0.5, 90.0]]),
+        scatter=np.array([[50.0, 0.03, 0.02, 0.1]]),
+    )  # fmt: skip
+    assert judged_by_hand.signal_error == pytest.approx(0.3)
+    assert judged_by_hand.kept_error == pytest.approx(0.3)
+    assert judged_by_hand.ratios == pytest.approx([1.5])
+
+
+POWER = "laser.peak_power_w"
+
+
+def known_to(sigma: float) -> KnownFit:
+    """The published sensor, its power known so well."""
+    return KnownFit(
+        solved=Solved(value=np.zeros(1), slope=np.array([[sigma**-2]]), scores=np.zeros((9, 1))),
+        names=(POWER,), held=(), null=(), values={POWER: 0.0}, reflectivity=np.zeros(1),
+    )  # fmt: skip
+
+
+def laid(**changed: Any) -> Laid:
+    """A dark wall from 8 to 30 m that returns what is expected of it, its ranges a sigma off."""
+    count = 1600
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count)
+    )
+    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    law = expected(scene, {})
+    signs = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    reported = Reported(
+        kept=np.ones(count, bool), signal=np.asarray(law.signal), near_ir=np.asarray(law.near_ir),
+        range_m=scene.range_m + signs * np.asarray(law.sigma_m),
+    )  # fmt: skip
+    return Laid(scene=scene, reported=replace(reported, **changed), block=np.zeros(count, int))
+
+
+def test_signal_and_scatter_by_bins() -> None:
+    """Twice the expected signal; every third return is of something else, a metre off, and does not count."""
+    plain = laid()
+    other = np.arange(1600) % 3 == 0
+    spoilt = replace(
+        plain.reported, signal=2.0 * plain.reported.signal * np.where(other, 9.0, 1.0),
+        range_m=plain.reported.range_m + 1.0 * other,
+    )  # fmt: skip
+    result = judged(replace(plain, reported=spoilt), known_to(1e-9))
+    assert len(result.signal) == 8
+    np.testing.assert_allclose(result.signal[:, 1] / result.signal[:, 2], 2.0)
+    assert result.signal_error == pytest.approx(0.5)
+    # All are one sigma off: a normal law's capped mean square is MEAN_SQUARE, theirs is 1.
+    np.testing.assert_allclose(result.ratios, MEAN_SQUARE**-0.5, rtol=1e-6)
+    octaves = np.bincount(np.floor(np.log2(plain.reported.signal[~other])).astype(int))
+    np.testing.assert_allclose(result.scatter[:, 3], OF_ONE * octaves[octaves >= 50] ** -0.5, rtol=1e-4)
+
+
+def test_a_law_is_known_no_better_than_its_power() -> None:
+    """Photons scatter the range with the root of the power, and a little more where they are few."""
+    sure, unsure = (judged(laid(), known_to(sigma)).scatter[:, 3] for sigma in (1e-9, 0.5))
+    np.testing.assert_allclose(unsure**2 - sure**2, (0.5 * 0.5) ** 2, rtol=0.25)
+
+
+def test_only_weak_pulses_tell_of_the_threshold() -> None:
+    """Far above it none is lost; those would be but a share of one in the last bin."""
+    strong = laid(kept=np.zeros(1600, bool))
+    assert judged(strong, known_to(1e-9)).kept_error is None

@@ -1,0 +1,157 @@
+"""Patches of a ring: what is left of them after a parabola, and the law through it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidarscene.maths.arrays import Numbers
+from lidarscene.studies.fit import scatter
+from lidarscene.studies.fit.estimates import Solved
+from lidarscene.studies.fit.pulses import Pulses
+from lidarscene.studies.fit.scatter import Scatter, fit_scatter
+
+CUBIC = np.array([-1.0, 2.0, 0.0, -2.0, 1.0]) / np.sqrt(10.0)
+QUARTIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+"""Orthogonal to all parabolas over five even places, and of length one."""
+
+
+def ring_of(residuals: Numbers, signal: Numbers) -> tuple[Numbers, Numbers]:
+    """Ranges and signals of a ring whose patches, every second of ten columns, are that far off a parabola [m]."""
+    x = np.arange(5.0)
+    range_m, signals = np.zeros(10 * len(residuals)), np.zeros(10 * len(residuals))
+    for start, patches, level in zip(range(0, len(range_m), 10), residuals, signal, strict=True):
+        for first, (cubic, quartic) in enumerate(patches):
+            place = start + first + 2 * np.arange(5)
+            range_m[place] = 12.0 + 0.3 * x - 0.07 * x**2 + cubic * CUBIC + quartic * QUARTIC
+            signals[place] = level
+    return range_m, signals
+
+
+def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> Pulses:
+    range_m, signal = (np.stack(part) for part in zip(*rings, strict=True))
+    columns = np.arange(range_m.shape[1])
+    return Pulses(
+        range_m=range_m, recorded=np.ones_like(range_m, bool), signal=signal, near_ir=None, reflectivity=None,
+        azimuth_rad=np.zeros_like(range_m), frame=np.zeros_like(columns), block=columns // 20,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def all_are_smooth(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scatter, "SMOOTHEST", 1.0)
+
+
+@pytest.mark.usefixtures("all_are_smooth")
+def test_what_a_parabola_leaves_of_every_second_pulse() -> None:
+    """Four patches between smooth rings: squares of cubic and quartic parts, exactly; neighbours share no patch."""
+    residuals = np.array([[[0.03, 0.04], [0.06, 0.08]], [[0.0, 0.01], [0.02, 0.0]]])
+    middle = ring_of(residuals, np.array([200.0, 800.0]))
+    smooth = ring_of(np.full((2, 2, 2), 1e-4), np.array([200.0, 800.0]))
+    pulses = pulses_of_rings(smooth, middle, smooth)
+    squares, inverse, block = scatter._patches(replace(pulses, block=np.repeat([4, 7], 10)))
+    np.testing.assert_allclose(np.sort(squares), [1e-4, 4e-4, 25e-4, 100e-4], rtol=1e-6)
+    order = np.argsort(squares)
+    np.testing.assert_allclose(inverse[order], [1 / 800.0, 1 / 800.0, 1 / 200.0, 1 / 200.0])
+    assert block[order].tolist() == [1, 1, 0, 0]
+
+
+@pytest.mark.parametrize("upper", [True, False])
+def test_a_patch_counts_where_the_rings_around_it_are_smooth(upper: bool) -> None:
+    """Of eight patches half stay: the four whose neighbours, above or below, are the smoothest of the two rings."""
+    rough = np.array([1, 9, 2, 8, 3, 7, 4, 6]).reshape(4, 2, 1) * np.full(2, 1e-3)
+    levels = np.full(4, 400.0)
+    own = np.arange(1.0, 9.0).reshape(4, 2, 1) * np.array([1e-2, 0.0])
+    around = [ring_of(rough, levels), ring_of(np.full((4, 2, 2), 1e-5), levels)]
+    above, below = around if upper else around[::-1]
+    squares, _, _ = scatter._patches(pulses_of_rings(above, ring_of(own, levels), below))
+    np.testing.assert_allclose(np.sort(squares), 1e-4 * np.array([1.0, 3.0, 5.0, 7.0]) ** 2, rtol=1e-6)
+
+
+@pytest.mark.usefixtures("all_are_smooth")
+def test_patches_of_two_blocks_of_edges_and_of_weak_light_do_not_count() -> None:
+    """Of ten patches one spans two blocks with its neighbour, one an edge, one is weak, one has a hole."""
+    levels = np.full(5, 400.0)
+    residuals = np.arange(1.0, 11.0).reshape(5, 2, 1) * np.array([1e-2, 0.0])
+    smooth = ring_of(np.full((5, 2, 2), 1e-4), levels)
+    range_m, signal = ring_of(residuals, levels)
+    signal[10:20:2] = 90.0  # weak: patch 3
+    signal[22] = 900.0  # an edge in the signal: patch 5
+    signal[23] = 0.0  # no photons: patch 6
+    range_m[30] = np.nan  # a hole: patch 7
+    pulses = pulses_of_rings(smooth, (range_m, signal), smooth)
+    block = np.array([0] * 45 + [1] * 5)  # the last two patches span both
+    squares, _, _ = scatter._patches(replace(pulses, block=block))
+    np.testing.assert_allclose(np.sort(squares), 1e-4 * np.array([1.0, 2.0, 4.0, 8.0]) ** 2, rtol=1e-6)
+
+
+def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
+    """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
+    made = Scatter(
+        solved=Solved(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
+        signal=np.array([1600.0, 400.0]), sigma_m=np.full(2, np.nan), patches=np.ones(2),
+        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]),
+    )  # fmt: skip
+    assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
+    np.testing.assert_allclose(made.ratios, [1.2])
+
+
+def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
+    """Every fourth block scatters twice as much, and is not fitted.
+
+    Squares of quantiles of chi^2 with two degrees of freedom, so that nothing is drawn: 240 fitted patches in an
+    octave have the law's scatter to 2 %, the 80 others twice of it; what lies above six is left out, and given back.
+    """
+    share = (np.arange(20) + 0.5) / 20
+    ring = np.sqrt(-2.0 * np.log1p(-share)) * 0.01
+    turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False) * 7.0
+    each = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1)
+    blocks = 64
+    order = np.argsort((np.arange(4 * blocks) * 7919) % (4 * blocks))
+    residuals = each[order % 20].reshape(2 * blocks, 2, 2)
+    residuals = residuals * np.where(np.arange(2 * blocks) // 2 % 4 == 3, 2.0, 1.0)[:, None, None]
+    levels = np.full(2 * blocks, 400.0)
+    smooth = ring_of(np.full((2 * blocks, 2, 2), 1e-5), levels)
+    fit = fit_scatter(pulses_of_rings(smooth, ring_of(residuals, levels), smooth))
+    assert fit is not None
+    np.testing.assert_allclose(fit.sigma_m, 0.01, rtol=0.05)
+    np.testing.assert_allclose(fit.law(np.array([400.0])), 0.01, rtol=0.05)
+    # Twice as far off, one in exp(-0.75) is left out as far above the law: 6 / 4 of chi^2 in place of 6.
+    inside = 1.0 - np.exp(-0.75)
+    mean = (2.0 - (2.0 + 1.5) * np.exp(-0.75)) / inside
+    np.testing.assert_allclose(fit.ratios, 2.0 * np.sqrt(mean / scatter._MEAN), rtol=0.08)
+
+
+def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:
+    """Along the law's own scale: information and variance of an exponential number, what is above six left out.
+
+    By sums over its density: of n patches the mean score falls by some 0.6 n as the scale grows by a factor of e, for
+    those at the edge come in; its variance is 0.71 n. Without a limit both are n. 512 patches stand for the density.
+    """
+    share = (np.arange(100_000) + 0.5) / 100_000
+    square = -2.0 * np.log1p(-share)
+    mean = square[square < scatter.FURTHEST].mean()
+
+    def score(scale: float) -> float:
+        relative = square / scale
+        return float(np.sum(np.where(relative < scatter.FURTHEST, relative / mean - 1.0, 0.0)))
+
+    inside = np.sum(square < scatter.FURTHEST)
+    information = (score(0.99) - score(1.01)) / (np.log(1.01) - np.log(0.99)) / inside
+    variance = np.var(square[square < scatter.FURTHEST]) / mean**2
+    blocks = 128
+    share = (np.arange(4 * blocks) * 197 % (4 * blocks) + 0.5) / (4 * blocks)
+    radius = 0.01 * np.sqrt(-2.0 * np.log1p(-share))
+    residuals = np.stack([0.6 * radius, 0.8 * radius], axis=-1).reshape(2 * blocks, 2, 2)
+    levels = np.tile([400.0, 6400.0], blocks)
+    residuals[1::2] *= 0.5  # c^2 / 400 + floor^2 is 10 mm, c^2 / 6400 + floor^2 5 mm
+    smooth = ring_of(np.full((2 * blocks, 2, 2), 1e-5), levels)
+    fit = fit_scatter(pulses_of_rings(smooth, ring_of(residuals, levels), smooth))
+    assert fit is not None
+    assert fit.solved.meat is not None
+    number = fit.patches.sum()
+    along = [
+        fit.solved.value @ matrix @ fit.solved.value / number
+        for matrix in (fit.solved.slope, fit.solved.meat)
+    ]
+    assert along == pytest.approx([information, variance], rel=0.1)
