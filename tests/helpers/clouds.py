@@ -30,6 +30,19 @@ def small_columns(n: int = 7, *, truth: bool = True, seed: int = 1) -> dict[str,
     return columns if truth else {a: v for a, v in columns.items() if a not in TRUTH}
 
 
+def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
+    """Points of a chunk as the simulator hands them over where nothing moves and there is no glass."""
+    repeated = {
+        "sensor_index": np.broadcast_to(np.uint8(0), n),
+        "radial_velocity_m_s": np.broadcast_to(np.float32(velocity), n),
+        "interactions": np.broadcast_to(np.uint8(0), n),
+        "ghost": np.broadcast_to(np.uint8(0), n),
+        "pulse_width_s": np.broadcast_to(np.float32(0.0), n),
+        "signal": np.broadcast_to(np.float32(0.0), n),
+    }
+    return small_columns(n) | repeated
+
+
 def small_cloud(n: int = 7, *, truth: bool = True, seed: int = 1, **changes: Any) -> PointCloud:
     metadata = {"sensor": "test", "frame": "sensor", "seed": "7"}
     return PointCloud(**(small_columns(n, truth=truth, seed=seed) | NAMES | {"metadata": metadata} | changes))

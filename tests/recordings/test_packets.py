@@ -1,8 +1,9 @@
 """Packets of pcap files, and turns."""
 
+import json
 import struct
-import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.recordings import pcap
@@ -91,16 +92,25 @@ def test_a_turn_ends_where_the_recording_began() -> None:
     assert turns_of([100]) == [slice(0, 1)]
 
 
-def test_packets_stay_in_the_file(tmp_path: Path) -> None:
+MEMORY = """
+import json, sys, tracemalloc
+from lidarscene.recordings.packets import packets_of
+# Before Python 3.12.9 and 3.13.2 tracemalloc can end a process in which Dr.Jit starts threads.
+assert "drjit" not in sys.modules
+tracemalloc.start()
+packets = packets_of({path!r})
+turn = packets.where(lambda payload: payload[0] != 7)[100:150]
+payload = turn[3].payload
+_, peak = tracemalloc.get_traced_memory()
+print(json.dumps([len(packets), len(turn), payload[0], len(payload), peak]))
+"""
+
+
+def test_packets_stay_in_the_file(tmp_path: Path, run_python: Any) -> None:
     """Rationale: a drive is larger than memory. Of 5 MB of packets 24 bytes each are held, and what is asked for."""
     path = pcap(tmp_path / "a.pcap", [bytes([number % 256]) * 1200 for number in range(4000)])
-    tracemalloc.start()
-    try:
-        packets = packets_of(path)
-        turn = packets.where(lambda payload: payload[0] != 7)[100:150]
-        told = turn[3].payload
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert (len(packets), len(turn), told[:1], len(told)) == (4000, 50, bytes([104]), 1200)
+    done = run_python(MEMORY.format(path=str(path)))
+    assert done.returncode == 0, done.stderr
+    *read, peak = json.loads(done.stdout)
+    assert read == [4000, 50, 104, 1200]
     assert peak < 1e6
