@@ -58,6 +58,12 @@ def detected(counter, light, *, seed=1):
     return receivers.detect_alone(light, counter, seed=seed, pulse=pulse)
 
 
+def detected_train(counter, train, *, seed=1):
+    """The detection of a train of sub-echoes."""
+    pulse = np.arange(len(train.background_power_w), dtype=np.uint32)
+    return receivers.detect(train, counter, seed=seed, pulse=pulse)
+
+
 def echo_of(stop):
     """Where a stop holds the echo."""
     return np.asarray(stop.reported) & (np.asarray(stop.status) == 0)

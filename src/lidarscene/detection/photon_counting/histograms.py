@@ -58,12 +58,14 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     spread, narrow = broadened(light, sensor, width_s)
     power = sampled_power_w(spread, narrow, times)
     once = spad.stamps == "first"
-    rate = power * pixel.per_watt + np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
+    background = np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
+    rate = power * pixel.per_watt + background
     armed = times >= float(sensor.tdc.blanking_s)
+    # A step of the background alone comes first: it is what the SPADs are in balance with when the pulse leaves.
     fired = dead_time.firing_shares(
-        np.where(armed, rate, 0.0) if once else rate, bin_s=fine_s,
-        dead_time_s=np.inf if once else float(spad.dead_time_s), steady=not once,
-    )  # fmt: skip
+        np.concatenate([0.0 * background if once else background, np.where(armed | (not once), rate, 0.0)], axis=1),
+        bin_s=fine_s, dead_time_s=np.inf if once else float(spad.dead_time_s), steady=not once,
+    )[:, 1:]  # fmt: skip
     share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
     if spad.coincidence > 1:
         share = np.asarray(
