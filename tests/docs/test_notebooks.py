@@ -18,6 +18,13 @@ from lidarscene.formats.registry import SUFFIXES
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
+SAVES = """
+from pathlib import Path
+Path("left.ply").write_text("ply")
+print(Path.cwd(), Path("left.ply").is_file())
+"""
+
+
 def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
     """The kinds of what each cell shows: numbers may differ by a rounding on another machine."""
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
@@ -34,8 +41,7 @@ def test_a_notebook_runs(mi, path: Path) -> None:
 def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: one that was run at the top of the repository left a cloud of 5 MB there, which was then published."""
     monkeypatch.chdir(tmp_path)
-    source = "from pathlib import Path\nPath('left.ply').write_text('ply')\nprint(Path.cwd(), Path('left.ply').is_file())"
-    cell = {"cell_type": "code", "source": [source]}
+    cell = {"cell_type": "code", "source": [SAVES]}
     (tmp_path / "saves.ipynb").write_text(json.dumps({"cells": [cell]}), encoding="utf-8")
     (shown,) = run(tmp_path / "saves.ipynb")["cells"][0]["outputs"]
     folder, is_there = shown["text"][0].split()

@@ -1,7 +1,7 @@
 """Run a notebook in this process, and keep what it shows: as Jupyter would, without its server.
 
-It runs in an empty folder that is gone afterwards, so that what it saves is nowhere else. Cells share one namespace. What a cell prints, the value of its last expression and its Matplotlib figures are its
-outputs.
+It runs in an empty folder that is gone afterwards, so that what it saves is nowhere else. Cells share one namespace.
+What a cell prints, the value of its last expression and its Matplotlib figures are its outputs.
 """
 
 import ast

@@ -32,25 +32,38 @@ def rate_hz(equipped, background_w):
 
 
 def counts(equipped, background_w, powers_w, arrivals_s, *, shots=200, step_s=0.25e-9):
-    """(times,) and (shots, times) busy cells above the background's mean: each cell a clock that runs down."""
-    random, dead = np.random.default_rng(2), round(DEAD_S / step_s)
-    x = rate_hz(equipped, background_w) * DEAD_S
-    # Stationary at first: busy with probability x / (1 + x), for how long still evenly between none and all.
-    clock = random.integers(1, dead + 1, (shots, CELLS), np.int16)
-    clock[random.random(clock.shape) > x / (1.0 + x)] = 0
-    edges = np.arange(-8.0 * SIGMA_PULSE_S, arrivals_s[-1] + 1.2 * DEAD_S, step_s)
-    come = np.full(len(edges), 0.0)
+    """(times,) and (shots, times) busy cells above the background's mean: each cell by itself, in continuous time.
+
+    A ready cell fires when its hazard has grown by a number that is drawn from the exponential law, and is ready again
+    a dead time later. Stepping through the time instead would have a revived cell wait half a step too little: at the
+    end of a flash's dead time, where some 50 cells revive in a ns, 6 cells too many are busy for steps of 0.25 ns.
+    """
+    random, energy_j = np.random.default_rng(2), equipped.laser.photon_energy_j
+    rate = rate_hz(equipped, background_w)
+    busy = rate * DEAD_S / (1.0 + rate * DEAD_S)
+    times_s = np.arange(-8.0 * SIGMA_PULSE_S, arrivals_s[-1] + 1.2 * DEAD_S, step_s)[1:]
+    begin_s, end_s = times_s[0] - step_s, times_s[-1]
+    # A straight line between points 0.01 sigma apart: the hazard is good to 1e-5 of a flash.
+    fine_s = np.linspace(begin_s, end_s, math.ceil((end_s - begin_s) / (0.01 * SIGMA_PULSE_S)))
+    hazard = rate * (fine_s - begin_s)
     for power, arrival in zip(powers_w, arrivals_s, strict=True):
-        flash = (
-            power / equipped.laser.photon_energy_j * PDE / CELLS * SIGMA_PULSE_S * math.sqrt(2.0 * math.pi)
-        )
-        come += 0.5 * flash * (1.0 + erf((edges - arrival) / (math.sqrt(2.0) * SIGMA_PULSE_S)))
-    found = []
-    for one in np.diff(come) + rate_hz(equipped, background_w) * step_s:
-        clock = np.maximum(clock - 1, 0)
-        clock[(clock == 0) & (random.random(clock.shape, np.float32) < -math.expm1(-one))] = dead
-        found.append((clock > 0).sum(axis=1))
-    return edges[1:], np.stack(found, axis=1) - CELLS * x / (1.0 + x)
+        flash = power / energy_j * PDE / CELLS * SIGMA_PULSE_S * math.sqrt(2.0 * math.pi)
+        hazard += 0.5 * flash * (1.0 + erf((fine_s - arrival) / (math.sqrt(2.0) * SIGMA_PULSE_S)))
+    shot = np.repeat(np.arange(shots), CELLS)
+    changes = np.zeros((shots, len(times_s) + 1))
+    # Stationary at first: busy with that probability, for how long still evenly between none and all.
+    was_busy = random.random(len(shot)) < busy
+    ready_s = begin_s + np.where(was_busy, DEAD_S * random.random(len(shot)), 0.0)
+    np.add.at(changes, (shot[was_busy], 0), 1.0)
+    np.add.at(changes, (shot[was_busy], np.searchsorted(times_s, ready_s[was_busy])), -1.0)
+    while len(shot):
+        wanted = np.interp(ready_s, fine_s, hazard) + random.exponential(size=len(shot))
+        fires = (ready_s < end_s) & (wanted < hazard[-1])
+        shot, fired_s = shot[fires], np.interp(wanted[fires], hazard, fine_s)
+        ready_s = fired_s + DEAD_S
+        np.add.at(changes, (shot, np.searchsorted(times_s, fired_s)), 1.0)
+        np.add.at(changes, (shot, np.searchsorted(times_s, ready_s)), -1.0)
+    return times_s, np.cumsum(changes, axis=1)[:, :-1] - CELLS * busy
 
 
 def echoes(equipped, background_w, signals, apart_m, *, pulses=400):
@@ -129,18 +142,22 @@ def test_what_an_echo_leaves(background_w):
 
 @pytest.mark.parametrize("background_w", [DIM_W, BRIGHT_W])
 def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
-    """Two boards 2.8 m apart, against cells simulated one by one: 4 cells of 150, four standard errors of 200 shots."""
+    """Two boards 2.8 m apart, against cells simulated one by one.
+
+    A cell is busy or not, and 400 of them in 800 shots have a mean with a standard error of 0.354 cells at most. 5.7 of
+    them are 2.0 cells, which the 211 times pass by chance 3e-6 of the time. The steps of the waveform itself add 0.15.
+    """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
     powers = [float(point.power_w(np.array([one]))[0]) for one in (150.0, 100.0)]
     range_m = np.array([30.0, 32.8])
     arrivals = 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
-    time_s, count = counts(equipped, background_w, powers, arrivals)
+    time_s, count = counts(equipped, background_w, powers, arrivals, shots=800)
     light = train(range_m[None], np.array([powers]), background_w=background_w)
     # The count of a step is at its end.
     at = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
     _, (signal,) = remembered(light, equipped, at)
-    np.testing.assert_allclose(signal, count.mean(axis=0), atol=4.0)
+    np.testing.assert_allclose(signal, count.mean(axis=0), atol=2.2)
     _, (forgetful,) = sampled(light, equipped, at)
     assert np.abs(forgetful - signal).max() > 50.0
 
