@@ -103,7 +103,7 @@ def _open(writer: Any) -> None:
     kind = writer.STORAGE_PLUGINS[writer.storage_plugin]
     writer.storage = kind.__new__(
         kind
-    )  # known to the writer before it opens the file, to be closed whatever happens
+    )  # known to the writer before it opens the file, so that `abort` closes it
     writer.storage.__init__(writer.path, writer.compression_mode)
 
 
@@ -113,9 +113,8 @@ def _closed_on_error(writer: Any) -> Iterator[None]:
     try:
         yield
     except Exception:
-        storage = writer.storage
         with suppress(Exception):
-            (storage.conn if hasattr(storage, "conn") else storage.bio).close()
+            writer.abort()
         raise
 
 
