@@ -17,7 +17,8 @@ from lidarscene.errors import InputError
 from lidarscene.light.waveform import sampled
 
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=14", "sampler.full_scale=1e-4")
-LEVELS = ("sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 16, 32, 64]")
+LEVELS = ("sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 18, 32, 64]")
+"""Of the fog and the wall of `behind_fog` only the wall reaches 18 thresholds."""
 
 
 def behind_fog(*overrides):
@@ -46,8 +47,8 @@ def is_wall(stop):
     ],
 )
 def test_a_wall_behind_fog_is_found(overrides):
-    """Its noise is 4 % of its height over the fog. Of 300 beams noise may lift the fog, a third lower than the wall,
-    over one more level in a few: by its width there it is then the stronger.
+    """At its top, 21.5 thresholds high, noise is 0.67 of a threshold; at that of the fog, 15.4 high, 0.58: the first is
+    five deviations over the level at 18, the other four below it, so that not one of 300 beams in 300 runs is mistaken.
     """
     (stop,) = behind_fog(*overrides)
     assert is_wall(stop).mean() > 0.98
@@ -89,16 +90,27 @@ def test_a_comparator_s_first_edge_is_the_fog():
 
 
 def random_trains(sensor, pulses, *, seed):
-    """Sub-echoes at random places, up to sixteen thresholds of 5000 deviations high."""
+    """Sub-echoes at random places, up to sixteen thresholds of 5000 deviations high.
+
+    In two of five pulses some neighbours are 2.5 to 4.5 sigma_p apart, each at least two thresholds high: light between
+    them falls by a threshold, and mostly stays above one. Elsewhere that is rare.
+    """
     range_m, power = trains.random_trains(pulses, 6, sensor, seed=seed, spread_m=12.0)
-    return trains.train(range_m, 4000.0 * power)
+    power *= 4000.0
+    random, close = np.random.default_rng(seed + 1), 2 * pulses // 5
+    apart = random.uniform(2.5, 4.5, (close, 4)).cumsum(axis=1)
+    range_m[:close, :4] = range_m[:close, :1] + apart * trains.SIGMA_M
+    power[:close] = trains.power_at_snr(sensor, 5000.0) * random.uniform(2.0, 16.0, (close, 6))
+    power[:close, 1:4] *= random.uniform(size=(close, 3)) < 0.7
+    power[:close, 4:] = 0.0
+    return trains.train(range_m, power)
 
 
 @pytest.mark.parametrize(("keep", "dead_time_ns"), [("all", 0.0), ("strongest", 0.0), ("strongest", 30.0)])
 def test_peaks_of_any_train(keep, dead_time_ns):
     """Against SciPy's peaks of finely sampled waveforms that stand out by a threshold on both sides.
 
-    Noise is 2e-4 of the threshold. Trains with a peak whose height or prominence is within 1 % of it are left out, and
+    Noise is 2e-4 of the threshold. Trains with a peak whose height or prominence is within 5 % of it are left out, and
     with a valley on which the two rules differ: they ask how far the light falls between two peaks, SciPy to the next
     higher one. Of peaks nearer than the dead time both take the higher.
     """
@@ -136,8 +148,9 @@ def test_peaks_of_any_train(keep, dead_time_ns):
         have = [float(stop.range_m[pulse]) for stop in found.stops if stop.reported[pulse]]
         assert have == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)
         judged, several = judged + 1, several + (len(peaks) > 1)
-    assert judged > 60
-    assert keep == "strongest" or several > 10
+    # On average 100 are judged, and 60 have several; a binomial's deviation is 8 of these, and 7.
+    assert judged > 40
+    assert keep == "strongest" or several > 25
 
 
 ECHOES = ((100.0, 2000.0), (110.0, 4000.0), (130.0, 500.0))

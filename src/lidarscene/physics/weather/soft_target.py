@@ -79,8 +79,8 @@ def share_before_surface(
 def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Numbers:
     """An even grid, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
 
-    Linear interpolation is then good to 0.3 % of V, also on its rise. The grid begins as far before 0 as a pulse
-    reaches: air at the lens sends light back while the pulse's middle has not left yet.
+    Linear interpolation is then good to 0.3 % of the highest V, also on its rise. The grid begins as far before 0 as a
+    pulse reaches: air at the lens sends light back while the pulse's middle has not left yet.
     """
     length_m = pulse_length_m(fwhm_s=fwhm_s)
     nearest_m = -_REACH * length_m
