@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import chain
+from helpers import chain, trains
+from helpers.readings import on_light
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -173,3 +174,61 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     above = np.flatnonzero(seen >= level)
     marched_s = time_s[above[-1]] - time_s[above[0]]
     assert width_s[0] == pytest.approx(marched_s, rel=5e-3, abs=2e-12)
+
+
+def lone(equipped, snr, *, range_m=50.0, count=4000, seed=3):
+    """First returns of echoes of this SNR."""
+    light = trains.train(
+        np.full((count, 1), range_m), np.full((count, 1), trains.power_at_snr(equipped, snr))
+    )
+    return trains.detect(light, equipped, seed=seed).stops[0]
+
+
+def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
+    """Near the threshold a large deviate is a likely detection with either: the same seeds trip, but for a few."""
+    counted, gaussian = (
+        lone(chain.sensor("table1-sipm", f"detector.counting='{one}'"), 5.0).reported
+        for one in ("binomial", "gaussian")
+    )
+    assert 0.3 < gaussian.mean() < 0.7
+    assert np.mean(counted != gaussian) < 0.1
+
+
+def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
+    """However strong the echo is: the output never gets there."""
+    point = chain.sensor("table1-apd").working_point(np.array([trains.BACKGROUND_W]))
+    level_ua = 1e6 * 40.0 * float(point.noise[0])
+    for clips_ua, kept in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
+        equipped = chain.sensor(
+            "table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}"
+        )
+        assert lone(equipped, 4000.0, count=20).reported.all() == kept
+
+
+def test_no_time_is_before_the_pulse():
+    """An echo from the lens crosses while the pulse still leaves: its time counts as that of the pulse, 0."""
+    equipped = chain.sensor("table1-apd", "tdc.walk='raw'", "tdc.jitter_ps=500")
+    stop = lone(equipped, 1000.0, range_m=0.05)
+    assert stop.reported.all()
+    assert (stop.range_m == 0.0).all()
+
+
+def test_a_measured_peak_is_no_lower_than_what_it_tripped():
+    """Of a pulse on light that lasts, the light and a threshold: noise alone makes some as low as that."""
+    equipped = chain.sensor(
+        "table1-apd", "detector.circuit_noise_na=1e5", "tdc.threshold_to_noise=8", "tdc.stops=2",
+        "tdc.keep='last'",
+    )  # fmt: skip
+    one, _, _ = on_light(equipped, [(50.0, 20.0), (60.0, 1.1)], [(50.0, 0.0), (51.0, 1.5), (80.0, 1.5)])
+    (part,) = one.parts
+    many = dataclasses.replace(
+        one, found=np.full(4000, True), background_power_w=np.full(4000, trains.BACKGROUND_W),
+        parts=(dataclasses.replace(part, range_m=np.tile(part.range_m, 4000),
+                                   peak_power_w=np.tile(part.peak_power_w, 4000)),),
+        volume=dataclasses.replace(one.volume, scale=np.tile(one.volume.scale, 4000), end_m=np.full(4000, 1e6)),
+    )  # fmt: skip
+    stop = trains.detect(many, equipped, seed=2).stops[1]
+    seen = stop.reported & (np.abs(stop.range_m - 60.0) < 2.0)
+    assert 0.3 < seen.mean() < 0.95
+    level = float(equipped.threshold(equipped.working_point(np.array([trains.BACKGROUND_W])))[0])
+    assert stop.amplitude[seen].min() / level == pytest.approx(2.5, rel=1e-3)

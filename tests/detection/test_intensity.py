@@ -1,10 +1,11 @@
 """Intensity on the makers' scales: boards of known reflectivity through the whole chain, and the published tables."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import chain
+from helpers import chain, trains
 
 from lidarscene import load_sensor
 from lidarscene.detection import returns
@@ -137,3 +138,52 @@ def test_mistakes():
         chain.sensor("table1-apd", "intensity.kind='calibrated'")
     with pytest.raises(InputError, match=r"intensity.*retro_reflectivity"):
         chain.sensor("table1-apd", *REFLECTIVITY, "intensity.retro_reflectivity=1")
+
+
+def test_where_the_overlap_vanishes_a_board_reads_dark():
+    """A share of the spot below 1e-3 counts as that: the reading is P R^2 over 1e-3 of a white board's, and no more."""
+    sensor = chain.sensor(
+        "table1-apd", *REFLECTIVITY, "optics.overlap.transmitter_offset_mm=[60, 0]", "laser.exit_diameter_mm=5",
+        "laser.divergence_mrad=1",
+    )  # fmt: skip
+    assert float(sensor.optics.overlap.share(np.array([6.0]))[0]) < 2e-4
+    light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0), np.full(SHOTS, 6.0))
+    power = trains.power_at_snr(sensor, 50.0)
+    light = replace(light, peak_power_w=np.full(SHOTS, power))
+    stop = returns.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    values = stop.intensity[stop.reported & (stop.status == 0)]
+    white_w_m2 = 45.0 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser / math.pi
+    rho = power * 6.0**2 / (1e-3 * white_w_m2)
+    wanted = 100.0 * rho if rho < 1.0 else 100.0 + 155.0 * math.log(rho) / math.log(1000.0)
+    assert 5.0 < wanted < 250.0
+    assert np.median(values) == pytest.approx(wanted, rel=0.03, abs=0.5)
+
+
+def test_a_clipped_echo_behind_a_low_pass_reads_by_its_width():
+    """Twenty times the clipping level, of a pulse that the amplifier widens: its width tells the power, to 2 %."""
+    sensor = chain.sensor(
+        "table1-apd", "detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3",
+        "receiver.response='gaussian'", "tdc.bandwidth_mhz=60", "intensity.kind='range_corrected'",
+        "intensity.reference_m=50", "tdc.edges='both'",
+    )  # fmt: skip
+    assert sensor.peak_share < 0.9
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    power = float(np.ravel(point.power_w(np.array([0.1])))[0])
+    light = trains.train(np.full((200, 1), 50.0), np.full((200, 1), power))
+    stop = trains.detect(light, sensor).stops[0]
+    assert np.median(stop.intensity) == pytest.approx(power, rel=0.02)
+
+
+def test_the_scale_above_white_is_the_sensors():
+    """Boards that shine, read on both scales: linear up to its end, or by the logarithm."""
+    values = {}
+    for retro in ("linear", "logarithmic"):
+        sensor = chain.sensor("table1-apd", *REFLECTIVITY, f"intensity.retro='{retro}'")
+        light = ranging.echoes_of_plane(
+            sensor, Target(transmittance=1.0, reflectivity=0.5), np.full(400, 50.0)
+        )
+        light = replace(light, peak_power_w=4.0 * light.peak_power_w)
+        stop = returns.detect(light, sensor, seed=1, pulse=np.arange(400, dtype=np.uint32)).stops[0]
+        values[retro] = np.median(stop.intensity)
+    assert values["linear"] == pytest.approx(200.0, abs=3.0)
+    assert values["logarithmic"] == pytest.approx(100.0 + 155.0 * math.log(2.0) / math.log(1000.0), abs=2.0)

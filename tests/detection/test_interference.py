@@ -224,3 +224,38 @@ def test_scene_file(tmp_path):
     path.write_text(SCENE + text.replace("lidar", "radar"), encoding="utf-8")
     with pytest.raises(InputError, match="interference"):
         load_scene(path)
+
+
+def test_of_three_lidars_the_last_has_its_share_and_its_peaks():
+    """The strongest is the last: its share of the points is that of its pulses, and their peaks are its own, by
+    Kolmogorov and Smirnov at 1e-6; none is higher than where the amplifier clips.
+    """
+    sensor = chain.sensor("table1-apd", "detector.saturation_ua=30", "tdc.edges='rising'")
+    sources = lidar(1e5, 1e-6), lidar(5e4, 1e-6), lidar(5e4, 2e-3)
+    stop = detected(sensor, empty(sensor, *sources)).stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    amplitude = stop.amplitude[theirs]
+    assert amplitude.max() == pytest.approx(30e-6, rel=1e-12)
+    unclipped = chain.sensor("table1-apd")
+    stop = detected(unclipped, empty(unclipped, *sources)).stops[0]
+    theirs = stop.reported & (stop.status == Status.INTERFERENCE)
+    point = unclipped.working_point(np.array([0.0]))
+    power = point.power_w(stop.amplitude[theirs])
+    strong = power > 4.5e-5  # 16 dB from either median, 2.7 deviations
+    expected = 0.25 * norm.sf(-16.5 / SPREAD_DB) + 0.75 * norm.sf(16.5 / SPREAD_DB)
+    deviation = np.sqrt(expected * (1.0 - expected) / theirs.sum())
+    assert abs(strong.mean() - expected) < norm.isf(0.5e-6) * deviation
+    levels = 10.0 * np.log10(power[power > 2e-3] / 2e-3) / SPREAD_DB
+    assert kstest(2.0 * norm.sf(levels), "uniform").pvalue > 1e-6
+
+
+def test_each_lidars_pulses_are_drawn_apart():
+    """Two lidars and a converter that keeps the strongest four: no two of its points are at one time."""
+    sensor = chain.sensor("table1-apd", "tdc.keep='strongest'", "tdc.stops=4", "tdc.threshold_to_noise=8")
+    light = trains.train(np.full((2000, 1), 20.0), 0.0, background_w=0.0)
+    light = replace(light, interference=(lidar(1e6, 1e-5), lidar(1e6, 1e-5)))
+    stops = trains.detect(light, sensor, seed=5).stops
+    assert all(stop.reported.mean() > 0.8 for stop in stops)
+    ranges = np.sort(np.stack([np.where(stop.reported, stop.range_m, np.nan) for stop in stops]), axis=0)
+    # 2000 pulses have 12,000 pairs within 600 m: one of 1e-9 m has a probability of 1e-8 or so.
+    assert np.nanmin(np.diff(ranges, axis=0)) > 1e-9

@@ -497,3 +497,45 @@ def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
     stops = detect(light, equipped).stops
     assert sum(int(stop.reported[0]) for stop in stops) == found
     assert [int(stop.source[0]) for stop in stops[:found]] == [0, 1][:found]
+
+
+def test_a_comparator_that_missed_a_rise_is_low():
+    """As `test_a_crossing_in_a_valley_is_of_what_rises_behind_it`, behind a bright surface: that the comparator tripped
+    there before says nothing of the rise that it missed, and it trips in the valley behind that as often.
+    """
+    equipped = sensor("table1-apd", "tdc.threshold_to_noise=6", "tdc.walk='raw'", "tdc.stops=2")
+    count, power = 2000, power_at_snr(equipped, 6.0)
+    course = np.exp(-((np.linspace(0.0, 150.0, 3001) - 14.0) ** 2) / 18.0)
+    air = volume(course, np.full(count, 0.3 * power), np.full(count, 11.1))
+    light = train(
+        np.full((count, 3), (4.0, 10.0, 11.1)), np.full((count, 3), (40.0 * power, power, power)), volume=air
+    )
+    second = detect(light, equipped).stops[1]
+    range_m = np.arange(10.2, 10.9, 0.001)
+    one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
+    valley_m = range_m[np.argmin(sampled(one, equipped, range_m / HALF_C)[0][0])]
+    assert (second.reported & (np.abs(second.range_m - valley_m) < 0.005)).sum() > 100
+
+
+def test_even_light_has_no_range_but_that_which_is_reported():
+    """Of fog, in front of the lens too: without walk and noise to speak of the true range is the reported one, of an
+    edge, of a peak and of the middle of its samples; none is below 0.
+    """
+    quiet = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4", "tdc.walk='raw'"]
+    adc = ["sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=20", "sampler.full_scale=100"]
+    for overrides in ([], ["tdc.timing='peak'"], adc):
+        equipped = sensor("table1-apd", *quiet, *overrides)
+        power = power_at_snr(equipped, 3e4)
+        first = detect(
+            train(np.array([[60.0]]), np.array([[0.0]]), volume=fog(power, end_m=60.0)), equipped
+        ).stops[0]
+        assert first.status[0] == Status.WEATHER
+        assert first.true_range_m[0] == pytest.approx(float(first.range_m[0]), abs=0.02 * SIGMA_M)
+    equipped = sensor("table1-apd", *quiet)
+    near = replace(
+        volume(np.exp(-np.linspace(0.0, 150.0, 3001) / 3.0), power_at_snr(equipped, 1e6), 60.0), near_m=-2.0,
+        hump_m=(-2.0, 1.0),
+    )  # fmt: skip
+    first = detect(train(np.array([[60.0]]), np.array([[0.0]]), volume=near), equipped).stops[0]
+    assert first.reported[0]
+    assert first.true_range_m[0] == 0.0

@@ -12,7 +12,7 @@ from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.build import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
-from lidarscene.light.waveform import waveform
+from lidarscene.light.waveform import sampled, waveform
 from lidarscene.physics.optics import radiometry
 from lidarscene.rendering.stages import ambient_of
 
@@ -136,6 +136,105 @@ def test_derivatives_are_those_of_the_power(overrides):
     parts = 1.5 + np.sin(swing), by_place * np.cos(swing), -(by_place**2) * np.sin(swing)
     for have, own, part in zip(found, (here, slope, bend), parts, strict=True):
         np.testing.assert_allclose(have - own, peak * part, atol=4e-3 * peak * np.abs(part).max())
+
+
+COUPLED = ("receiver.ac_coupling_khz=500",)
+
+
+def behind_a_high_pass(time, powers, arrivals, rate):
+    """Gaussian pulses behind s - k * s, by small exact steps of K' = w (s - K); times in sigma_p."""
+    light = sum(p * np.exp(-0.5 * (time - a) ** 2) for p, a in zip(powers, arrivals, strict=True))
+    kept = np.exp(-rate * (time[1] - time[0]))
+    taken = np.zeros_like(light)
+    for k in range(1, len(time)):
+        taken[k] = kept * taken[k - 1] + (1.0 - kept) * 0.5 * (light[k] + light[k - 1])
+    return light - taken
+
+
+@pytest.mark.parametrize("coupling_khz", [500, 5000])
+def test_pulses_behind_a_high_pass(coupling_khz):
+    """Of three pulses, the last one weak, value and slopes are those of a high pass in small steps, from whose time w
+    the places count, and whose lone peak is one: to the 1.4e-4 of the undershoot's own form.
+    """
+    equipped = trains.sensor("table1-apd", f"receiver.ac_coupling_khz={coupling_khz}")
+    rate = float(equipped.coupling_rate)
+    assert rate == pytest.approx(2.0 * np.pi * 1e3 * coupling_khz * trains.SIGMA_S)
+    arrivals, powers = np.array([0.0, 6.0, 20.0]), np.array([1e-6, 3e-6, 1e-7])
+    wave = waveform(trains.train(30.0 + trains.SIGMA_M * arrivals[None], powers[None]), equipped)
+    time = np.arange(-10.0, 45.0, 2e-3)
+    lone = behind_a_high_pass(time[time < 10.0], [1.0], [0.0], rate)
+    wanted = behind_a_high_pass(time, powers, arrivals, rate) / lone.max()
+    assert time[np.argmax(lone)] == pytest.approx(-rate, abs=rate**2 + 2e-3)
+    slope = np.gradient(wanted, time)
+    references = wanted, slope, np.gradient(slope, time)
+    for found, reference in zip(wave.at(time + rate), references, strict=True):
+        np.testing.assert_allclose(found[10:-10], reference[10:-10], atol=4e-4 * powers.max())
+    # Far behind them the baseline is as low as the areas of the pulses say, and recovers.
+    area = np.sqrt(2.0 * np.pi) * rate * (powers * np.exp(0.5 * rate**2 - rate * (40.0 - arrivals))).sum()
+    found = wave.at(np.array([40.0 + rate]))[0][0]
+    assert found == pytest.approx(-area / lone.max(), rel=1e-3)
+
+
+@pytest.mark.parametrize("foggy", [False, True])
+@pytest.mark.parametrize("overrides", [(), COUPLED, ("receiver.response='gaussian'", *COUPLED)])
+def test_even_places_see_all_light(overrides, foggy):
+    """A comb of places has the power of the waveform there, place by place: pulses, their undershoot and the air. So
+    has the finely sampled signal, at the time of one place.
+    """
+    equipped = trains.sensor("table1-apd", *overrides)
+    range_m, power = trains.random_trains(40, 3, equipped, seed=5)
+    air = None
+    if foggy:
+        course = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))
+        air = echoes.Volume(
+            shape=course, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(40, 0.3 * power.max()),
+            end_m=np.full(40, 1e4), extinction_per_m=0.0,
+        )  # fmt: skip
+    light = trains.train(range_m, power, volume=air)
+    wave = waveform(light, equipped)
+    start, spacing = np.full(40, -2.0), np.full(40, 0.4)
+    comb = wave.evenly(start, spacing, start + 12 * spacing)
+    parts = tuple(comb.parts)
+    for number in range(25):
+        place = start + number * spacing
+        wanted = wave.at(place)[0]
+        np.testing.assert_allclose(comb.power_w(place, parts), wanted, atol=1e-9 * power.max())
+        parts = comb.following(parts)
+        if number == 12:
+            point = equipped.working_point(light.background_power_w)
+            times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))
+            signal = np.diagonal(sampled(light, equipped, times_s)[1])
+            np.testing.assert_allclose(
+                signal, point.signal(wanted), atol=1e-6 * point.signal(power.max()).max()
+            )
+    assert np.all((wave.air_w(start) > 0.0) == foggy)
+
+
+def test_a_clipped_pulse_has_the_undershoot_of_what_passes():
+    """The baseline behind it is low by the signal's area: of a pulse that clips no more than at the clipping level."""
+    equipped = trains.sensor("table1-apd", *COUPLED, "detector.saturation_ua=5")
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    clips_w = float(np.ravel(point.power_w(5e-6))[0])
+    behind = [
+        waveform(trains.train(np.full((1, 1), 30.0), np.full((1, 1), watts)), equipped).at(np.array([10.0]))[
+            0
+        ][0]
+        for watts in (0.5 * clips_w, clips_w, 100.0 * clips_w)
+    ]
+    assert behind[0] < 0.0
+    assert behind[1] == pytest.approx(2.0 * behind[0], rel=2e-2)  # half of its own peak passes as it is
+    assert behind[2] == pytest.approx(behind[1], rel=1e-9)
+
+
+def test_an_amplifier_changes_no_light():
+    """The optical power of fog is the same whatever follows the detector: to what fog bends over a pulse's width."""
+    times_s = radiometry.time_of_flight_s(range_m=np.linspace(8.0, 30.0, 50))
+    powers = []
+    for overrides in ((), ("receiver.response='single_pole'", "tdc.bandwidth_mhz=60")):
+        equipped = trains.sensor("table1-apd", *overrides)
+        powers.append(sampled(trains.in_fog(equipped, np.ones(1)), equipped, times_s)[0][0])
+    assert equipped.peak_share < 0.9
+    np.testing.assert_allclose(powers[1], powers[0], rtol=0.015)
 
 
 @pytest.mark.parametrize("case", ["apd", "filtered", "levels", "adc"])

@@ -8,6 +8,7 @@ from helpers import trains
 from helpers.trains import detect, sensor, train
 from scipy.stats import norm
 
+from lidarscene.detection.outcomes import Status
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
@@ -49,3 +50,15 @@ def test_false_alarms_by_what_is_kept(keep):
     assert abs(len(have[0]) - len(wanted[0])) < limit * math.sqrt(2.0 * len(wanted[0]))
     both = found.stops[0].reported & found.stops[1].reported
     assert (found.stops[0].range_m[both] <= found.stops[1].range_m[both]).all()
+
+
+def test_an_alarm_is_beside_the_strongest_echo():
+    """Its source and true range are those of the pulse's strongest sub-echo, the second of three."""
+    equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", "tdc.window_us=2")
+    power = trains.power_at_snr(equipped, 1.0) * np.array([0.2, 0.4, 0.3])
+    found = detect(train(np.tile((50.0, 70.0, 90.0), (4000, 1)), np.tile(power, (4000, 1))), equipped)
+    for stop in found.stops:
+        alarms = stop.reported & (stop.status == Status.FALSE_ALARM)
+        assert alarms.any()
+        np.testing.assert_allclose(stop.true_range_m[alarms], 70.0)
+        assert (stop.source[alarms] == 1).all()

@@ -228,3 +228,56 @@ def test_on_the_device(mi, equipment):
         both = one.reported & reported
         off_m = np.abs(one.range_m - np.array(other.range_m.numpy()))[both]
         assert np.mean(off_m > 2e-3) < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("background_w", "signals", "arrivals_ns"),
+    [
+        (DIM_W, (50.0, 50.0, 50.0, 120.0), (0.0, 5.0, 10.0, 15.0)),  # all cells that fired are still busy
+        (DIM_W, (90.0, 20.0, 20.0, 120.0), (0.0, 27.0, 32.0, 37.0)),  # those of the first have long revived
+        (BRIGHT_W, (90.0, 30.0, 100.0), (0.0, 13.0, 26.0)),
+    ],
+)
+def test_peak_behind_several_echoes(background_w, signals, arrivals_ns):
+    """The brightest pulse comes last, and finds what those before have left: the SNR of the waveform is that of the
+    most cells busy at a time. Reference: cells simulated one by one. 10 %: all but the last echo before count as one.
+    """
+    equipped = sensor("table1-sipm", IN_TIME, *KEYS)
+    point = equipped.working_point(np.array([background_w]))
+    powers = [float(point.power_w(np.array([one]))[0]) for one in signals]
+    arrivals = 1e-9 * np.array(arrivals_ns)
+    range_m = 30.0 + 0.5 * SPEED_OF_LIGHT_M_S * arrivals
+    found = detect(train(range_m[None], np.array([powers]), background_w=background_w), equipped)
+    time_s, count = counts(equipped, background_w, powers, arrivals, shots=60)
+    last = np.abs(time_s - arrivals[-1] - 2e-9) < 4e-9
+    assert found.snr[0] * point.noise[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.1)
+
+
+def test_what_is_left_counts_as_signal_for_the_walk():
+    """A sensor knows nothing of the charge: it takes off the walk of a lone pulse as high as what it measures, shot by
+    shot, to rounding: sigma_p sqrt(2 ln(A / U)).
+    """
+    keys = ("detector.saturation_ua=50", "detector.recovery_ns=5", "tdc.stops=3", "tdc.edges='rising'")
+    read = []
+    for walk in ("corrected", "raw"):
+        equipped = sensor("table1-apd", *keys, f"tdc.walk='{walk}'")
+        found, _, _ = echoes(equipped, 2.5e-8, (5e-3, 3e-6), 9.5)
+        read.append(found.stops[1])
+    corrected, raw = read
+    seen = corrected.reported & (corrected.status == 0)
+    assert seen.mean() > 0.9
+    level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
+    early_s = SIGMA_S * np.sqrt(2.0 * np.log(corrected.amplitude[seen] / level))
+    np.testing.assert_allclose(
+        (corrected.range_m - raw.range_m)[seen], 0.5 * SPEED_OF_LIGHT_M_S * early_s, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("order", [(1.0, 2.0, 3.0), (1.0, 3.0, 2.0), (3.0, 2.0, 1.0)])
+def test_the_snr_of_a_pulse_is_that_of_its_brightest_echo(order):
+    """Wherever that is among others far from it."""
+    equipped = sensor("table1-apd")
+    light = train(
+        np.array([[40.0, 60.0, 80.0]]), 10.0 * trains.power_at_snr(equipped, 1.0) * np.array([order])
+    )
+    assert detect(light, equipped).snr[0] == pytest.approx(30.0, rel=1e-6)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
+from helpers.readings import on_light
 from scipy.constants import c
 from scipy.signal import find_peaks
-from scipy.stats import norm
+from scipy.stats import kstest, norm
 
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import Status
@@ -216,3 +217,66 @@ def test_alarms_beside_the_strongest_and_the_last():
 def test_stops_of_strongest_and_last_are_two():
     with pytest.raises(InputError, match='stops: must be 2 with keep = "strongest_and_last", got 3'):
         load_sensor("table1-apd", overrides=["tdc.keep='strongest_and_last'", "tdc.stops=3"])
+
+
+CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")
+
+
+@pytest.mark.parametrize(
+    ("peaks", "wanted"),
+    [
+        # Peaks and the valleys between them, in thresholds, and those that are pulses of their own: each rises by a
+        # threshold over the lowest light since the last one, which is a threshold over that itself.
+        ([6.0, 2.0, 3.2], [0, 1]),
+        ([6.0, 2.0, 2.9], [0]),
+        ([6.0, 2.0, 2.6, 2.4, 3.2], [0, 2]),  # 1.2 over the valley before a bump that is none
+        ([6.0, 2.0, 2.5, 2.3, 2.9], [0]),  # neither bump is one
+        ([2.0, 1.8, 2.5], [1]),  # of two that are one the higher
+        ([2.5, 1.8, 2.0], [0]),
+        ([1.5, 0.3, 1.4], [0, 1]),  # below the threshold in between
+    ],
+)
+def test_pulses_by_their_valleys(peaks, wanted):
+    """The rule of (T75) on light in straight lines from peak to valley, 3 m apart. SciPy's prominences say the same.
+
+    The place of a corner is good to the differences that stand for the slope of such light.
+    """
+    sensor = load_sensor("table1-apd", overrides=["tdc.timing='peak'", "tdc.keep='all'", *CLEAN])
+    corners = [(45.0, 0.0), *((50.0 + 3.0 * i, height) for i, height in enumerate(peaks))]
+    corners.append((corners[-1][0] + 5.0, 0.0))
+    light, fine_m, power = on_light(sensor, [(30.0, 0.0)], corners)
+    tops, _ = find_peaks(power, height=1.0, prominence=1.0 - 1e-9)
+    assert list(fine_m[tops]) == pytest.approx([50.0 + 6.0 * i for i in wanted], abs=0.02)
+    found = trains.detect(light, sensor)
+    have = [float(stop.range_m[0]) for stop in found.stops if stop.reported[0]]
+    assert have == pytest.approx([50.0 + 6.0 * i for i in wanted], abs=0.3 * trains.SIGMA_M)
+
+
+@pytest.mark.parametrize("rate", [2.0, 25.0])
+def test_the_last_and_the_highest_of_many_alarms(rate):
+    """Crossings of an empty window are a Poisson process of ``rate`` in it: from the last one to the window's end the
+    time is exponential, and so are the heights of all, of which the highest is kept. Kolmogorov and Smirnov at 1e-6.
+    """
+    plain = load_sensor("table1-apd").tdc
+    probability = rate / (plain.bandwidth_hz * plain.window_s)
+    tnr = float(norm.isf(-math.expm1(-probability)))
+    sensor = load_sensor(
+        "table1-apd", overrides=[f"tdc.threshold_to_noise={tnr!r}", "tdc.keep='strongest_and_last'"]
+    )
+    light = trains.train(np.full((6000, 1), 50.0), np.zeros((6000, 1)))
+    found = trains.detect(light, sensor, seed=5)
+    times = np.stack([np.where(stop.reported, stop.range_m, -1.0) for stop in found.stops]).max(axis=0)
+    there = times >= 0.0
+    assert abs(there.mean() + math.expm1(-rate)) < 5.0 * math.sqrt(math.exp(-rate) / 6000) + 1e-9
+    waits = (sensor.tdc.window_s - times[there] * 2.0 / c) / sensor.tdc.window_s * rate
+    none = math.exp(-rate)
+    assert kstest(waits, lambda x: -np.expm1(-np.asarray(x)) / (1.0 - none)).pvalue > 1e-6
+    if rate > 10.0:  # more than the converter has stops for: the highest are of those
+        return
+    point = sensor.working_point(light.background_power_w[:1])
+    level = float(sensor.threshold(point)[0])
+    highest = np.stack([np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]).max(axis=0)
+    over = (highest[there] - level) * level / float(point.noise[0]) ** 2
+    assert (
+        kstest(over, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6
+    )
