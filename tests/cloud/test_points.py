@@ -14,6 +14,7 @@ from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_colu
 
 from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
+from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
@@ -278,3 +279,33 @@ def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: 
     cloud = PointCloud(**builder.fields())
     for name in ("radial_velocity_m_s", "sensor_index", "range_m"):
         np.testing.assert_array_equal(getattr(cloud, name), np.concatenate([part[name] for part in parts]))
+
+
+def test_of_a_rig_the_first_sensor_counts() -> None:
+    """Place, turn and start are those of the first; the world is one and the same."""
+    metadata = {
+        "frame": "vehicle",
+        "sensor_position_m": "1 2 3 4 5 6",
+        "sensor_rotation": "0 -1 0 1 0 0 0 0 1 1 0 0 0 1 0 0 0 1",
+        "frame_start_s": "0.5 0.75",
+        "sensor_to_world": "1 0 0 10 0 0 -1 20 0 1 0 30",
+    }
+    cloud = small_cloud(metadata=metadata)
+    assert cloud.sensor_place.position_m.tolist() == [1, 2, 3]
+    assert cloud.sensor_place.rotation.tolist() == [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    assert cloud.frame_start_s == 0.5
+    assert cloud.sensor_to_world is not None
+    assert cloud.sensor_to_world.rotation.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    # The sensor itself, from the frame of the points into the world, is where it stands there.
+    place = cloud.frame_to_world
+    assert place is not None
+    np.testing.assert_allclose(place.apply(np.array([[1.0, 2.0, 3.0]])), [[10.0, 20.0, 30.0]], atol=1e-12)
+    # Its own x is y of the vehicle and x of the world.
+    np.testing.assert_allclose(place.rotation @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("frames", [("sensor", "sensor"), ("world", "vehicle")])
+def test_clouds_in_frames_of_their_own_are_not_merged(frames: tuple[str, str]) -> None:
+    parts = [small_cloud(metadata={"frame": frame, "sensor_position_m": "0 0 0"}) for frame in frames]
+    with pytest.raises(ValueError, match="must be in one frame, world or vehicle"):
+        merged(parts, ["a", "b"])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -397,3 +398,32 @@ def test_a_row_without_beams_stays_empty() -> None:
     np.testing.assert_allclose(found.elevation_deg, np.arange(7) - 0.5, atol=1e-9)
     assert (found.point[3] == NOTHING).all()
     assert (np.delete(found.point, 3, axis=0) != NOTHING).all()
+
+
+def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_path: Path) -> None:
+    """Left is positive and up is up: azimuths fall from left to right, elevations from top to bottom, by one and the
+    same number of pixels for each degree; and the scale of the ranges has the far ones on top.
+    """
+    range_image(cloud, tmp_path / "a.svg")
+    tree = ElementTree.parse(tmp_path / "a.svg").getroot()
+    texts = [one for one in tree.iter() if one.tag.endswith("text") and one.text]
+    placed: dict[str, list[tuple[float, float]]] = {"x": [], "y": [], "scale": []}
+    numbers = []
+    for one in texts:
+        word = str(one.text).replace("\N{MINUS SIGN}", "-")
+        if re.fullmatch(r"-?[0-9.]+", word) and not one.get("transform"):
+            numbers.append((float(word), float(one.get("x", "0")), float(one.get("y", "0"))))
+    below = max(y for _, _, y in numbers)
+    for value, x, y in numbers:
+        key = "x" if y == below else "scale" if x > 1700 else "y"
+        placed[key].append((value, x if key == "x" else y))
+    for key, points in placed.items():
+        values, pixels = np.array(points).T
+        order = np.argsort(values)
+        steps = np.diff(pixels[order])
+        assert len(steps) >= 1, key
+        assert (steps < 0).all(), key
+        if key != "scale":
+            np.testing.assert_allclose(
+                steps / np.diff(values[order]), steps[0] / np.diff(values[order])[0], rtol=0.05
+            )

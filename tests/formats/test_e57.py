@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import need
 
 from lidarscene.cloud.points import PointCloud
+from lidarscene.formats import e57
 from lidarscene.formats.described import LARGEST
 
 N = 50
@@ -85,3 +87,39 @@ def test_e57_without_its_library(tmp_path: Path) -> None:
     names = [element.tag for element in prototype]
     assert "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}cartesianX" in names
     assert "{https://lidarscene.invalid/e57/1}snr" in names
+
+
+def test_e57_says_how_far_it_reaches(tmp_path: Path) -> None:
+    """Reference: the scan's own entries in the XML section, and the least and largest of the points."""
+    need("e57")
+    cloud = small_cloud(N, channel=np.arange(3, 3 + N), return_number=np.full(N, 3))
+    cloud.save(tmp_path / "a.e57")
+    data = (tmp_path / "a.e57").read_bytes()
+    pages = np.frombuffer(data, np.uint8).reshape(-1, 1024)[:, :1020]
+    start, length = struct.unpack_from("<QQ", data, 24)
+    logical = start // 1024 * 1020 + start % 1024
+    root = ElementTree.fromstring(pages.tobytes()[logical : logical + length])
+
+    def entry(name: str) -> float:
+        return float(root.findtext(f".//{{*}}{name}") or 0.0)
+
+    for column, axis in enumerate("xyz"):
+        values = cloud.xyz_m[:, column]
+        ends = [entry(f"{axis}{end}") for end in ("Minimum", "Maximum")]
+        np.testing.assert_allclose(ends, [values.min(), values.max()])
+        assert ends[0] < ends[1]
+    assert [entry("rowMaximum"), entry("returnMinimum"), entry("returnMaximum")] == [N + 2, 0, 2]
+    assert entry("intensityMaximum") == pytest.approx(cloud.intensity.max())
+    assert entry("intensityMinimum") == 0.0
+
+
+def test_e57_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: Any) -> None:
+    need("e57")
+    monkeypatch.setattr(e57, "BLOCK_POINTS", 8)
+    cloud = small_cloud(19)
+    cloud.save(tmp_path / "a.e57")
+    file = library("pye57").E57(str(tmp_path / "a.e57"))
+    raw = file.read_scan_raw(0, ignore_unsupported_fields=True)
+    for i, axis in enumerate("XYZ"):
+        np.testing.assert_array_equal(raw[f"cartesian{axis}"], cloud.xyz_m[:, i])
+    file.close()

@@ -4,8 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from helpers.clouds import small_cloud
 
 from lidarscene.cloud.points import PointCloud
+from lidarscene.formats import kitti
 
 
 def test_kitti_and_nuscenes(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
@@ -13,9 +16,18 @@ def test_kitti_and_nuscenes(tmp_path: Path, library: Any, street_cloud: PointClo
     street_cloud.save(tmp_path / "a.bin")
     street_cloud.save(tmp_path / "a.pcd.bin")
     own = street_cloud.in_sensor_frame()
-    kitti = library("pykitti.utils").load_velo_scan(str(tmp_path / "a.bin"))
-    np.testing.assert_array_equal(kitti[:, :3], own.xyz_m)
-    np.testing.assert_array_equal(kitti[:, 3], own.intensity)
+    theirs = library("pykitti.utils").load_velo_scan(str(tmp_path / "a.bin"))
+    np.testing.assert_array_equal(theirs[:, :3], own.xyz_m)
+    np.testing.assert_array_equal(theirs[:, 3], own.intensity)
     nuscenes = np.fromfile(tmp_path / "a.pcd.bin", dtype=np.float32).reshape(-1, 5)
-    np.testing.assert_array_equal(nuscenes[:, :4], kitti)
+    np.testing.assert_array_equal(nuscenes[:, :4], theirs)
     np.testing.assert_array_equal(nuscenes[:, 4], own.channel)
+
+
+def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kitti, "BLOCK_POINTS", 8)
+    for n in (7, 8, 9, 24):
+        cloud = small_cloud(n)
+        cloud.save(tmp_path / "a.bin")
+        rows = np.fromfile(tmp_path / "a.bin", "<f4").reshape(-1, 4)
+        np.testing.assert_array_equal(rows, np.column_stack([cloud.xyz_m, cloud.intensity]))

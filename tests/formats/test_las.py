@@ -166,3 +166,35 @@ def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, told: st
     path.write_bytes(data)
     with pytest.raises(InputError, match=told):
         PointCloud.load(path)
+
+
+def test_las_standard_fields_at_their_ends(tmp_path: Path, library: Any) -> None:
+    """Steps of 0.006 degrees up to 180, classes up to 255, and pulses told apart by each of what a pulse has."""
+    need("las")
+    columns = {
+        "azimuth_rad": np.radians([-180.0, 180.0, 0.6, 0.6, 0.6, 0.6, 0.6]),
+        "elevation_rad": [0, 0, 0, 0, 0.1, 0.1, 0.1],
+        "channel": [0, 0, 0, 1, 1, 1, 1],
+        "time_s": [0, 0, 0, 0, 0, 1e-6, 1e-6],
+        "return_number": [1, 1, 1, 1, 1, 1, 2],
+        "class_id": [0, 1, 190, 191, 192, 250, -1],
+        "status": [0] * 7,
+        "intensity": [0.0, 1, 2, 3, 4, 0.5, 8],
+    }
+    given = {name: np.array(values) for name, values in columns.items()}
+    small_cloud(7, class_names=(), **given).save(tmp_path / "a.las")
+    las = library("laspy").read(tmp_path / "a.las")
+    np.testing.assert_array_equal(las["scan_angle"], [-30_000, 30_000, 100, 100, 100, 100, 100])
+    np.testing.assert_array_equal(las.classification, [64, 65, 254, 255, 255, 255, 1])
+    np.testing.assert_array_equal(las.number_of_returns, [1, 1, 1, 1, 1, 2, 2])
+    np.testing.assert_array_equal(las.intensity, np.rint(np.array(columns["intensity"]) / 8 * 65_535))
+
+
+def test_las_returns_beyond_fifteen(tmp_path: Path, library: Any) -> None:
+    """Four bits: the number of a return is never above that of all."""
+    need("las")
+    same = {name: np.zeros(17) for name in ("azimuth_rad", "elevation_rad", "channel", "time_s")}
+    small_cloud(17, return_number=np.arange(1, 18), **same).save(tmp_path / "a.las")
+    las = library("laspy").read(tmp_path / "a.las")
+    np.testing.assert_array_equal(las.return_number, np.minimum(np.arange(1, 18), 15))
+    np.testing.assert_array_equal(las.number_of_returns, np.full(17, 15))

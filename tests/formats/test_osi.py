@@ -1,5 +1,6 @@
 """OSI: as betterosi reads it."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import osi_messages, value_at
+
+from lidarscene.formats.osi import timestamp
 
 N = 50
 
@@ -62,3 +65,34 @@ def test_an_empty_osi_frame(tmp_path: Path, library: Any) -> None:
     small_cloud(0).save(tmp_path / "a.osi")
     (data,) = osi_messages(tmp_path / "a.osi", "SensorData", library)
     assert len(data.feature_data.lidar_sensor[0].detection) == 0
+
+
+def test_every_lidar_has_its_own_count_and_time(tmp_path: Path, library: Any) -> None:
+    """0.29 s are 289,999,999.99999994 ns in floating point: the nearest whole number is right."""
+    cloud = small_cloud(N, metadata={"frame_start_s": "7.29"})
+    cloud.save(tmp_path / "a.osi")
+    (data,) = osi_messages(tmp_path / "a.osi", "SensorData", library)
+    assert (data.timestamp.seconds, data.timestamp.nanos) == (7, 290_000_000)
+    lidars = data.feature_data.lidar_sensor
+    for index, one in enumerate(lidars):
+        time = one.header.measurement_time
+        assert (time.seconds, time.nanos) == (7, 290_000_000)
+        assert one.header.number_of_valid_detections == np.count_nonzero(cloud.sensor_index == index)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1 + 0.2, 1.1 - 0.2, 4.35, 1_700_000_000.57])
+def test_times_are_to_the_nearest_nanosecond(seconds: float) -> None:
+    """Reference: the number itself, as a fraction; a wire of fields 1 and 2, seven bits a byte."""
+    content, numbers = timestamp(1, seconds), []
+    at = 2
+    while at < len(content):
+        value, shift, at = 0, 0, at + 1
+        while content[at] & 0x80:
+            value, shift, at = value | (content[at] & 0x7F) << shift, shift + 7, at + 1
+        numbers.append(value | content[at] << shift)
+        at += 1
+    whole, nanoseconds = numbers
+    assert nanoseconds < 10**9
+    # A product of two doubles is rounded once: of 1.7e9 s to 256 ns.
+    off = abs(Fraction(whole) + Fraction(nanoseconds, 10**9) - Fraction(seconds))
+    assert off <= Fraction(1, 2 * 10**9) + Fraction(seconds) * Fraction(2) ** -53

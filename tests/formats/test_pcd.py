@@ -1,5 +1,6 @@
 """PCD: as Open3D reads it, and its header against the specification."""
 
+import struct
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -76,3 +77,36 @@ def test_pcd_counts_its_points(tmp_path: Path) -> None:
             InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"
         ):
             PointCloud.load(path)
+
+
+@pytest.mark.parametrize("ascii", [False, True])
+def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ascii: bool) -> None:
+    """Infinity of both signs, too, for which text has no word."""
+    monkeypatch.setattr(pcd, "BLOCK_POINTS", 8)
+    for n in (7, 8, 9, 24):
+        snr = np.resize(np.float32([np.inf, -np.inf, 0.1, -3.4e38]), n)
+        time_s = np.resize([1 / 3, 0.1, 2.0**53 + 2, 5e-324], n)
+        cloud = small_cloud(n, snr=snr, time_s=time_s)
+        cloud.save(tmp_path / "a.pcd", ascii=ascii)
+        assert_same(PointCloud.load(tmp_path / "a.pcd"), cloud)
+
+
+def test_an_array_of_other_programs_is_rows_by_columns(tmp_path: Path) -> None:
+    """WIDTH is the length of a row, HEIGHT the number of rows (PCD 0.7)."""
+    head = "VERSION 0.7\nFIELDS x\nSIZE 4\nTYPE F\nCOUNT 1\nWIDTH 3\nHEIGHT 2\nPOINTS 6\nDATA binary\n"
+    (tmp_path / "a.pcd").write_bytes(head.encode() + np.arange(6, dtype="<f4").tobytes())
+    columns, shape = pcd.pcd_columns(tmp_path / "a.pcd")
+    assert shape == (2, 3)
+    assert columns["x"].tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_compressed_file_begins_with_both_lengths(tmp_path: Path, library: Any) -> None:
+    """PCD 0.7: the compressed length, then the whole one, 32 bits each; then column after column."""
+    need("pcd-compressed")
+    cloud = small_cloud(N)
+    cloud.save(tmp_path / "a.pcd", format="pcd-compressed")
+    _, body = (tmp_path / "a.pcd").read_bytes().split(b"DATA binary_compressed\n", 1)
+    packed, size = struct.unpack_from("<II", body)
+    assert packed == len(body) - 8 < size == N * sum(cloud.column(c.name).itemsize for c in cloud.columns)
+    whole = library("lzf").decompress(body[8:], size)
+    np.testing.assert_array_equal(np.frombuffer(whole, "<f4", N), cloud.xyz_m[:, 0])

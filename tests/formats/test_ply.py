@@ -4,6 +4,7 @@ import errno
 import io
 import os
 import signal
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -338,3 +339,43 @@ def test_colours_for_viewers(tmp_path: Path, ascii: bool) -> None:
         np.testing.assert_array_equal(with_colours.column(column.name), plain.column(column.name))
     with pytest.raises(InputError, match="this format has no colours; ply can have some"):
         cloud.save(tmp_path / "c.npz", colour_by="class")
+
+
+def test_every_scalar_type_of_ply(tmp_path: Path) -> None:
+    """Turk's file format, and the names that later programs gave the same types; least and largest number of each."""
+    types = {
+        "i1": ("char", "int8"),
+        "u1": ("uchar", "uint8"),
+        "i2": ("short", "int16"),
+        "u2": ("ushort", "uint16"),
+        "i4": ("int", "int32"),
+        "u4": ("uint", "uint32"),
+        "f4": ("float", "float32"),
+        "f8": ("double", "float64"),
+    }
+    fields = [(f"{name}_", kind) for kind, names in types.items() for name in names]
+    for word, order in (("binary_little_endian", "<"), ("binary_big_endian", ">")):
+        rows = np.zeros(2, [(name, order + kind) for name, kind in fields])
+        for name, kind in fields:
+            about = np.iinfo(kind) if kind[0] in "iu" else np.finfo(kind)
+            rows[name] = [about.min, about.max]
+        lines = [f"property {name[:-1]} {name}" for name, _ in fields]
+        head = "\n".join(["ply", f"format {word} 1.0", "element vertex 2", *lines, "end_header", ""])
+        (tmp_path / "a.ply").write_bytes(head.encode() + rows.tobytes())
+        columns = ply.ply_columns(tmp_path / "a.ply")
+        assert list(columns) == [name for name, _ in fields]
+        for name, values in columns.items():
+            np.testing.assert_array_equal(values, rows[name])
+
+
+def test_columns_of_ours_in_another_reader(tmp_path: Path) -> None:
+    """What is no cloud: trimesh finds the places, and the bytes are little-endian."""
+    columns = {
+        "x": np.float32([1, 2]),
+        "y": np.float32([3, 4]),
+        "z": np.float32([5, 6]),
+        "n": np.int32([7, -8]),
+    }
+    ply.write_columns(tmp_path / "a.ply", columns, comments=["Maß"])
+    np.testing.assert_array_equal(trimesh.load(tmp_path / "a.ply").vertices, [[1, 3, 5], [2, 4, 6]])
+    assert (tmp_path / "a.ply").read_bytes().endswith(struct.pack("<fffi", 2, 4, 6, -8))

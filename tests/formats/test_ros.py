@@ -10,6 +10,7 @@ from helpers.clouds import small_cloud
 from helpers.formats import file_of, need, rotated
 
 from lidarscene.cloud.points import PointCloud
+from lidarscene.formats.ros import structured
 
 LAYOUTS = {
     "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
@@ -57,6 +58,7 @@ def test_point_cloud_2(
     fields = {field.name: (field.offset, field.datatype) for field in points.fields}
     assert {name: fields[name] for name in LAYOUTS[layout]} == LAYOUTS[layout]
     assert (points.header.frame_id, points.height, points.width) == ("lidar", 1, len(own))
+    assert not points.is_bigendian
     assert points.row_step == points.width * points.point_step == len(points.data)
     rows = np.frombuffer(
         bytes(points.data),
@@ -105,3 +107,52 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
         (300_000_000, 300_000_000, 3),
         (500_000_000, 500_000_000, 5),
     ]
+
+
+def test_layouts_are_those_of_the_drivers() -> None:
+    """velodyne_pointcloud (datatypes.hpp: PointXYZIRT, packed) and ouster_ros (point.h: aligned to 16 bytes)."""
+    velodyne, ouster = (
+        structured(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster")
+    )
+    place = {
+        name: (velodyne[name][1], velodyne[name][0].str)
+        for name in ("x", "y", "z", "intensity", "ring", "time")
+    }
+    assert place == {
+        "x": (0, "<f4"),
+        "y": (4, "<f4"),
+        "z": (8, "<f4"),
+        "intensity": (12, "<f4"),
+        "ring": (16, "<u2"),
+        "time": (18, "<f4"),
+    }
+    names = ("x", "y", "z", "intensity", "t", "reflectivity", "ring", "ambient", "range")
+    assert {name: (ouster[name][1], ouster[name][0].str) for name in names} == {
+        "x": (0, "<f4"),
+        "y": (4, "<f4"),
+        "z": (8, "<f4"),
+        "intensity": (16, "<f4"),
+        "t": (20, "<u4"),
+        "reflectivity": (24, "<u2"),
+        "ring": (26, "<u2"),
+        "ambient": (28, "<u2"),
+        "range": (32, "<u4"),
+    }
+    assert min(offset for name, (_, offset, *_) in ouster.items() if name not in names) == 48
+
+
+def test_numbers_of_the_ouster_driver() -> None:
+    """Nanoseconds, millimetres and percent, to the nearest whole one, and to the ends of what a field holds."""
+    columns = {
+        "time_s": [0.0, 1.6e-9, 9.0],
+        "range_m": [1.0006, 0.0, 12.3456],
+        "reflectivity": [0.104, 0.0, 700.0],
+        "ambient": [2.6, -1.0, 70_000.0],
+    }
+    rows = structured(
+        small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster"
+    )
+    assert rows["t"].tolist() == [0, 2, 2**32 - 1]
+    assert rows["range"].tolist() == [1001, 0, 12346]
+    assert rows["reflectivity"].tolist() == [10, 0, 65535]
+    assert rows["ambient"].tolist() == [3, 0, 65535]

@@ -744,3 +744,59 @@ def test_visibility_of_a_rig() -> None:
         assert box.visibility * box.beams == pytest.approx(reached)
     with pytest.raises(InputError, match="the cloud is of several sensors"):
         both.in_sensor_frame()
+
+
+def test_what_stands_is_not_labelled_as_moving() -> None:
+    """A course without speed is none; one that turns on the spot is one."""
+    cloud, scene = driving(motion_in="removed")
+    for course, number in (
+        (Course(), 10),
+        (Course(yaw_rate_rad_s=0.1), 252),
+        (Course(velocity_m_s=(0, 0, 1)), 252),
+    ):
+        stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
+        semantic, _ = labels.point_labels(cloud, stands)
+        assert set(semantic[cloud.body == 0].tolist()) == {number}
+
+
+@pytest.mark.parametrize(("short_m", "reached"), [(-0.02, 1), (0.0, 1), (0.049, 1), (0.051, 0), (3.0, 0)])
+def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, reached: int) -> None:
+    """By 5 cm, the error of a range. The block's near face is 8 m ahead; the beam has an echo there or before."""
+    scene = Scene(bodies=(street.block("block", "car", CAR, street.at(10.0, 0.0, 0.0, 0.0)),))
+    cloud = street.cloud("sensor", described=scene, sensor=Pose(), step_deg=6.0)
+    ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
+    assert len(ahead) == 1
+    one = cloud.select(ahead)
+    assert one.true_range_m is not None
+    assert one.true_range_m[0] == pytest.approx(8.0)
+    (box,) = labels.boxes(replace(one, true_range_m=one.true_range_m - np.float32(short_m)), scene)
+    assert (box.beams, box.reached) == (1, reached)
+
+
+def test_a_box_off_the_origin_of_what_moves() -> None:
+    """Where the body's own frame is then, its box is as far from it as ever; what is away has none."""
+    part = street.block("b", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
+    part = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
+    course = Course(start=street.at(5.0, 6.0, 0.0, 90.0), speed_m_s=10.0)
+    body = Body(name="b", class_name="car", parts=(part,), pose=street.at(1.0, 2.0, 3.0, 20.0), motion=course)
+    cloud = street.cloud(step_deg=8.0)
+    cloud = replace(cloud, body=np.full(len(cloud), -1), metadata=cloud.metadata | {"frame_start_s": "0.5"})
+    (box,) = labels.boxes(cloud, Scene(bodies=(body,)))
+    # Half a second at 10 m/s to the left, then ten metres more along the body's own x, which is to the left.
+    np.testing.assert_allclose(box.pose.position_m, [5.0, 6.0 + 5.0 + 10.0, 1.0], atol=1e-9)
+    assert labels.boxes(cloud, Scene(bodies=(replace(body, away=True),))) == []
+
+
+def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud: PointCloud) -> None:
+    cloud = replace(street_cloud, metadata=street_cloud.metadata | {"frame_start_s": "1.234567891"})
+    kitti_dataset.write_sequence_frame(tmp_path, 0, cloud, street.scene(), sequence="07")
+    folder = tmp_path / "dataset/sequences/07"
+    assert float((folder / "times.txt").read_text()) == 1.234567891
+    assert sorted(one.name for one in folder.iterdir()) == [
+        "calib.txt",
+        "labels",
+        "poses.txt",
+        "times.txt",
+        "velodyne",
+    ]
+    assert (tmp_path / "dataset/poses/07.txt").read_text() == (folder / "poses.txt").read_text()

@@ -48,3 +48,27 @@ def test_shapes_are_checked_and_arrays_frozen() -> None:
         sweep(second=Second(range_m=np.ones((2, 2)), signal=np.ones(2)))
     with pytest.raises(ValueError, match=r"read-only"):
         sweep().range_m[0, 0] = 1.0
+
+
+def test_beams_have_the_angles_of_their_points() -> None:
+    """Azimuth counter-clockwise from x, elevation up from the plane, as the points themselves say."""
+    angles = np.radians([[30.0, 5.0], [100.0, -20.0], [-135.0, 60.0]])
+    azimuth, elevation = angles.T
+    level = np.cos(elevation)
+    direction = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    cloud = cloud_of(Sweep(range_m=np.ones(3), recorded=np.ones(3, bool), direction=direction))
+    np.testing.assert_allclose(cloud.azimuth_rad, azimuth, atol=1e-7)
+    np.testing.assert_allclose(cloud.elevation_rad, elevation, atol=1e-7)
+
+
+def test_the_intensity_is_the_first_that_is_known() -> None:
+    """Intensity, else signal, else reflectivity; of the second return likewise."""
+    known = {"intensity": 1.0, "signal": 2.0, "reflectivity": 3.0}
+    for first in range(3):
+        given = {name: np.full((2, 2), value) for name, value in list(known.items())[first:]}
+        later = {name: 10 * values for name, values in given.items()}
+        second = Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), **later)
+        cloud = cloud_of(
+            sweep(**({"intensity": None, "signal": None, "reflectivity": None} | given), second=second)
+        )
+        assert cloud.intensity.tolist() == [first + 1.0] * 3 + [10.0 * (first + 1)]

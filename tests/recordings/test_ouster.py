@@ -165,3 +165,52 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[
     assert told() == f"{path}: cannot be read: truncated: it ends within packet 1"
     path.write_bytes(OUSTER.read_bytes()[:24])
     assert "must have packets as" in told()
+
+
+def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
+    """Of columns that were not received nothing is taken: neither stamp, nor pose, nor range; and a pose is of the
+    body, on which the sensor sits turned and aside: first the sensor on the body, then the body in the world.
+    """
+    info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())
+    body = np.array([[0, -1, 0, 5.0], [1, 0, 0, 6.0], [0, 0, 1, 7.0], [0, 0, 0, 1]])
+    mounted = np.array([[1, 0, 0, 0.5], [0, 0, -1, 0.0], [0, 1, 0, 0.25], [0, 0, 0, 1]])
+    info.sensor_to_body = mounted
+    frame = core.LidarFrame(info)
+    frame.status[:] = 0
+    frame.status[16:] = 1
+    frame.timestamp[:] = 10**9 * 5 + np.arange(1024) * 97_656
+    frame.timestamp[:16] = 0
+    frame.measurement_id[:] = np.arange(1024)
+    for number, name in enumerate(
+        ("RANGE", "RANGE2", "SIGNAL", "SIGNAL2", "REFLECTIVITY", "REFLECTIVITY2"), start=1
+    ):
+        frame.field(name)[:] = 10 * number
+    poses = np.broadcast_to(np.eye(4), (1024, 4, 4)).copy()
+    poses[16:] = body
+    frame.body_to_world[:] = poses
+    writer = library("ouster.sdk.osf").Writer(str(tmp_path / "a.osf"), info)
+    writer.save(0, frame)
+    writer.close()
+    with open_recording(tmp_path / "a.osf") as recording:
+        sweep = recording[0]
+    assert sweep.start_s == pytest.approx(5.0 + 16 * 97_656e-9, abs=1e-9)
+    assert sweep.time_s is not None
+    assert np.isnan(sweep.time_s[:, :16]).all()
+    np.testing.assert_allclose(sweep.time_s[0, 16:], np.arange(1008) * 97_656e-9, atol=1e-9)
+    assert not sweep.kept[:, :16].any()
+    assert sweep.kept[:, 16:].all()
+    assert sweep.second is not None
+    for found, value in (
+        (sweep.range_m, 0.010),
+        (sweep.second.range_m, 0.020),
+        (sweep.signal, 30),
+        (sweep.second.signal, 40),
+        (sweep.reflectivity, 50),
+        (sweep.second.reflectivity, 60),
+    ):
+        assert found is not None
+        np.testing.assert_allclose(found[:, 16:], value, rtol=1e-12)
+        assert np.isnan(found[:, :16]).all()
+    assert sweep.pose is not None
+    np.testing.assert_allclose(sweep.pose.position_m, [5.0, 6.5, 7.25], atol=1e-12)
+    np.testing.assert_allclose(sweep.pose.rotation, (body @ mounted)[:3, :3], atol=1e-12)

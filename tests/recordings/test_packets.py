@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from helpers.recordings import pcap
 
-from lidarscene.recordings.packets import packets_of, turns_of
+from lidarscene.recordings.packets import metadata_of, packets_of, turns_of
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -114,3 +114,22 @@ def test_packets_stay_in_the_file(tmp_path: Path, run_python: Any) -> None:
     *read, peak = json.loads(done.stdout)
     assert read == [4000, 50, 104, 1200]
     assert peak < 1e6
+
+
+def test_whose_metadata(tmp_path: Path) -> None:
+    """The file that is given; else NAME.json, else NAME_0.json of newer tools, else none."""
+    path, given = tmp_path / "a.pcap", tmp_path / "b.json"
+    plain, newer = tmp_path / "a.json", tmp_path / "a_0.json"
+    assert metadata_of(path, None) is None
+    assert metadata_of(path, given) == given
+    newer.touch()
+    assert metadata_of(path, None) == newer
+    plain.touch()
+    assert metadata_of(path, None) == plain
+    assert metadata_of(path, given) == given
+
+
+def test_a_head_that_trembles_does_not_turn() -> None:
+    """Half a turn forward, a hundredth back now and then, across the seam: it is one turn, not forty."""
+    azimuths = [(35_900 + 10 * number - 21 * (number % 3 == 2)) % 36_000 for number in range(40)]
+    assert turns_of(azimuths) == [slice(0, 40)]

@@ -1,5 +1,6 @@
 """Pandar64: packets of the maker's format, with what follows them in newer firmware, and with mistakes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from helpers.recordings import pcap
 
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.catalogue import load_sensor
 
@@ -51,3 +53,64 @@ def test_a_table_of_another_sensor_is_told(tmp_path: Path) -> None:
     table.write_text("Channel,Elevation,Azimuth\n1,3,0\n2,2,0\n")
     with pytest.raises(InputError, match=r"angles\.csv: must have 64 channels of a Pandar64, got 2"):
         open_recording(pcap(tmp_path / "a.pcap", payloads()), table)
+
+
+@pytest.mark.parametrize("late_s", [-0.4, 0.4])
+def test_the_second_is_the_recorders_and_its_part_the_sensors(tmp_path: Path, late_s: float) -> None:
+    """A recorder's clock may be half a second off: the nearest second to which the sensor's part fits is right."""
+    cloud = random_frame(SENSOR)
+    cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "1000.5"})
+    made = packets_of(maker_of(SENSOR), SENSOR, [cloud])
+    content = HEADER + b"".join(record_of(one._replace(time_s=one.time_s + late_s), 2368) for one in made)
+    (tmp_path / "a.pcap").write_bytes(content)
+    with open_recording(tmp_path / "a.pcap") as recording:
+        assert recording[0].start_s == pytest.approx(1000.5, abs=1e-6)
+
+
+def test_a_units_azimuths_are_clockwise(tmp_path: Path) -> None:
+    """As Hesai's tables have them: three degrees more are three degrees to the right."""
+    found = []
+    for azimuth_deg in (0.0, 3.0):
+        table = tmp_path / "angles.csv"
+        rows = [f"{channel + 1},{10 - 0.25 * channel},{azimuth_deg}" for channel in range(64)]
+        table.write_text("\n".join(["Laser id,Elevation,Azimuth", *rows]) + "\n")
+        with open_recording(pcap(tmp_path / "a.pcap", payloads()), table) as recording:
+            direction = recording[0].direction[:, 100]
+        found.append(np.degrees(np.arctan2(direction[:, 1], direction[:, 0])))
+    np.testing.assert_allclose((found[1] - found[0] + 180.0) % 360.0 - 180.0, -3.0, atol=1e-4)
+
+
+def test_steps_and_intensities_of_two_returns(tmp_path: Path) -> None:
+    """Each return has its own; a packet says how long its steps are [mm]."""
+    sensor = load_sensor("pandar64", overrides=('tdc.keep="strongest_and_last"',))
+    cloud = random_frame(sensor, second=True)
+    made = [bytearray(one.payload) for one in packets_of(maker_of(sensor), sensor, [cloud])]
+    for payload in made:
+        assert payload[5] == 4
+        payload[5] = 2
+    with open_recording(pcap(tmp_path / "a.pcap", [bytes(one) for one in made])) as recording:
+        sweep = recording[0]
+    assert sweep.second is not None
+    assert sweep.intensity is not None
+    assert sweep.second.intensity is not None
+    twice = np.isfinite(sweep.second.range_m)
+    assert twice.sum() == (cloud.return_number == 2).sum()
+    column = ((cloud.time_s + 1e-9) // sensor.scanner.cycle_s).astype(int)
+    expected = {
+        (r, c, round(m / 0.004)): i
+        for r, c, m, i in zip(
+            cloud.channel.tolist(),
+            column.tolist(),
+            cloud.range_m.tolist(),
+            cloud.intensity.tolist(),
+            strict=True,
+        )
+    }
+    for range_m, intensity in (
+        (sweep.range_m, sweep.intensity),
+        (sweep.second.range_m, sweep.second.intensity),
+    ):
+        places = np.argwhere(np.isfinite(range_m))[::997]
+        for row, place in places.tolist():
+            steps = round(range_m[row, place] / 0.002)
+            assert expected[row, place, steps] == intensity[row, place]

@@ -12,6 +12,7 @@ from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.makers import maker_of
 from lidarscene.recordings.opening import open_recording
+from lidarscene.recordings.velodyne import sweep_of_points
 from lidarscene.sensor.catalogue import load_sensor
 
 PACKETS = 75
@@ -120,3 +121,52 @@ def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: C
 def test_a_file_without_packets_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must have packets of Velodyne or Hesai, or an Ouster's metadata"):
         open_recording(pcap(tmp_path / "other.pcap", [b"nothing"]))
+
+
+def filled_firings() -> np.ndarray:
+    """(n, 8) points of two channels of a sensor that turns clockwise by 0.2 degrees each 50 us, across the seam behind;
+    of channel 1 only firings 20 to 30 have one, of channel 0 all but 4 of 40.
+    """
+    rows = []
+    for channel, firings in ((0, [k for k in range(40) if k not in (0, 1, 17, 18)]), (1, range(20, 31))):
+        for k in firings:
+            azimuth, up = np.radians(180.0 - 0.2 * (k - 20)), np.radians(-1.0 + 2.0 * channel)
+            x, y, z = 10 * np.cos(up) * np.cos(azimuth), 10 * np.cos(up) * np.sin(azimuth), 10 * np.sin(up)
+            rows.append([x, y, z, 7.0, 50e-6 * k + 2e-6 * channel, k, channel, 1])
+    return np.array(rows)
+
+
+def test_lost_pulses_have_the_times_and_directions_between_their_neighbours() -> None:
+    """Reference: a head that turns evenly. Before a channel's first point and after its last it goes on so."""
+    sweep = sweep_of_points(filled_firings(), start_s=3.0, metadata={})
+    assert sweep.shape == (16, 40)
+    assert sweep.time_s is not None
+    k = np.arange(40)
+    for channel in (0, 1):
+        azimuth, up = np.radians(180.0 - 0.2 * (k - 20)), np.radians(-1.0 + 2.0 * channel)
+        expected = [np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.full(40, np.sin(up))]
+        np.testing.assert_allclose(sweep.direction[channel], np.stack(expected, axis=-1), atol=1e-9)
+        np.testing.assert_allclose(sweep.time_s[channel], 50e-6 * k + 2e-6 * channel, atol=1e-12)
+    assert sweep.start_s == 3.0
+    assert np.isnan(sweep.direction[2:]).all()
+
+
+@pytest.mark.parametrize(("channels", "rows"), [(16, 16), (17, 32), (32, 32), (33, 64), (128, 128)])
+def test_rows_are_those_of_a_model(channels: int, rows: int) -> None:
+    points = np.array([[10.0, 0, 0, 7, 1e-6 * n, 0, n, 1] for n in range(channels)])
+    assert sweep_of_points(points, start_s=0.0, metadata={}).shape == (rows, 1)
+
+
+def test_two_returns_of_a_pulse_are_apart() -> None:
+    """RETURN: 1 strongest, 2 last, 3 both in one. Where the decoder left out the stronger one the other is first."""
+    rows = [(10.0, 7, 0, 1), (20.0, 8, 0, 2), (30.0, 9, 1, 3), (40.0, 5, 2, 2)]
+    points = np.array([[x, 0, 0, level, 1e-6 * ring, 0, ring, kind] for x, level, ring, kind in rows])
+    sweep = sweep_of_points(points, start_s=0.0, metadata={})
+    assert sweep.range_m[:3, 0].tolist() == [10.0, 30.0, 40.0]
+    assert sweep.intensity is not None
+    assert sweep.intensity[:3, 0].tolist() == [7.0, 9.0, 5.0]
+    assert sweep.second is not None
+    assert sweep.second.intensity is not None
+    assert sweep.second.range_m[0, 0] == 20.0
+    assert sweep.second.intensity[0, 0] == 8.0
+    assert np.isnan(sweep.second.range_m[1:]).all()

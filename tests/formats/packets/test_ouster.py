@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.packets import random_frame
+from helpers.packets import points, random_frame
 
+from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import Gathering
 from lidarscene.formats.packets.makers import maker_of
@@ -115,3 +116,84 @@ def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str,
     library("ouster.sdk.core")
     with pytest.raises(InputError, match=f"sensor 'os1-128': .*{told}"):
         maker_of(load_sensor("os1-128", overrides=[change]))
+
+
+@pytest.mark.parametrize(
+    ("profile", "farthest_m", "brightest"), [("default", 524.287, 65_535), ("low-rate", 262.136, 4080)]
+)
+def test_what_no_field_can_say(
+    library: Callable[[str], Any], tmp_path: Path, profile: str, farthest_m: float, brightest: int
+) -> None:
+    """A range beyond the last of its bits is lost and comes not back as a near one; counts end at their largest.
+
+    19 bits of a millimetre, 15 of 8 mm; 16 bits of a count, 8 of 16 counts.
+    """
+    sensor = load_sensor("os1-128", overrides=NARROW)
+    from_m = float(sensor.scanner.start_m[0].values[0])
+    ranges_m = farthest_m - from_m + np.array([-0.02, 0.02])
+    frame = Gathering(sensor, 0)
+    frame.add(PointCloud(**points(sensor, np.array([0, 128]), ranges_m, 0)))
+    counts = np.full(sensor.scanner.pulses, 1_000_000, np.uint64)
+    frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
+    with capture(tmp_path / "a.pcap", maker_of(sensor, profile)) as take:
+        take(frame.firings())
+    found, _ = read(library, tmp_path / "a.pcap")
+    laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
+    assert found.field("RANGE")[laser, 0] == pytest.approx(1e3 * farthest_m - 20.0, abs=8.0)
+    assert found.field("RANGE")[laser, 1] == 0
+    assert (found.field("NEAR_IR") == brightest).all()
+
+
+def test_a_head_that_begins_aside(library: Callable[[str], Any], tmp_path: Path) -> None:
+    """At 90 degrees, where a turn the other way would show; and points are where the sensor's own frame has them."""
+    sensor = load_sensor("os1-128", overrides=(*NARROW, "scanner.start_azimuth_deg=90"))
+    cloud, _ = written(tmp_path / "a.pcap", sensor)
+    frame, info = read(library, tmp_path / "a.pcap")
+    xyz_m = np.asarray(library("ouster.sdk.core").XYZLut(info, use_extrinsics=False)(frame))
+    column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
+    assert np.abs(xyz_m[cloud.channel, column] - cloud.xyz_m).max() < 0.002
+
+
+def test_a_shifted_picture_has_one_direction_in_a_column(library: Callable[[str], Any]) -> None:
+    """Reference: ouster-sdk's destagger of the azimuths of all pixels. Half a column is what whole shifts leave."""
+    core = library("ouster.sdk.core")
+    sensor = load_sensor("os1-128", overrides=NARROW)
+    info = core.SensorInfo(maker_of(sensor).description[0])
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    azimuth, _ = sensor.scanner.angles(pulse)
+    picture = np.zeros((128, 512))
+    picture[sensor.scanner.channel(pulse), pulse // 128] = azimuth
+    straight = core.destagger(info, picture)
+    apart = np.angle(np.exp(1j * (straight - straight[:1])))
+    step = 2.0 * np.pi / 512
+    assert np.abs(picture - picture[:1]).max() > step
+    assert np.abs(apart).max() <= 1.01 * step
+
+
+def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: Path) -> None:
+    """Frames are counted, so that a reader tells them apart; a packet leaves when its last column has been measured."""
+    sensor = load_sensor("os1-128", overrides=NARROW)
+    made = []
+    maker = maker_of(sensor)
+    with capture(tmp_path / "a.pcap", maker) as take:
+        for number in (0, 1):
+            gathering = Gathering(sensor, number)
+            gathering.add(random_frame(sensor, number=number))
+            gathering.ambient(
+                np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64)
+            )
+            made += maker.packets(gathering.firings())
+            take(gathering.firings())
+    expected_s = (16 * np.arange(1, 65) - 1) * sensor.scanner.cycle_s
+    np.testing.assert_allclose([one.time_s for one in made], expected_s, atol=1e-9)
+    core = library("ouster.sdk.core")
+    packet_format = core.PacketFormat.from_info(core.SensorInfo(maker.description[0]))
+    ids = [packet_format.frame_id(one.payload) for one in made]
+    assert ids == [0] * 32 + [1] * 32
+
+
+def test_beams_that_leave_aside_are_refused(library: Callable[[str], Any]) -> None:
+    library("ouster.sdk.core")
+    sensor = load_sensor("os1-128", overrides={"scanner.left_mm": [5.0] * 128})
+    with pytest.raises(InputError, match="an Ouster's beams must leave from one height and one place"):
+        maker_of(sensor)

@@ -1,0 +1,45 @@
+"""Points by column: the names, units and clocks of drivers, and points that stand for nothing."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene.recordings.columns import sweep_of
+
+XYZ = {"x": np.array([1.0, 2.0, 0.0, np.inf]), "y": np.array([0.0, 0.0, 5e-4, 0.0]), "z": np.zeros(4)}
+"""The third is the zero that drivers write for a lost pulse, to half a millimetre; the last is no place."""
+
+
+def test_what_is_no_point_is_no_point() -> None:
+    """Of a list they are left out, of an array they are pulses of which nothing came back."""
+    columns = XYZ | {"Ring": np.arange(4)}
+    listed = sweep_of(columns, metadata={})
+    assert listed.range_m.tolist() == [1.0, 2.0]
+    assert listed.ring is not None
+    assert listed.ring.tolist() == [0, 1]
+    array = sweep_of(columns, shape=(2, 2), metadata={})
+    assert array.lost.tolist() == [[False, False], [True, True]]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "start_s", "times_s", "began_s"),
+    [
+        (
+            np.array([2_000, 3_000, 0, 0], np.int32),
+            50.0,
+            [0.0, 1e-6],
+            50.000_002,
+        ),  # nanoseconds after the message's
+        (np.array([2_000, 3_000, 0, 0], np.uint32), 0.0, [0.0, 1e-6], 2e-6),
+        (np.array([2e-6, 3e-6, -9.0, -9.0]), 50.0, [0.0, 1e-6], 50.000_002),  # seconds
+        (np.array([1.7e9, 1.7e9 + 0.5, 0.0, 0.0]), 50.0, [0.0, 0.5], 1.7e9),  # since 1970: no stamp is added
+        (np.array([17, 17 + 5, 0, 0], np.int64) * 10**17, 50.0, [0.0, 5e8], 1.7e9),
+    ],
+)
+def test_clocks_of_drivers(stamps: Any, start_s: float, times_s: list[float], began_s: float) -> None:
+    """Whole numbers are nanoseconds. The first time is that of a point: the stamps of lost pulses may be anything."""
+    sweep = sweep_of(XYZ | {"t": stamps}, start_s=start_s, metadata={})
+    assert sweep.time_s is not None
+    np.testing.assert_allclose(sweep.time_s, times_s, rtol=1e-9, atol=1e-15)
+    assert sweep.start_s == pytest.approx(began_s, rel=1e-15)
