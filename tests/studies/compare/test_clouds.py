@@ -49,3 +49,14 @@ def test_names_are_numbered_alike_and_none_stays_none() -> None:
     assert first.body_names == second.body_names == ("car", "road", "tree")
     assert first.body.tolist() == [0, 1, -1]
     assert second.body.tolist() == [2, 0, -1]
+
+
+@pytest.mark.parametrize("column", ["time_s", "channel", "azimuth_rad", "elevation_rad", "sensor_index"])
+def test_points_that_differ_in_any_of_five_are_of_two_pulses(column: str) -> None:
+    """The same number for both clouds where nothing differs; zeros of both signs are one."""
+    number = np.zeros(3)
+    values = np.array([0, 1, 0]).astype(getattr(points(number), column).dtype)
+    first, second = clouds._numbered(
+        [points(number, **{column: values}), points(number, **{column: -0 * values})]
+    )
+    assert first[0] == first[2] == second[0] != first[1]
