@@ -124,6 +124,32 @@ def test_a_world_is_compiled_once(job: Job, tmp_path: Path, monkeypatch: pytest.
     assert len(compiled) == 1
 
 
+def test_a_sensor_elsewhere_has_a_world_of_its_own(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: a world's coordinates count from its sensor; from one far away they would have lost their digits."""
+    compiled = []
+
+    class Compiled:
+        def __init__(self, *_: Any, world: object = None, **__: Any) -> None:
+            if world is None:
+                compiled.append(self)
+            self.world = self if world is None else world
+
+    monkeypatch.setattr(work, "Simulator", Compiled)
+    text = job_file.read_text(encoding="utf-8")
+    job_file.write_text(
+        text.replace("[sweep.scene]", '[sweep.scene]\n"sensor.position_m" = [[0, 0, 1], [9e5, 0, 1]]'),
+        encoding="utf-8",
+    )
+    worlds = {}
+    for task in Job.read(job_file).tasks():
+        place = tuple(task.parameters["scene.sensor.position_m"])
+        worlds.setdefault(place, set()).add(id(work._simulator(task).world))
+    assert len(compiled) == len(worlds) == 2
+    assert [len(seen) for seen in worlds.values()] == [1, 1]
+
+
 def test_no_more_than_a_few_things_are_kept() -> None:
     kept, made = work._Kept(), []
 

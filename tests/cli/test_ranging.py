@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from helpers.command_line import Ran, Run
 
-from lidarscene import catalog
-from lidarscene.studies.ranging import report
+from lidarscene import catalog, load_sensor
+from lidarscene.physics.optics import air
+from lidarscene.studies.ranging import plane, report
 
 APD, SIPM = "table1-apd", "table1-sipm"
 
@@ -326,3 +327,15 @@ def test_a_mistake_writes_nothing(run: Run, tmp_path: Path) -> None:
     """Both names are looked at before either file is written."""
     assert run("range", APD, "--over", "distance", "--csv", "o.csv", "--plot", "no.jpg").code == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:
+    """The range in a visibility of 2 km, by Kim's extinction: in the summary, in a sweep and beside sensitivities."""
+    sensor = load_sensor(APD)
+    alpha = air.extinction_from_visibility_per_m(visibility_m=2000.0, wavelength_m=sensor.laser.wavelength_m)
+    limit_m, _ = plane.maximum_range_m(sensor, plane.Target(transmittance=1.0, extinction_per_m=float(alpha)))
+    hazy = ("--visibility", "2")
+    assert told(run, APD, *hazy)[APD]["maximum_range_m"] == pytest.approx(limit_m, rel=1e-9)
+    swept = told(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
+    assert swept["sensors"][APD]["values"][-1] == pytest.approx(limit_m, rel=1e-9)
+    assert f"maximum range {limit_m:.3f} m" in done(run, APD, "--sensitivities", *hazy)

@@ -148,3 +148,10 @@ def test_the_camera_stays_in_the_room(mi: Any, tmp_path: Path) -> None:
     header, _ = unpacked(Live(load_scene(tmp_path / "room.toml"), overrides=COARSE).stage())
     eye = np.array(header["camera"]["eye"])
     assert (np.abs(eye - [0.0, 0.0, 1.5]) < [6.0, 4.0, 1.5]).all()
+
+
+def test_the_sliders_stand_where_the_weather_is(scene_file: Path) -> None:
+    """Fog in kilometres, rain and snow in millimetres an hour, each its own."""
+    foggy = load_scene(scene_file, overrides={FOG: 0.5, RAIN: 7.0, SNOW: 2.0})
+    values = {control.key: control.value for control in controls(foggy, FrameOptions())}
+    assert (values[FOG], values[RAIN], values[SNOW]) == (pytest.approx(0.5), 7.0, 2.0)

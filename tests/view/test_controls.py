@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from lidarscene import load_scene, load_sensor
+from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd, Sipm
 from lidarscene.sensor.model import Sensor
@@ -97,3 +98,14 @@ def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str,
         equipment.with_settings(settings)
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_fixed_threshold_stays_with_its_own_detector(equipment: Equipment, tmp_path: Path) -> None:
+    """Rationale: amperes of an APD's comparator mean nothing to a SiPM's cells."""
+    text = path_of("sensors", "table1-apd").read_text(encoding="utf-8")
+    path = tmp_path / "fixed.toml"
+    path.write_text(text.replace("threshold_to_noise = 5", "threshold_level = 1e-6"), encoding="utf-8")
+    fixed = Equipment(equipment.scene, str(path))
+    assert fixed.sensor.tdc.threshold_level == 1e-6
+    _, sensor = fixed.with_settings({"detector": SIPM})
+    assert (sensor.tdc.threshold_level, sensor.tdc.threshold_to_noise) == (None, 5)

@@ -347,3 +347,15 @@ def test_the_place_may_be_another(mi) -> None:
     bench = Bench(scene(), pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0)))
     one = bench.observe("a", chain.sensor("table1-apd", *COARSE))
     assert float(one.counted.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
+
+
+def test_a_paired_interval_by_hand() -> None:
+    """98 pulses that both found: half of one on each side of 100, deviation sqrt(1) / 100, 1.96 of it either way."""
+    assert numbers.paired_interval(only_a=0, only_b=0, pulses=98) == pytest.approx(
+        (-0.0195996, 0.0195996), rel=1e-5
+    )
+    # 10.5 and 0.5 of 100: 10 %, variance 11 - 100 / 100.
+    half = 1.959964 * math.sqrt(10.0) / 100.0
+    assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx(
+        (0.1 - half, 0.1 + half), rel=1e-5
+    )

@@ -14,6 +14,8 @@ from lidarscene.catalog import names
 from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
+from lidarscene.studies.eye_safety import exposure
+from lidarscene.studies.eye_safety.criteria import geometry
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
 from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, not_known, report_text
 
@@ -239,3 +241,27 @@ def test_simple_trains() -> None:
 def test_trains_are_checked(times: list[float]) -> None:
     with pytest.raises(ValueError, match="go up from 0"):
         PulseTrain(time_s=np.array(times), period_s=2.0)
+
+
+def test_shots_without_a_period_of_their_own_are_even() -> None:
+    """10,000 points a second with 50 shots each: one every 2 us, whose last is a period before the next point."""
+    sensor = photons.sensor("laser.repetition_rate_khz=10", "histogram.shots=50")
+    assert sensor.histogram is not None
+    even = replace(sensor, histogram=replace(sensor.histogram, period_s=None))
+    times = exposure._shots_s(even)
+    assert (len(times), times[0]) == (50, 0.0)
+    assert np.diff(times) == pytest.approx(2e-6)
+
+
+def test_an_elliptic_beam_is_as_narrow_as_its_smaller_divergence() -> None:
+    """Rationale: through a telescope 2 m away more of it enters than of a round beam of the larger one."""
+    wide, narrow, small = (
+        geometry(
+            with_laser(exit_diameter_m=2e-3, divergence_rad=across, divergence_elevation_rad=up),
+            "telescope",
+            1.0,
+        )
+        for across, up in ((3e-3, 3e-3), (3e-3, 1e-3), (1e-3, 1e-3))
+    )
+    assert narrow == pytest.approx(small)
+    assert narrow[2] < wide[2]

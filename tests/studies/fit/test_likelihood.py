@@ -9,9 +9,11 @@ import pytest
 from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
+from lidarscene.studies.fit import likelihood
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
-from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene
+from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene, expected
 from lidarscene.studies.fit.likelihood import KnownFit, _beside, fit_known, slopes_of
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_unit(0)
 
@@ -151,3 +153,36 @@ def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: KnownFit) -> None:
     pulse = fit.names.index("laser.pulse_fwhm_ns")
     assert np.all(whole >= alone)
     assert whole[pulse] > 1.0001 * alone[pulse]
+
+
+def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
+    """Strong echoes of one surface each, well known: Poisson's N'^2 / N of the background, S^2 / V of the signal.
+
+    What is expected is what was reported, so that neither asks for a step. What the scatter of the range adds, half of
+    its slope's square each, is left: below 3 %.
+    """
+    count = 60
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
+    )
+    scene = Scene.of(light, published(), np.arange(count), spot_over_field=0.5)
+    values = {"laser.peak_power_w": 0.0, "optics.sun_irradiance_w_m2": 0.0}
+    law = expected(scene, values)
+    dark = np.asarray(expected(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
+    signal, near_ir = np.asarray(law.signal), np.asarray(law.near_ir)
+    reported = Reported(kept=np.ones(count, bool), signal=signal, near_ir=near_ir, range_m=scene.range_m)
+    surfaces = np.zeros(count)
+    strong = likelihood._strong(scene, reported, values, surfaces)
+    assert strong.all()
+    step = likelihood._step(scene, reported, values, surfaces, strong, 1e9)
+    of_power, of_sun = np.diag(step.matrix)
+    assert of_sun == pytest.approx(np.sum((near_ir - dark) ** 2 / near_ir), rel=0.05)
+    assert of_power == pytest.approx(np.sum(signal**2 / np.asarray(law.variance)), rel=0.05)
+    # Brighter surfaces by a tenth than is believed, of which nothing is known beforehand: no power, no sun.
+    brighter = expected(scene, values, np.full(count, 0.1))
+    moved = replace(reported, signal=np.asarray(brighter.signal), near_ir=np.asarray(brighter.near_ir))
+    free = likelihood._step(scene, moved, values, surfaces, strong, 0.0)
+    np.testing.assert_allclose(free.of_groups / free.own, 0.1, rtol=0.1)
+    assert np.linalg.eigvalsh(free.matrix)[0] < 1e-3 * of_sun
+    pulled = likelihood._step(scene, reported, values, np.full(count, 0.1), strong, 1e9)
+    np.testing.assert_allclose(pulled.of_groups / pulled.own, -0.1, rtol=0.01)

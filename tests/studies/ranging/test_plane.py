@@ -415,3 +415,21 @@ print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.module
     done = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "350.605\n[]\n"
+
+
+def test_the_sky_adds_to_the_sun_in_the_closed_form():
+    """Half of the sun's light aslant and a quarter from all of the sky are three quarters of it."""
+    for sensor in (APD, SIPM):
+        both = plane.closed_form_range_m(sensor, Target(cos_sun=0.5, diffuse_share=0.25))
+        assert both == pytest.approx(plane.closed_form_range_m(sensor, Target(cos_sun=0.75)))
+
+
+def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
+    """SNR falls as the square of the range, in light that drowns all other noise: (R / R')^2 is the ratio of both."""
+    bright = Target(illuminance_klux=1e5)
+    slow, bare = (of("table1-sipm", receiver__response=response) for response in ("single_pole", "none"))
+    snrs = [float(plane.snr(sensor, bright, 20.0)[0]) for sensor in (slow, bare)]
+    ranges = [plane.closed_form_range_m(sensor, bright) for sensor in (slow, bare)]
+    assert abs(snrs[0] / snrs[1] - 1.0) > 0.01
+    assert slow.response.noise != pytest.approx(1.0, abs=0.01)
+    assert (ranges[0] / ranges[1]) ** 2 == pytest.approx(snrs[0] / snrs[1], rel=1e-3)

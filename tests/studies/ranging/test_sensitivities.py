@@ -238,3 +238,14 @@ def test_best_gain_of_table_1():
         APD.detector, temperature_k=0.0, surface_dark_current_a=0.0
     )  # nothing for a gain to lift the signal above
     assert gain.best_gain(dataclasses.replace(APD, detector=silent), Target()).closed_form == 1.0
+
+
+def test_a_signal_that_rises_with_range_has_no_sensitivities(monkeypatch):
+    """Rationale: right before two lenses the near field grows faster than the square of the range falls."""
+
+    def rising(_, values):
+        return 0.5, dict.fromkeys(values, 1.0)
+
+    monkeypatch.setattr(sensitivities.derivatives, "chosen", lambda _: ("differences", rising))
+    with pytest.raises(InputError, match="the signal does not fall with range at "):
+        sensitivities.sensitivities(APD, Target())

@@ -6,14 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.drawn_scenes import published
 from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
 from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
+from lidarscene.studies.fit import known_scene
+from lidarscene.studies.fit.estimates import Solved
+from lidarscene.studies.fit.likelihood import KnownFit
 from lidarscene.studies.fit.on_scene import study
+from lidarscene.studies.fit.on_scene.laid import Laid
 from lidarscene.studies.fit.on_scene.study import Given, fit_on_scene
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = {
     "laser.peak_power_w": 1.25, "near_field_m": 0.9, "laser.pulse_fwhm_ns": 1.1, "detector.spads": 0.75,
@@ -124,3 +130,44 @@ def test_what_does_not_fit_is_one_line(
     with pytest.raises(InputError, match=complaint):
         fit_on_scene(Given(recordings=[recording], scene=scene, **changed), tmp_path / "u.toml", tmp_path)
     assert not (tmp_path / "u.toml").exists()
+
+
+def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> Laid:
+    """Bright walls before the published sensor that reported these signals and ranges."""
+    count = len(signal)
+    light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
+    scene = known_scene.Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    reported = known_scene.Reported(
+        kept=np.broadcast_to(kept, count), signal=np.asarray(signal), near_ir=np.full(count, np.nan),
+        range_m=scene.range_m + off_m,
+    )  # fmt: skip
+    return Laid(scene=scene, reported=reported, block=np.zeros(count, int))
+
+
+def test_the_floor_is_that_of_the_strongest_quarter() -> None:
+    """Weak returns scatter by photons, 0.5 m here; the strongest quarter is 10 mm off, a deviation of 14.8 mm."""
+    signal = np.arange(1.0, 401.0)
+    off_m = np.where(signal > 300.0, 0.01, 0.5) * np.where(signal % 2 == 0, 1.0, -1.0)
+    assert study._floor_m(bare(signal, off_m)) == pytest.approx(0.014826, rel=1e-3)
+    assert study._floor_m(bare(signal, 0.0 * off_m)) == known_scene.LEAST_FLOOR_M
+
+
+def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
+    """Signals 10 % up and down in turn scatter by 15 % as deviations go; photons explain their own part. A tenth of
+    the bright surfaces returned nothing: as a stranger is kept as often as lost, a fifth met one.
+    """
+    count = 400
+    plain = bare(np.ones(count), np.zeros(count))
+    law = known_scene.expected(plain.scene, {})
+    assert np.all(np.asarray(law.chance) > 0.999)
+    photons = float(np.median(np.asarray(law.variance) / np.asarray(law.signal) ** 2))
+    turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
+    laid = bare(np.asarray(law.signal) * turn, np.zeros(count), kept=np.arange(count) % 10 != 0)
+    known = KnownFit(
+        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))), names=(), held=(), null=(),
+        values={}, reflectivity=np.zeros(1),
+    )  # fmt: skip
+    texture, strangers = study._unexplained(laid, known)
+    assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
+    assert photons > 0.02 * texture**2
+    assert strangers == pytest.approx(0.2)

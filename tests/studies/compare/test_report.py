@@ -1,0 +1,115 @@
+"""Verdicts in words, on numbers made by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+
+from lidarscene.detection.outcomes import Status
+from lidarscene.studies.compare.data import Observation, Surfaces
+from lidarscene.studies.compare.numbers import Rate
+from lidarscene.studies.compare.report import (
+    Comparison,
+    crossing_lines,
+    fate,
+    group_table,
+    sweep_table,
+    verdict,
+)
+from lidarscene.studies.compare.run import Crossing, Lit, Sweep
+
+PULSES = 400
+
+
+def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) -> Observation:
+    """One that found these of its pulses; its ranges are so much too long and too short in turn."""
+    mask = np.isin(np.arange(PULSES), hits)
+    true_m = np.full(20, 50.0, np.float32)
+    error_m = 1e-3 * sigma_mm * np.where(np.arange(20) % 2 == 0, 1.0, -1.0)
+    cloud = small_cloud(
+        n=20, range_m=(true_m + error_m).astype(np.float32), true_range_m=true_m,
+        status=np.full(20, Status.ECHO, np.uint8), body_names=("left", "right"),
+    )  # fmt: skip
+    surfaces = Surfaces(
+        pulse=np.arange(PULSES), found=mask, snr=np.where(np.arange(PULSES) < dark, 0.0, 5.0),
+        true_range_m=np.full(PULSES, 50.0), incidence_angle_rad=np.zeros(PULSES), reflectivity=np.full(PULSES, 0.1),
+        body=(np.arange(PULSES) >= PULSES // 2).astype(int), class_id=np.zeros(PULSES, int),
+    )  # fmt: skip
+    lost = {"below threshold": int((~mask).sum()), "out of window": 0, "hidden": 0}
+    return Observation(name=name, cloud=cloud, surfaces=surfaces, fired=PULSES, lost=lost)
+
+
+def comparison(*everything: Observation, matched: bool = True) -> Comparison:
+    from lidarscene.studies.compare.data import groupings
+
+    return Comparison(
+        title="t", everything=everything, sensors=(None,) * len(everything), groups=groupings(everything),
+        matched=matched, of="the pulses", notes=(),
+    )  # fmt: skip
+
+
+def first(count: int) -> range:
+    return range(count)
+
+
+def test_who_finds_more_and_who_measures_finer() -> None:
+    """Whatever the order in which they are given."""
+    weak, strong = (
+        observation("weak", first(200), sigma_mm=10.0),
+        observation("strong", first(300), sigma_mm=30.0),
+    )
+    for pair in ((weak, strong), (strong, weak)):
+        said = verdict(comparison(*pair))
+        assert said.startswith(
+            "strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %."
+        )
+        assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in said  # sqrt(20 / 19)
+
+
+@pytest.mark.parametrize(("matched", "alike"), [(True, False), (False, True)])
+def test_matched_pulses_tell_apart_what_two_rates_do_not(matched: bool, alike: bool) -> None:
+    """20 of 400 more, none less: 5 +- 2.2 % pulse by pulse. As two shares of 400 each is sure to 5 %."""
+    said = verdict(comparison(observation("a", first(200)), observation("b", first(220)), matched=matched))
+    assert ("equally many" in said) is alike
+
+
+@pytest.mark.parametrize(("more", "alike"), [(23, True), (46, False)])
+def test_two_shares_differ_if_their_intervals_are_apart(more: int, alike: bool) -> None:
+    """Half of 400 has an interval of 45.1 to 54.9 %; 55.8 % reaches down to 50.9 %, 61.5 % to 56.6 %."""
+    a, b = observation("a", first(200)), observation("b", first(200 + more))
+    assert ("equally many" in verdict(comparison(a, b, matched=False))) is alike
+
+
+def test_the_same_number_of_other_pulses_is_alike() -> None:
+    said = verdict(comparison(observation("a", first(200)), observation("b", range(200, 400))))
+    assert "a and b find equally many of the pulses, within chance" in said
+
+
+def test_pulses_without_light_and_bodies_that_differ_most() -> None:
+    """Of 200 pulses on each body A loses 10 on the left one, B 60 on the right one."""
+    a, b = observation("a", range(10, 400), dark=7), observation("b", [*range(200), *range(260, 400)])
+    header, rows = fate(comparison(a, b))
+    assert [row[header.index("of these without any light")] for row in rows] == ["7", "0"]
+    _, rows = group_table(comparison(a, b), "body", most=1)
+    assert [row[0] for row in rows] == ["right"]
+    assert rows[0][-2:] == ["60", "0"]
+
+
+def test_crossings_and_the_sweep_in_words() -> None:
+    def lit(klux: float, share: int) -> Lit:
+        return Lit(
+            illuminance_klux=klux, rate=Rate(group="all", surfaces=100, found=share, expected=0.01 * share),
+            false_alarms=0, sigma_m=0.012,
+        )  # fmt: skip
+
+    swept = Sweep(
+        illuminances_klux=(1.0, 50.0), courses={"a": [lit(1.0, 60), lit(50.0, 50)], "b": [lit(1.0, 80), lit(50.0, 20)]},
+        crossings={"b": [Crossing(illuminance_klux=7.0, expected=0.55, ahead_below="b", ahead_above="a")]},
+        on_plane_klux={"b": 3.2},
+    )  # fmt: skip
+    crossed, plane = crossing_lines(swept, "a")
+    assert crossed == "a overtakes b at 7 klux, where both are expected to find 55.00 %."
+    assert plane.endswith("a and b reach equally far at 3.2 klux.")
+    _, rows = sweep_table(swept)
+    assert rows[1] == ["50 klux", "50.00 %", "50.00 %", "0", "12.0 mm", "20.00 %", "20.00 %", "0", "12.0 mm"]
