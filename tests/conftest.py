@@ -176,8 +176,11 @@ def open3d() -> ModuleType:
             pytest.skip(str(error))
 
 
-pytest_plugins = ("helpers.in_this_process", "helpers.libraries", "helpers.small_job", "helpers.browser")
-"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser."""
+pytest_plugins = (
+    "helpers.in_this_process", "helpers.libraries", "helpers.small_job", "helpers.browser", "helpers.dead_workers",
+)  # fmt: skip
+"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last one
+ends a run whose worker dies."""
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 
