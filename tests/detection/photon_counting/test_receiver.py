@@ -232,6 +232,10 @@ SUN = {
     "20 MHz, 12 ns": (lambda n: sunlit(20.0, 12.0, 4.0, 0.0, n), 0.01),
     "60 MHz, 5 ns": (lambda n: sunlit(60.0, 5.0, 4.0, -0.4, n), 0.04),
     "60 MHz, Coates": (lambda n: sunlit(60.0, 12.0, 4.0, -0.8, n, "histogram.coates=true"), 0.05),
+    "2 MHz, 500 ns, Coates": (
+        lambda n: sunlit(2.0, 500.0, 4.0, -1.2, n, "histogram.coates=true", "histogram.threshold_floor=60"),
+        0.02,
+    ),
     "half of the SPADs": (
         lambda n: sunlit(0.002, 12.0, 4.0, -30.0, n, "histogram.threshold_floor=1600"),
         0.01,
