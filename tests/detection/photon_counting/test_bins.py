@@ -94,7 +94,7 @@ def drawn_and_expected(counter, light_of, place_m, *, count=10_000):
 @pytest.mark.parametrize("detections", [0.0, 0.1])
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "fwhm_ns"),
-    [(60.0, 5.0, 4.0), (100.0, 5.0, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)],
+    [(60.0, 5.0, 4.0), (100.0, 5.3, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)],
 )
 def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, detections, coincidence):
     """Rationale: SPADs come alive while the bins are drawn: those that the sun fired before, evenly over a dead time.
@@ -144,23 +144,32 @@ def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
     assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)
 
 
-@pytest.mark.parametrize(("stamps", "dead_ns"), [("first", 12.0), ("all", 20.0), ("all", 300.0)])
-def test_spads_that_fog_has_fired_are_missing_in_the_bins_of_a_wall(stamps, dead_ns):
+@pytest.mark.parametrize(
+    ("stamps", "dead_ns", "scale", "within"),
+    [
+        ("first", 12.0, 0.02, 0.005),
+        ("all", 20.0, 0.02, 0.005),
+        ("all", 20.0, 0.2, 0.02),
+        ("all", 300.0, 0.02, 0.005),
+    ],
+)
+def test_spads_that_fog_has_fired_are_missing_in_the_bins_of_a_wall(stamps, dead_ns, scale, within):
     """Rationale: fog before the wall fires a third of the SPADs or more, of which those of the last dead time are
     blind. Reference: the course of the free SPADs through the whole window.
-    Tolerance: 0.5 % for twelve steps of the fog's light, and 4.5 standard errors.
+    Tolerance: 0.5 % for twelve steps of the fog's light, and 4.5 standard errors; 2 % where a tenth of the SPADs come
+    free in the bins, which is taken for an even return.
     """
     counter = photons.sensor(
         f"detector.dead_time_ns={dead_ns}", f"detector.stamps='{stamps}'", "histogram.window_us=0.4"
     )
 
     def light_of(count):
-        light = in_fog(counter, np.full(count, 0.02), wall_m=20.0)
+        light = in_fog(counter, np.full(count, scale), wall_m=20.0)
         return dataclasses.replace(light, background_power_w=np.zeros(count))
 
     drawn, expected = drawn_and_expected(counter, light_of, 20.0)
     error = 4.5 / math.sqrt(1e4 * expected.sum())
-    assert drawn.sum() == pytest.approx(expected.sum(), rel=0.005 + error)
+    assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)
 
 
 @pytest.mark.parametrize("rate_mhz", [0.001, 2.0, 20.0])
@@ -181,3 +190,12 @@ def test_photons_of_an_echo_and_the_flank_of_one(rate_mhz):
     for side in (-1.0, 1.0):
         away = bins.highest(place + side * 6e-9 / bins.pixel.sigma_s, time_s + side * 6e-9)
         assert away.rising.mean() > 0.95
+    # Bins are drawn in pairs from an even one, so a search 3.3 ns late begins with the echo's bin where that is odd.
+    # Its place between bins follows from both of its sides there too: to 0.1 ns, where a neighbour left out is 0.5.
+    odd_m = 30.15
+    light = echoes_in_sun(counter, [odd_m], [0.1], rate_hz=1e6 * rate_mhz)(4000)
+    bins, time_s, place = bins_of(counter, light, odd_m)
+    late = bins.highest(place + 3.3e-9 / bins.pixel.sigma_s, time_s + 3.3e-9)
+    there = ~late.rising
+    assert there.mean() > 0.2
+    assert abs(np.mean(late.time_s[there] - bins.highest(place, time_s).time_s[there])) < 1e-10

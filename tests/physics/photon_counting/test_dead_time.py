@@ -95,10 +95,11 @@ def test_coates_correction_gives_the_light_back(mean, dead_ns):
 
 
 @pytest.mark.parametrize("least", [1, 2, 4])
-@pytest.mark.parametrize("share", [1e-5, 1e-3, 0.05, 0.3, 0.9])
-def test_coincidences_are_a_binomial_tail(least, share):
-    found = float(dead_time.coincidence_share(least=least, spads=16.0, share=np.float64(share)))
-    assert found == pytest.approx(stats.binom.sf(least - 1, 16, share), rel=2e-5)
+@pytest.mark.parametrize("spads", [16, 400])
+@pytest.mark.parametrize("share", [1e-5, 1e-3, 0.02, 0.05, 0.3, 0.9])
+def test_coincidences_are_a_binomial_tail(least, spads, share):
+    found = float(dead_time.coincidence_share(least=least, spads=float(spads), share=np.float64(share)))
+    assert found == pytest.approx(stats.binom.sf(least - 1, spads, share), rel=2e-5)
 
 
 def test_what_a_share_says_of_the_light_is_its_inverse():
