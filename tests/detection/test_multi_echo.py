@@ -17,7 +17,7 @@ from lidarscene.light.footprint import points
 from lidarscene.light.waveform import sampled
 from lidarscene.maths.arrays import Table
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import pulse_sums
+from lidarscene.physics.electronics import pulse_sums, tdc
 from lidarscene.physics.optics import pulse as pulse_shape
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
@@ -331,22 +331,71 @@ def upward(power, level):
     return np.flatnonzero((power[1:] >= level) & (power[:-1] < level)) + 1
 
 
+def test_a_weak_surface_that_ends_the_fog_is_crossed():
+    """The fog ends at the surface, so that its light falls while that of the surface rises: both together have a peak
+    up to two sigma_p before the surface, where the surface's own light is not concave.
+
+    Each pulse is scaled to have the level halfway between that peak and the valley before it, which are 1 % apart or
+    more: ten deviations of the noise from either. By hand in bins of 4 mm; six deviations of the light at the crossing.
+    """
+    equipped, _, full = two_boards(1.0)
+    equipped = at_level(equipped, 0.05, full)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    level_w = float(np.ravel(point.power_w(equipped.threshold(point)))[0])
+    wall_m, range_m, bins_m = 25.0, np.arange(0.0, 40.0, 0.004), np.linspace(0.0, 150.0, 3001)
+    course = np.exp(-bins_m / 20.0) / (1.0 + np.exp((7.0 - bins_m) / 0.7))
+
+    def fog_and_wall(walls_w, scale_w):
+        air = volume(course, scale_w, np.full(len(scale_w), wall_m))
+        return train(np.full((len(scale_w), 1), wall_m), (walls_w * scale_w)[:, None], volume=air), air
+
+    walls_w = np.linspace(0.02, 0.6, 117)
+    whole = sum(lights(*fog_and_wall(walls_w, np.ones(len(walls_w))), range_m))
+    # Between the first fog and the surface the light falls, and if the surface is bright enough rises and falls again.
+    rises = (np.diff(whole) > 0.0) & (np.abs(range_m[1:] - 20.0) < 5.5)
+    valley = np.argmax(rises, axis=1)
+    peak = rises.shape[1] - np.argmax(rises[:, ::-1], axis=1)
+    lane = np.flatnonzero(rises.any(axis=1))
+    lane = lane[whole[lane, valley[lane]] < 0.99 * whole[lane, peak[lane]]]
+    assert (wall_m - range_m[peak[lane]] > 1.05 * SIGMA_M).sum() > 5
+    scale_w = 2.0 * level_w / (whole[lane, valley[lane]] + whole[lane, peak[lane]])
+    found = detect(fog_and_wall(walls_w[lane], scale_w)[0], equipped)
+    for number, pulse in enumerate(lane):
+        stops = [float(stop.range_m[number]) for stop in found.stops if stop.reported[number]]
+        assert len(stops) == 2
+        assert stops[0] < 15.0
+        assert range_m[valley[pulse]] < stops[1] < range_m[peak[pulse]]
+        crossed_w = scale_w[number] * np.interp(stops[1], range_m, whole[pulse])
+        assert crossed_w == pytest.approx(level_w, rel=6.0 * 5e-4)
+
+
 @pytest.mark.slow
 def test_a_crossing_is_of_the_light_that_makes_it():
     """Two surfaces and two drops in fog, of any brightness, over bins of 4 mm: take some of it away, does the crossing
     stay?
 
     Where the air alone crosses too, within sigma_p / 10, the point is the air's; where it does not within a pulse width
-    it is a surface's. In between, in less than one of ten, both have a part in it. Of what is the air's fog and drops
-    are told apart alike. The true range of fog is the crossing, of others up to 6 sigma_p behind it: 100 levels high
-    they come to 1e-5 of their peak there, where fog leaves that little to the level. Noise is 1e-4 of the level and
-    moves a crossing by less than sigma_p / 50.
+    it is a surface's, unless the air's light rises by half as much as theirs over the sigma_p before. In between,
+    6 % of all, both have a part in it. Of what is the air's fog and drops are told apart alike.
+
+    The true range of a surface is the mean of the surfaces by their light at the next peak, that of fog the crossing,
+    that of drops up to 11 sigma_p behind it: 100 levels high they come to 1e-5 of their peak 6 before it, where fog
+    leaves that little to the level, and a drop a thousand times as bright takes the peak of one 4.6 before it.
+
+    Noise is 5e-4 of the level. A crossing lies where the light comes through six deviations of it, which 1,300
+    crossings leave by chance 3e-6 of the time; pulses with a peak or a valley among them may be crossed or not, and are
+    left out.
     """
     random, count = np.random.default_rng(12), 400
     equipped, _, full = two_boards(1.0)
     equipped = at_level(replace(equipped, tdc=replace(equipped.tdc, stops=8)), 0.05, full)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    level_w = float(np.ravel(point.power_w(equipped.threshold(point)))[0])
+    threshold = equipped.threshold(point)
+    model = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    low_w, level_w, high_w = sorted(
+        float(np.ravel(point.power_w(tdc.crossing_level(threshold=threshold, deviate=deviate, **model)))[0])
+        for deviate in (-6.0, 0.0, 6.0)
+    )
     walls_m, drops_m = random.uniform(7.5, 30.0, (2, count, 2))
     walls_w, drops_w = level_w * 10.0 ** random.uniform(-1.0, 2.0, (2, count, 2))
     walls_m[::3] = random.uniform(7.5, 12.0, (len(walls_m[::3]), 2))
@@ -363,19 +412,32 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     found = detect(light, equipped)
     range_m = np.arange(0.0, 40.0, 0.004)
     by_kind = {"surface": 0, "drop": 0, "fog": 0}
-    judged = crossings = 0
+    judged = crossings = unclear = 0
     for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):
         of_air, even = (range_m[upward(one, level_w)] for one in (drops + spread, spread))
-        every = range_m[upward(walls + drops + spread, level_w)]
+        whole = walls + drops + spread
+        turns = (whole[1:-1] - whole[:-2]) * (whole[2:] - whole[1:-1]) < 0.0
+        if (turns & (whole[1:-1] > low_w) & (whole[1:-1] < high_w)).any():
+            unclear += 1
+            continue
+        begun, every, ended = (range_m[upward(whole, one_w)] for one_w in (low_w, level_w, high_w))
         stops = [stop for stop in found.stops if stop.reported[pulse]]
-        assert [float(stop.range_m[pulse]) for stop in stops] == pytest.approx(every, abs=0.02 * SIGMA_M)
-        for crossing, stop in zip(every, stops, strict=True):
+        stops_m = np.array([float(stop.range_m[pulse]) for stop in stops])
+        assert len(stops) == len(every)
+        assert (begun - 0.004 <= stops_m).all()
+        assert (stops_m <= ended).all()
+        for crossing, stop_m, stop in zip(every, stops_m, stops, strict=True):
 
             def apart(others, crossing=crossing):
                 return np.abs(others - crossing).min(initial=math.inf)
 
             crossings += 1
-            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M:
+            here = np.searchsorted(range_m, crossing)
+            before = here - round(SIGMA_M / 0.004)
+            by_air, by_walls = (one[here] - one[before] for one in (drops + spread, walls))
+            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M or (
+                apart(of_air) >= FWHM_M and by_air > 0.5 * by_walls
+            ):
                 continue
             judged += 1
             source, true_m = int(stop.source[pulse]), float(stop.true_range_m[pulse])
@@ -383,20 +445,26 @@ def test_a_crossing_is_of_the_light_that_makes_it():
                 by_kind["surface"] += 1
                 assert stop.status[pulse] == Status.ECHO
                 assert source in (0, 1)
-                assert crossing < true_m < crossing + 6.0 * SIGMA_M
+                # Half a bin of the peak's place moves the mean of two, four sigma_p apart at most, by 0.02 sigma_p.
+                peak_m = range_m[here + int(np.argmax(np.diff(whole[here:]) < 0.0))]
+                light_w = walls_w[pulse] * np.exp(-0.5 * ((peak_m - walls_m[pulse]) / SIGMA_M) ** 2)
+                mean_m = light_w @ walls_m[pulse] / light_w.sum()
+                assert true_m == pytest.approx(mean_m, abs=0.03 * SIGMA_M)
                 continue
             assert stop.status[pulse] == Status.WEATHER
             assert source in (-1, 2, 3)
             if apart(even) < 0.1 * SIGMA_M:
                 by_kind["fog"] += 1
                 assert source == -1
-                assert true_m == pytest.approx(crossing, abs=0.02 * SIGMA_M)
+                assert true_m == pytest.approx(stop_m, abs=0.02 * SIGMA_M)
             elif apart(even) > FWHM_M:
                 by_kind["drop"] += 1
                 assert source in (2, 3)
-                assert crossing < true_m < crossing + 6.0 * SIGMA_M
-    assert judged > 0.9 * crossings
-    assert min(by_kind.values()) > 30
+                assert stop_m < true_m < stop_m + 11.0 * SIGMA_M
+    # Of streams without number some 2 pulses, 94 +/- 1.1 % of 490 crossings, and 39 of drops: five deviations and more.
+    assert unclear < 0.05 * count
+    assert judged > 0.88 * crossings
+    assert min(by_kind.values()) > 10
 
 
 def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():

@@ -31,6 +31,12 @@ _FAR = 1e30
 _BEFORE = 8.0
 """Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
 
+_FADING = -4.0, 2.0
+"""Where the air's light may have a peak because a surface ends it, about the place where it falls fastest, in sigma_p:
+it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it also rises steeply
+a little behind it.
+"""
+
 _WEAK_W = 1e-12
 """Power at which every detector is linear."""
 
@@ -150,8 +156,9 @@ class Waveform:
     def intervals(self) -> list[tuple[Array, Array]]:
         """Intervals (start, end) of places, (n,) each, outside of which the waveform has no peak."""
         # A peak needs a negative second derivative of the sum, and so of at least one of its terms. A Gaussian has that
-        # within one sigma of its centre, a volume's course on its hump only. An interval that a pulse does not have
-        # starts at the far end and ends before everything, so no search enters it.
+        # within one sigma of its centre, a volume's course on its hump, and again where a surface ends it: there a
+        # pulse may rise while the air's light falls. An interval that a pulse does not have starts at the far end and
+        # ends before everything, so no search enters it.
         # The undershoot only bends a recovering baseline, which rises: it moves peaks by 2 w at most.
         ops = xp(*self.centres, self.origin_m)
         later = 1.0 if self.under is None else 1.0 + 2.0 * self.under.rate
@@ -163,6 +170,12 @@ class Waveform:
             start, end = ((edge - self.origin_m) / self.unit_m for edge in self.volume.hump_m)
             there = self.volume.scale > 0.0
             found.append((ops.where(there, start, _FAR), ops.where(there, end, -_FAR)))
+            ended = there & (self.volume.end_m < self.volume.far_m)
+            steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
+                2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
+            )
+            before, behind = (steepest + way for way in _FADING)
+            found.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
         return found
 
 
