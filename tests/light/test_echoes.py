@@ -268,6 +268,9 @@ def test_echo_and_background_of_a_ray():
     surface = LIT * 2e-3 * FIELD_SR * AIR * 0.4 * 0.7
     above = (5.0 / math.pi * 0.9 + DISC) * 2e-3 * FIELD_SR * 0.4 * 0.8
     np.testing.assert_allclose(light.background_power_w, [surface, above], rtol=1e-6)
+    cloudy = receive(BEAMS, HITS, BY_HAND, dataclasses.replace(AMBIENT, sun_direction=None))
+    sky = 5.0 / math.pi * 0.9 * 2e-3 * FIELD_SR * 0.4 * 0.8
+    np.testing.assert_allclose(cloudy.background_power_w, [surface, sky], rtol=1e-12)
     (other,) = light.interference
     assert (other.rate_hz, other.spread_db) == (1e4, 6.0)
     assert other.peak_power_w == pytest.approx(1e-3 * 1e-3 * 0.5)
