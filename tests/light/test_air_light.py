@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import drops, trains
 from scipy.constants import c
+from scipy.stats import norm
 
 from lidarscene.light.air_light import air_light, overlap_of
 from lidarscene.physics.weather import soft_target
@@ -110,5 +111,42 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     drawn_beta = medium.backscatter_per_m_sr - tables.weak_backscatter_per_m_sr(range_m)
     wanted = np.trapezoid(seen * drawn_beta, range_m)
     assert wanted > 0.02 * np.trapezoid(seen * medium.backscatter_per_m_sr, range_m)
+    left = np.asarray(air.shape.at((range_m[::100] - air.near_m) / (air.far_m - air.near_m)))
+    length_m = soft_target.pulse_length_m(fwhm_s=trains.FWHM_S) * math.sqrt(math.pi / (4.0 * math.log(2.0)))
+    even = length_m * (seen * tables.weak_backscatter_per_m_sr(range_m) / range_m**2)[::100]
+    np.testing.assert_allclose(
+        left, even, rtol=0.1
+    )  # it bends over the pulse's length, most of all near the lens
     error = light.std() / math.sqrt(len(pulse))
     assert abs(light.mean() - wanted) < 5.0 * error + 0.02 * wanted
+
+
+def test_as_many_drops_as_the_beam_holds(monkeypatch):
+    """Drops of 4 to 10 m that are stronger than a level: their mean number is int n S dR, S = pi w_1 w_2 the beam's
+    cross-section by its two divergences, n of the drops from the size on whose echo there is as strong. At 1e-6.
+    """
+    drops.as_bright_as_their_faces(monkeypatch)
+    equipped, air, extinction = lit(RAIN, *BEAM)
+    ((tables, _),) = air.particles
+    (medium,) = RAIN.media(equipped.laser.wavelength_m)
+    level = 20.0 * math.exp(float(tables.log_strength.values[-1]))
+    pulse = np.arange(60_000, dtype=np.uint32)
+    lanes = {"scale": np.ones(len(pulse)), "end_m": np.full(len(pulse), 1e3), "seed": 5, "pulse": pulse}
+    have = sum(
+        int(((one.range_m > 4.0) & (one.range_m < 10.0) & (one.peak_power_w > level)).sum())
+        for one in air.sub_echoes(**lanes)
+    )
+    range_m, diameter_m = np.linspace(4.0, 10.0, 601), np.linspace(0.0, 15e-3, 6001)
+    area = math.pi * np.hypot(5e-3, 1.5e-3 * range_m) * np.hypot(5e-3, 0.5e-3 * range_m)
+    share = np.asarray(overlap_of(equipped).share(range_m))
+    needed = level * area * range_m**2 / (share * np.exp(-2.0 * extinction * range_m))
+    sigma = np.asarray(medium.particle_m2_sr(diameter_m=diameter_m))
+    at_least = np.interp(needed, sigma, diameter_m)
+    per_m3 = (
+        medium.sizes.intercept_per_m4
+        / medium.sizes.slope_per_m
+        * np.exp(-medium.sizes.slope_per_m * at_least)
+    )
+    wanted = len(pulse) * np.trapezoid(per_m3 * area, range_m)
+    assert wanted > 500.0
+    assert abs(have - wanted) < norm.isf(0.5e-6) * math.sqrt(wanted) + 0.01 * wanted  # the table's steps
