@@ -193,3 +193,17 @@ def test_the_echo_has_the_factor(mi):
 def test_focus_before_the_lens_is_refused():
     with pytest.raises(InputError, match=r"overlap.focus_at_m: must be >= .* \(ten focal lengths\), got"):
         chain.sensor("table1-apd", "optics.overlap.focus_at_m=0.1")
+
+
+def test_axes_meet_and_the_lens_is_sharp_at_ranges_of_their_own():
+    """Parallax and blur are zero there, o / R and r / R much nearer, and o / R_0 and r / R_f far away."""
+    for angle, ranges in (
+        (lambda r: receiver.parallax_rad(offset_m=0.05, crossing_m=20.0, range_m=r), (20.0, 1e-3, 1e9)),
+        (
+            lambda r: receiver.blur_radius_rad(aperture_radius_m=0.05, focus_m=20.0, range_m=r),
+            (20.0, 1e-3, 1e9),
+        ),
+    ):
+        sharp, near, far = angle(np.array(ranges))
+        assert sharp == pytest.approx(0.0, abs=1e-15)
+        assert (near, far) == pytest.approx((50.0, 0.05 / 20.0), rel=1e-3)
