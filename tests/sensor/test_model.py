@@ -19,6 +19,7 @@ from lidarscene.studies.ranging.plane import Target
 
 BACKGROUND_W = 2.5e-8
 KINDS = ["gaussian", "single_pole"]
+ADC = ["sampler.type='adc'", "sampler.bits=12", "sampler.full_scale=1"]
 
 
 def sensor(kind, *overrides, name="table1-apd", bandwidth_mhz=None):
@@ -274,22 +275,31 @@ def test_numbers_of_the_page():
 
 def test_bandwidths_of_white_noise():
     """The least of the amplifier's, half of an ADC's rate and half over the dead time of cells."""
-    adc = ["sampler.type='adc'", "sampler.bits=12", "sampler.full_scale=1"]
     assert load_sensor("table1-apd", overrides=["tdc.bandwidth_mhz=90"]).noise_bandwidth_hz == 90e6
-    slow = load_sensor("table1-apd", overrides=["tdc.bandwidth_mhz=900", *adc, "sampler.rate_mhz=400"])
+    slow = load_sensor("table1-apd", overrides=["tdc.bandwidth_mhz=900", *ADC, "sampler.rate_mhz=400"])
     assert slow.noise_bandwidth_hz == 200e6
     cells = load_sensor("table1-sipm", overrides=["tdc.bandwidth_mhz=900", "detector.dead_time_ns=20"])
     assert cells.noise_bandwidth_hz == pytest.approx(25e6)
 
 
-@pytest.mark.parametrize("kind", ["none", *KINDS])
-def test_crossings_behind_a_matched_filter_by_the_spectrum(kind):
-    """Rice's f_rms of the filtered noise, from sums over exp(-(2 pi f sigma)^2) up to B, sigma the received pulse's."""
-    keys = ["tdc.timing='matched_filter'", "tdc.false_alarms='crossings'", "tdc.bandwidth_mhz=80"]
-    equipped = sensor(kind, *keys)
+@pytest.mark.parametrize(
+    ("kind", "filtering", "band_hz"),
+    [
+        ("none", ["tdc.timing='matched_filter'"], 80e6),
+        ("gaussian", ["tdc.timing='matched_filter'"], 80e6),
+        ("single_pole", ["tdc.timing='matched_filter'"], 80e6),
+        ("none", [*ADC, "sampler.rate_mhz=170"], 80e6),
+        ("none", [*ADC, "sampler.rate_mhz=170", "tdc.bandwidth_mhz=500"], 85e6),
+    ],
+)
+def test_crossings_behind_a_matched_filter_by_the_spectrum(kind, filtering, band_hz):
+    """Rice's f_rms of the filtered noise, from sums over exp(-(2 pi f sigma)^2) up to B, sigma the received pulse's; of
+    samples up to half of their rate.
+    """
+    equipped = sensor(kind, "tdc.false_alarms='crossings'", "tdc.bandwidth_mhz=80", *filtering)
     sigma_s = float(equipped.received_fwhm_s) / math.sqrt(8.0 * math.log(2.0))
     assert (sigma_s > 1.03 * 6e-9 / math.sqrt(8.0 * math.log(2.0))) == (kind != "none")
-    frequency = (np.arange(20_000) + 0.5) / 20_000 * 80e6
+    frequency = (np.arange(20_000) + 0.5) / 20_000 * band_hz
     spectrum = np.exp(-((2.0 * math.pi * frequency * sigma_s) ** 2))
     rms_hz = math.sqrt((frequency**2 * spectrum).sum() / spectrum.sum())
     point = equipped.working_point(np.array([BACKGROUND_W]))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarscene.physics.electronics import sipm_response
+from lidarscene.physics.electronics import sipm, sipm_response
 
 SIGMAS = math.sqrt(8.0 * math.log(2.0))
 
@@ -35,3 +35,45 @@ def test_what_is_two_dead_times_ago_is_over():
     )
     assert left[0] > 0.1 > -0.05 > left[1]
     np.testing.assert_array_equal(left[2:], 0.0)
+
+
+@pytest.mark.parametrize(
+    "keys", [{}, {"crosstalk": 0.25}, {"afterpulse": 0.2, "afterpulse_to_dead_time": 1.5}]
+)
+def test_cells_in_steps_keep_their_balance(keys):
+    """Without light beyond the background's nothing changes. With more of it, for long, the share with crosstalk is
+    that of all firings, the fixed point of f (x + dx) / (1 - p f) with f ready.
+    """
+    busy = np.array([0.05, 0.3])
+    steps = 50
+    found = sipm_response.busy_share_in_steps(rate=np.zeros((2, 500)), busy_share=busy, steps=steps, **keys)
+    np.testing.assert_allclose(found, busy[:, None] + 0.0 * found, rtol=1e-9)
+    if "afterpulse" in keys:
+        return
+    p, more = keys.get("crosstalk", 0.0), 0.4
+    x = busy / (1.0 - busy) - p * busy
+    wanted = sipm.busy_share_correlated(
+        firings=x + more, crosstalk=p, afterpulse=0.0 * x, afterpulse_to_dead_time=1.0 + 0.0 * x
+    )
+    found = sipm_response.busy_share_in_steps(
+        rate=np.full((2, 1000), more), busy_share=busy, steps=steps, **keys
+    )
+    np.testing.assert_allclose(found[:, -1], wanted, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "avalanches"),
+    [
+        ({"crosstalk": 0.25}, 1.0 / 0.75),
+        ({"afterpulse": 0.3, "afterpulse_to_dead_time": 1.5}, 1.0 / (1.0 - 0.3 * math.exp(-1.0 / 1.5))),
+    ],
+)
+def test_weak_light_makes_so_many_avalanches_of_one(keys, avalanches):
+    """In the dark: 1 / (1 - p) by crosstalk, and 1 / (1 - a e^(-tau / delay)) by afterpulses that find their cell ready
+    again. The cells' busy time, summed, counts them.
+    """
+    steps = 50
+    flash = np.zeros((1, 60 * steps))
+    flash[0, 100] = 1e-4 * steps
+    found = sipm_response.busy_share_in_steps(rate=flash, busy_share=np.zeros(1), steps=steps, **keys)
+    assert found.sum() / steps == pytest.approx(1e-4 * avalanches, rel=2e-3)

@@ -207,3 +207,16 @@ def test_axes_meet_and_the_lens_is_sharp_at_ranges_of_their_own():
         sharp, near, far = angle(np.array(ranges))
         assert sharp == pytest.approx(0.0, abs=1e-15)
         assert (near, far) == pytest.approx((50.0, 0.05 / 20.0), rel=1e-3)
+
+
+def test_nothing_is_seen_nearer_than_the_blind_range():
+    """A beam with straight edges that starts 5 mm wide, beside the lens: its inner edge, blurred, leaves the field."""
+    optics = {"exit_radius_m": 0.005, "aperture_radius_m": 0.01, "field_rad": 3e-3}
+    blind_m = float(receiver.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
+    for range_m, seen in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
+        share = receiver.spot_share(
+            profile="top_hat", spot_rad=np.array([0.005 / range_m + 1e-3]), off_axis_rad=0.05 / range_m,
+            field_rad=3e-3, blur_rad=0.01 / range_m,
+        )  # fmt: skip
+        assert (share[0] > 0.0) == seen
+    assert receiver.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0

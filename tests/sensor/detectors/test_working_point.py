@@ -93,7 +93,7 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
     """A cell is up from its firing to its revival, with light and without: of the variance of their number the filter
     leaves the same share, at any light. The least level is a cell's own height behind the filter.
     """
-    keys = ["tdc.bandwidth_mhz=60", "detector.statistics='steady_state'"]
+    keys = ["tdc.bandwidth_mhz=60", "detector.statistics='steady_state'", "detector.cell_floor=1"]
     bare, filtered = (
         load_sensor("table1-sipm", overrides=[*keys, *more]).working_point(np.array([2.5e-8]))
         for more in ([], [f"receiver.response='{kind}'"])
@@ -117,6 +117,7 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
     # A symmetric response is highest when its middle is in the middle of the cell's time, a pole's at its end.
     start, end = (-0.5 * dead_s, 0.5 * dead_s) if kind == "gaussian" else (0.0, dead_s)
     height = quad(impulse, max(start, -longest_s), min(end, longest_s))[0]
+    assert float(bare.least_threshold) == 1.0
     assert float(filtered.least_threshold) == pytest.approx(height * float(bare.least_threshold), rel=1e-6)
 
 
@@ -188,3 +189,17 @@ def test_cells_behind_a_filter_cross_as_rice_says(more):
     rates = sensor.false_alarm_rate_hz(point, np.array([4.0, 5.0]) * point.noise[0])
     bandwidth_hz = sensor.crossing_bandwidth_hz
     np.testing.assert_allclose(rates, bandwidth_hz / math.sqrt(3.0) * np.exp([-8.0, -12.5]), rtol=1e-9)
+
+
+def test_all_free_cells_fired_have_no_noise_of_their_own():
+    """A binomial number that is certain, on the cells that background and dark counts left, as printed."""
+    sensor = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
+    point = sensor.working_point(np.array([2.5e-8]))
+    free = 400.0 - float(point.busy[0])
+    assert free < 350.0
+    for share in (0.5, 1.0):
+        own = (
+            float(np.ravel(point.kappa_1)[0]) * share * free
+            + float(np.ravel(point.kappa_2)[0]) * (share * free) ** 2
+        )
+        assert own == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)
