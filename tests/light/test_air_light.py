@@ -10,7 +10,7 @@ from scipy.constants import c
 from scipy.stats import norm
 
 from lidarscene.light.air_light import air_light, overlap_of
-from lidarscene.physics.weather import soft_target
+from lidarscene.physics.weather import glory, soft_target
 from lidarscene.scene.weather import Weather
 
 RAIN = Weather(rain_mm_h=20.0)
@@ -150,3 +150,20 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     wanted = len(pulse) * np.trapezoid(per_m3 * area, range_m)
     assert wanted > 500.0
     assert abs(have - wanted) < norm.isf(0.5e-6) * math.sqrt(wanted) + 0.01 * wanted  # the table's steps
+
+
+def test_drops_are_seen_by_a_lens_that_stands_beside_the_laser(monkeypatch):
+    """From the near edge of the lens to the far one: 35 and 85 mm of one with 25 mm of radius, 60 mm off."""
+    seen = []
+
+    def gain(*, diameter_m, within_rad, from_rad=0.0, **_):
+        seen.append(float(np.median(from_rad / within_rad)))
+        return np.ones_like(diameter_m * within_rad)
+
+    monkeypatch.setattr(glory, "gain", gain)
+    lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[60, 0]")
+    assert seen
+    np.testing.assert_allclose(seen, 35.0 / 85.0)
+    seen.clear()
+    lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[0, 0]")
+    np.testing.assert_array_equal(seen, 0.0)

@@ -9,6 +9,7 @@ from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
 from lidarscene.detection import multi_echo
+from lidarscene.detection.pulses.memory import Left
 from lidarscene.detection.sampled_waveforms import remembered
 from lidarscene.kernel.device import transfer
 from lidarscene.light.waveform import sampled
@@ -299,3 +300,12 @@ def test_the_signal_of_a_clipped_waveform_drains():
     since_s = np.array([100e-9, 120e-9, 160e-9])
     _, (signal,) = remembered(light, equipped, released_s + since_s)
     np.testing.assert_allclose(signal, 5e-3 * np.exp(-since_s / 20e-9), rtol=0.03)
+
+
+def test_what_a_rise_finds_can_be_undone():
+    """Signal and power of the point that it meets are inverse, on what is held and with half of the cells."""
+    bare = sensor("table1-sipm", STEADY, *KEYS).working_point(np.array([DIM_W]))
+    met = Left(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).seen(bare)
+    power = np.geomspace(1e-10, 1e-7, 20)
+    assert met.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.signal(power)[0])
+    np.testing.assert_allclose(met.power_w(met.signal(power)), power, rtol=1e-9)
