@@ -278,20 +278,53 @@ def test_a_matched_filter_finds_pulses_of_a_threshold_on_light_that_lasts(height
     assert (second.reported[0] and abs(second.range_m[0] - 60.0) < trains.SIGMA_M) == (height > 1.0)
 
 
+def samples_of(rule, signal):
+    """Scatter of the time [s] of such light in noise of 1 % of a unit."""
+    time_s, noisy = sampled(100.0, {"kappa_1": 0.0, "kappa_2": 0.0})
+    own = noisy - np.exp(-0.5 * (time_s / SIGMA_S) ** 2) + signal(time_s / SIGMA_S)
+    return top(time_s, filtered(own) if rule == "matched_filter" else own)[0].std()
+
+
+@pytest.mark.parametrize(("rule", "too_much"), [("peak", 1.04), ("matched_filter", 1.35)])
 @pytest.mark.parametrize("lasting", [0.5, 1.0, 3.0])
-def test_light_that_lasts_does_not_blur_a_peak(lasting):
+def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     """Steady light adds nothing to where a pulse's peak is: the scatter is that of the pulse alone, which fine samples
     of both in noise have. 4 % for curvature, beside chi-square at 1e-6 on either side.
+
+    Behind a matched filter (T80) takes pulse and light for one broad pulse: the pulse's share of its height is up to
+    sqrt(2) too low.
     """
-    snr, count = 100.0, 4000
-    sensor = equipped(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
-    stop = on_lasting(sensor, snr / 10.0, lasting * snr / 10.0, count)
+    count = 4000
+    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    height = 10.0 * float(
+        ((point.unfiltered or point).noise / point.noise)[0]
+    )  # of SNR 100 before a filter, in U
+    stop = on_lasting(sensor, height, lasting * height, count)
     assert stop.reported.all()
-    time_s, signal = sampled(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
-    wanted_s = top(time_s, signal + lasting)[0].std()
-    spread = math.sqrt(chi2.isf(1e-6, count - 1) / (count - 1)) ** 2
+    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
+    spread = chi2.isf(1e-6, count - 1) / (count - 1)
     have_s = stop.range_m.std() * 2.0 / c
-    assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * 1.04
+    assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * too_much
+
+
+@pytest.mark.parametrize("rule", ["peak", "matched_filter"])
+def test_a_broad_top_is_less_sharp(rule):
+    """Of a surface in depth, 1.2 sigma_p deep as a Gaussian, whose echo is a Gaussian of 1.56 sigma_p: its scatter is
+    that of fine samples of it, to 6 % beside chi-square at 1e-6. A lone pulse of that height has two thirds of it.
+    """
+    count, places = 4000, 0.5 * np.arange(-8, 9)
+    shares = np.exp(-0.5 * (places / 1.2) ** 2)
+    shares *= math.sqrt(1.0 + 1.2**2) / 1.2 * 0.5 / math.sqrt(2.0 * math.pi)  # together as high as one
+    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'")
+    power = trains.power_at_snr(sensor, 100.0) * np.tile(shares, (count, 1))
+    range_m = np.tile(60.0 + trains.SIGMA_M * places, (count, 1))
+    stop = trains.detect(trains.train(range_m, power), sensor, seed=3).stops[0]
+    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2 / (1.0 + 1.2**2)))
+    spread = chi2.isf(1e-6, count - 1) / (count - 1)
+    have_s = stop.range_m[stop.reported & (stop.status == 0)].std() * 2.0 / c
+    assert wanted_s > 1.4 * samples_of(rule, lambda place: np.exp(-0.5 * place**2))
+    assert wanted_s / spread / 1.06 < have_s < wanted_s * spread * 1.06
 
 
 def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
