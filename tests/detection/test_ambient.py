@@ -5,7 +5,7 @@ import pytest
 from helpers import chain
 from helpers.table_1 import DCR, DEAD, HNU, IDB, P_RS, PDE, QE, N
 from scipy.constants import e
-from scipy.stats import norm, poisson
+from scipy.stats import f, norm, poisson
 
 from lidarscene.detection import ambient
 from lidarscene.physics.electronics import counting
@@ -56,6 +56,31 @@ def test_sipm_counts_firings():
     drawn = counted("table1-sipm", P_RS)
     assert drawn.mean() == pytest.approx(N * per_cell.mean(), rel=4e-3)  # 0.05 % of it is statistics
     assert drawn.var() == pytest.approx(N * per_cell.var(), rel=0.12)  # 4000 cells: 2.2 % each side
+
+
+def test_cells_that_fire_others_are_counted_in_clusters():
+    """Reference: cells in small steps, each avalanche trying one other cell at once, which fires if it is ready. An F
+    test at 1e-6 of 3000 windows of sixty dead times, of which steps and ends leave 4 %.
+    """
+    steps, shots, window = 50, 3000, 60
+    rng, cells, crosstalk = np.random.default_rng(6), round(N), 0.45
+    rate = -np.expm1(-(P_RS * PDE / HNU / N + DCR) * DEAD / steps)
+    fired, busy, total = np.zeros((steps, shots), int), np.zeros(shots, int), np.zeros(shots, int)
+    for k in range((window + 6) * steps):
+        busy = busy - fired[k % steps]
+        new = rng.binomial(cells - busy, rate)
+        here = np.zeros(shots, int)
+        while new.any():
+            here, busy = here + new, busy + new
+            new = np.minimum(rng.binomial(new, crosstalk * (cells - busy) / cells), cells - busy)
+        fired[k % steps] = here
+        total += here if k >= 6 * steps else 0
+    more = f"detector.crosstalk={crosstalk}", f"tdc.ambient_window_us={1e6 * window * DEAD!r}"
+    drawn = counted("table1-sipm", P_RS, 3, "detector.statistics='steady_state'", *more)
+    assert drawn.mean() == pytest.approx(total.mean(), rel=0.02)  # a step of a fiftieth of the dead time
+    ratio = drawn.var() / total.var()
+    assert 1.0 / f.isf(1e-6, shots - 1, len(drawn) - 1) < ratio * 1.04
+    assert ratio / 1.04 < f.isf(1e-6, len(drawn) - 1, shots - 1)
 
 
 def test_window():

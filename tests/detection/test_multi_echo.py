@@ -14,7 +14,7 @@ from lidarscene.detection import returns
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
 from lidarscene.light.footprint import points
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sampled, waveform
 from lidarscene.maths.arrays import Table
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import pulse_sums, tdc
@@ -607,3 +607,22 @@ def test_even_light_has_no_range_but_that_which_is_reported():
     first = detect(train(np.array([[60.0]]), np.array([[0.0]]), volume=near), equipped).stops[0]
     assert first.reported[0]
     assert first.true_range_m[0] == 0.0
+
+
+def test_light_that_rises_slowly_trips_where_it_reaches_the_level():
+    """Of a course that grows as exp(r / 5 m) up to 60 m and ends there: 23 m before its end it is a hundredth of that,
+    far before the first place where it can have a peak. There is no light before where the course begins.
+    """
+    quiet = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4", "tdc.walk='raw'"]
+    equipped = sensor("table1-apd", *quiet)
+    grid = np.linspace(0.0, 150.0, 3001)
+    course = np.where(grid < 60.0, np.exp((grid - 60.0) / 5.0), np.exp(-(((grid - 60.0) / 2.0) ** 2)))
+    air = volume(course, power_at_snr(equipped, 1e6), 100.0)
+    first = detect(train(np.array([[120.0]]), np.array([[0.0]]), volume=air), equipped).stops[0]
+    # The table is straight over 0.05 m: its level is (0.05 / 5)^2 / 8 of itself too high.
+    assert first.range_m[0] == pytest.approx(60.0 - 5.0 * math.log(100.0), abs=2e-3)
+    begins = replace(air, near_m=30.0, hump_m=(30.0, 150.0), shape=Table(np.linspace(1.0, 0.0, 3001)))
+    wave = waveform(train(np.array([[120.0]]), np.array([[0.0]]), volume=begins), equipped)
+    before, behind = ((one - wave.origin_m) / wave.unit_m for one in (29.9, 30.1))
+    assert wave.air_w(before) == 0.0
+    assert wave.air_w(behind) == pytest.approx(0.999 * power_at_snr(equipped, 1e6), rel=1e-3)

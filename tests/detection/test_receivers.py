@@ -1,8 +1,13 @@
-"""Receivers of several sizes in one process."""
+"""Which way of detection a sensor takes, and receivers of several sizes in one process."""
 
 import os
 from pathlib import Path
 from typing import Any
+
+import pytest
+
+from lidarscene import load_sensor
+from lidarscene.detection import receivers
 
 TESTS = Path(__file__).parents[1]
 
@@ -50,3 +55,20 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
     assert rising == falling
     assert len({line.split()[-1] for line in rising}) == len(CASES)
     assert all(int(line.split()[-2]) == 200 for line in rising), rising
+
+
+@pytest.mark.parametrize(
+    ("overrides", "plain"),
+    [
+        ([], True),
+        (["tdc.timing='peak'", "tdc.stops=3"], True),
+        (["tdc.keep='last'"], False),
+        (["tdc.keep='strongest'"], False),
+        (["receiver.ac_coupling_khz=100"], False),
+        (["receiver.response='gaussian'"], True),
+        (["sampler.type='multi_level_tdc'", "sampler.levels=[2]"], False),
+    ],
+)
+def test_what_a_lone_echo_has_a_closed_form_for(overrides: list[str], plain: bool) -> None:
+    """The first edge, whatever is timed of it; not a later return, a baseline that recovers, or samples."""
+    assert receivers.is_plain(load_sensor("table1-apd", overrides=overrides)) == plain

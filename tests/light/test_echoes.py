@@ -1,19 +1,26 @@
 """Rays over the footprint, several echoes and the air's light through the whole chain, against closed forms."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import chain, launches, trains
 from helpers.table_1 import K_PD, P_RS, M, sigma_18
 
 from lidarscene.detection.outcomes import Status
 from lidarscene.light.air_light import overlap_of
+from lidarscene.light.beams import Beams
+from lidarscene.light.echoes import Ambient, hump_of, receive, with_all_background
+from lidarscene.light.field_of_view import background_power_w, field_of_view
+from lidarscene.light.hits import Hits
+from lidarscene.maths.arrays import Table
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics.pulse import gaussian_pulse
+from lidarscene.physics.optics.sunlight import SUN_RADIUS_RAD
 from lidarscene.physics.weather import soft_target
 from lidarscene.rendering.simulator import Simulator, Summary
-from lidarscene.scene.model import Air
+from lidarscene.scene.model import Air, Interferer
 from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -223,3 +230,82 @@ def test_keep_and_dead_time_act_with_one_ray():
         on_wall = np.isfinite(cloud.true_range_m)
         shares[keep] = np.mean(cloud.status[on_wall] == Status.ECHO)
     assert shares["strongest"] > 0.999 > shares["first"]
+
+
+BY_HAND = trains.sensor("table1-apd", "optics.efficiency_laser=0.5", "optics.efficiency_sun=0.4")
+SUN = (0.6, 0.0, 0.8)
+FIELD_RAD = float(BY_HAND.detector.radius_m / BY_HAND.optics.focal_length_m)
+BEAMS = Beams(
+    pulse=np.arange(2, dtype=np.uint32), origin_m=(0.0, 0.0, 0.0),
+    direction=(np.ones(2), np.zeros(2), np.zeros(2)), aperture_m2=1e-3, background_aperture_m2=2e-3,
+)  # fmt: skip
+HITS = Hits(
+    found=np.array([True, False]), range_m=np.array([20.0, 1.0]), cos_incidence=np.array([0.9, 0.0]),
+    backscatter_per_sr=np.array([0.05, 0.0]), sun_scatter_per_sr=np.array([0.2, 0.0]),
+    reflectivity=np.array([0.3, 0.0]), transmittance=np.array([0.1, 0.0]), cos_sun=np.array([0.5, 0.0]),
+    lit=np.array([True, False]), face=np.array([3, -1]), throughput=np.array([0.7, 0.8]),
+    direction=tuple(np.full(2, one) for one in SUN),
+)  # fmt: skip
+AMBIENT = Ambient(
+    sun_irradiance_w_m2=29.0, sky_irradiance_w_m2=5.0, transmittance=0.9, extinction_per_m=0.01,
+    sun_direction=SUN, lamps_w_m2=2.0, interferers=(Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),),
+)  # fmt: skip
+AIR = 0.9 * math.exp(-0.2)
+FIELD_SR = math.pi * FIELD_RAD**2
+LIT = 29.0 * 0.2 + (0.3 + 0.1) * (5.0 + 2.0) / math.pi
+"""Radiance of the surface: sun, and sky with lamps on both of its sides."""
+DISC = 29.0 / (math.pi * SUN_RADIUS_RAD**2)
+
+
+def test_echo_and_background_of_a_ray():
+    """The pane dims the echo twice and the background once; a ray that ends at no surface sees the sky, through the air
+    but for its length, and here the sun's disc fills the field of view.
+    """
+    light = receive(BEAMS, HITS, BY_HAND, AMBIENT)
+    echo = 45.0 * 0.05 * 1e-3 / 20.0**2 * AIR**2 * 0.5 * 0.7**2
+    np.testing.assert_allclose(light.peak_power_w, [echo, 0.0], rtol=1e-12)
+    assert FIELD_RAD < SUN_RADIUS_RAD
+    surface = LIT * 2e-3 * FIELD_SR * AIR * 0.4 * 0.7
+    above = (5.0 / math.pi * 0.9 + DISC) * 2e-3 * FIELD_SR * 0.4 * 0.8
+    np.testing.assert_allclose(light.background_power_w, [surface, above], rtol=1e-6)
+    cloudy = receive(BEAMS, HITS, BY_HAND, dataclasses.replace(AMBIENT, sun_direction=None))
+    sky = 5.0 / math.pi * 0.9 * 2e-3 * FIELD_SR * 0.4 * 0.8
+    np.testing.assert_allclose(cloudy.background_power_w, [surface, sky], rtol=1e-12)
+    (other,) = light.interference
+    assert (other.rate_hz, other.spread_db) == (1e4, 6.0)
+    assert other.peak_power_w == pytest.approx(1e-3 * 1e-3 * 0.5)
+    assert light.white_w_m2 == 1.0
+    scaled = trains.sensor("table1-apd", "optics.efficiency_laser=0.5", "intensity.kind='reflectivity'")
+    assert receive(BEAMS, HITS, scaled, AMBIENT).white_w_m2 == pytest.approx(45.0 * 1e-3 * 0.5 / math.pi)
+
+
+def test_background_of_a_field_of_view():
+    """The mean over its rays, each as if all of the field saw what it sees; the disc is not dimmed once more."""
+    seen = background_power_w(BEAMS, [HITS], BY_HAND, AMBIENT, count=2)
+    surface = LIT * 2e-3 * FIELD_SR * AIR * 0.4 * 0.7
+    above = (5.0 / math.pi * 0.9 + DISC) * 2e-3 * FIELD_SR * 0.4 * 0.8
+    np.testing.assert_allclose(seen, [0.5 * (surface + above)], rtol=1e-6)
+    rays = field_of_view(BY_HAND, 64)
+    assert rays.slope == pytest.approx((FIELD_RAD, FIELD_RAD))
+    # An even disc of radius 1 has the variance 1 / 4 on each axis, and nothing beyond its edge.
+    assert np.hypot(*rays.points.values.T).max() < 1.05
+    np.testing.assert_allclose(rays.points.values.T @ rays.points.values / 64, 0.25 * np.eye(2), atol=1e-12)
+
+
+def test_the_background_of_all_paths_is_the_first_ones():
+    ways = [receive(BEAMS, HITS, BY_HAND, AMBIENT) for _ in range(3)]
+    first, *others = with_all_background(ways)
+    np.testing.assert_allclose(first.background_power_w, 3.0 * ways[0].background_power_w)
+    assert [one is way for one, way in zip(others, ways[1:], strict=True)] == [True, True]
+
+
+@pytest.mark.parametrize("near_m", [0.0, -2.0])
+def test_the_hump_of_a_gaussian_course(near_m):
+    """It is concave within one deviation of its middle, to a step of the grid on either side."""
+    grid = np.linspace(near_m, 50.0, 2601)
+    shape = Table(np.exp(-0.5 * ((grid - 20.0) / 3.0) ** 2))
+    step = grid[1] - grid[0]
+    assert hump_of(shape, 50.0, near_m) == pytest.approx((17.0, 23.0), abs=1.5 * step)
+    # Half of the bend that is left out at either end is 1e-7 of the peak.
+    straight = Table(np.linspace(0.0, 1.0, 101))
+    assert hump_of(straight, 50.0, near_m) == (near_m, near_m)

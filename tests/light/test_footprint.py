@@ -9,7 +9,7 @@ from scipy.stats import ncx2, norm
 
 from lidarscene import load_sensor
 from lidarscene.errors import InputError
-from lidarscene.light.beams import Beams
+from lidarscene.light.beams import Beams, reported
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.footprint import footprint, points, spread
 from lidarscene.light.pulse_train import together
@@ -271,3 +271,24 @@ def test_a_wide_plane_is_as_bright_with_a_halo():
     power = cos * (cos / 100.0) ** 2 * 1e4
     whole = train_of(100.0, power[None, :], shape)
     assert whole.parts[0].peak_power_w.sum() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_last_rays_are_the_halos():
+    """Three of seven rays are a halo of its own width and Gaussian shape, whatever the core's: each points off the
+    axis by its place times the tangent of its half angle.
+    """
+    sensor = load_sensor("table1-apd", overrides=["laser.divergence_mrad=2", "laser.beam_profile='top_hat'"])
+    shape = footprint(sensor.laser, 7, Halo(share=0.2, divergence_rad=0.06))
+    assert shape.skirt.count == 3
+    lane = np.arange(7 * 5, dtype=np.uint32)
+    rotation = tuple(np.eye(3).ravel())
+    axes = reported(sensor, pulse=lane // 7, origin_m=(0.0, 0.0, 0.0), rotation=rotation)
+    rays = spread(axes, shape, ray=(lane % 7).astype(np.int64), rotation=rotation)
+    along = sum(np.asarray(a) * np.asarray(b) for a, b in zip(axes.direction, rays.direction, strict=True))
+    off = np.sqrt(1.0 / np.asarray(along, float) ** 2 - 1.0).reshape(5, 7)
+    slopes = np.array([math.tan(1e-3)] * 4 + [math.tan(0.03)] * 3)
+    place = np.hypot(*shape.points.values.T)
+    np.testing.assert_allclose(off, np.tile(slopes * place, (5, 1)), rtol=2e-2, atol=1e-4)
+    # Both have the variance 1 / 4 on each axis; a Gaussian's outermost third lies farther out than a disc's edge.
+    np.testing.assert_allclose(shape.points.values[4:], points("gaussian", 3))
+    np.testing.assert_allclose(shape.points.values[:4], points("top_hat", 4))

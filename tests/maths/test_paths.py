@@ -159,3 +159,16 @@ def test_a_straight_motion_has_two_instants() -> None:
     assert (alone.last, beside.last) == (1.0, FRAME_S / STEP_S)
     time_s = np.linspace(0.0, FRAME_S, 77)
     np.testing.assert_allclose(rows(alone.at(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)
+
+
+def test_velocity_of_a_point_of_a_turning_frame() -> None:
+    """v + w x (p - o): of a frame that turns about any axis, and by differences of where the point is."""
+    velocity, turning = np.array([1.0, -2.0, 0.5]), np.array([0.3, -0.7, 1.1])
+    origin, point = np.array([4.0, 5.0, 6.0]), np.array([5.5, 3.0, 7.0])
+    placement = Placement(
+        origin_m=tuple(origin), rotation=tuple(np.eye(3).ravel()), velocity_m_s=tuple(velocity),
+        turning_rad_s=tuple(turning),
+    )  # fmt: skip
+    step_s = 1e-6
+    moved = origin + velocity * step_s + Rotation.from_rotvec(turning * step_s).apply(point - origin)
+    np.testing.assert_allclose(placement.velocity_at(tuple(point)), (moved - point) / step_s, atol=1e-5)

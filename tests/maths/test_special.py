@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln
 
+from lidarscene.kernel.device import transfer
 from lidarscene.maths import special
 
 
@@ -56,3 +57,11 @@ def test_binomial_tail_on_the_device(mi):
     expected = stats.binom.sf(least - 1, 400, probability.astype(float))
     seen = expected > 1e-12
     assert np.max(np.abs(got.numpy() - expected)[seen] / expected[seen]) < 2e-3
+
+
+def test_series_on_the_device(mi):
+    """Single precision where 1 + x has lost most digits of x: 1e-6 of it on either side of where the series ends."""
+    x = np.concatenate([-np.geomspace(1e-6, 0.4, 100), np.geomspace(1e-6, 0.4, 100)]).astype(np.float32)
+    for ours, numpys in ((special.log1p, np.log1p), (special.expm1, np.expm1)):
+        found = np.array(ours(transfer.from_numpy(x)).numpy(), dtype=float)
+        assert relative(found, numpys(x.astype(float))) < 1e-5

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lidarscene.maths.vectors import across
+from lidarscene.maths.vectors import across, cross
 
 
 def test_vectors_across_a_beam():
@@ -10,3 +10,8 @@ def test_vectors_across_a_beam():
         u, v = across(tuple(np.array([float(c)]) for c in direction))
         matrix = np.array([direction, np.ravel(u), np.ravel(v)], dtype=float)
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
+
+
+def test_a_cross_product_is_numpys():
+    a, b = np.random.default_rng(3).normal(size=(2, 3, 7))
+    np.testing.assert_allclose(cross(tuple(a), tuple(b)), np.cross(a, b, axis=0))

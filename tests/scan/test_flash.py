@@ -5,6 +5,8 @@ import pytest
 from helpers import scanners
 from helpers.scanners import directions, shares
 
+from lidarscene.scan.flash import LARGEST_HEIGHT
+
 FLASH_HEIGHT = {
     "rectilinear": np.tan,
     "equidistant": lambda t: t,
@@ -30,3 +32,12 @@ def test_flash(projection):
     step = 1e-5
     slope = (height(t + step) - height(t - step)) / (2 * step)
     np.testing.assert_allclose(share, np.cos(t) * np.sin(t) / (height(t) * slope), rtol=2e-5)
+
+
+@pytest.mark.parametrize("projection", FLASH_HEIGHT)
+def test_a_lens_ends_at_a_right_angle(projection):
+    """The largest height is that of 90 degrees; of a rectilinear lens, which has none there, beyond 88."""
+    angle = np.radians(88.9) if projection == "rectilinear" else 0.5 * np.pi
+    assert LARGEST_HEIGHT[projection] == pytest.approx(
+        FLASH_HEIGHT[projection](angle), rel=0.05 * (angle < 1.56)
+    )

@@ -33,3 +33,13 @@ def test_ramp_goes_on_within_a_line():
     _, slow = scanner._mechanism(scanners.frame(scanner))
     whole = scanner.time_s(scanners.frame(scanner)) / (41 * scanner.line_s)
     np.testing.assert_allclose(slow, (1 - 2 * whole) * 6 * DEG, atol=2e-7)
+
+
+def test_lines_are_vertical_where_the_fast_turn_is_that_of_elevation():
+    """From the left, each from the top."""
+    scanner = scanners.mirror(fast="elevation")
+    pulse = np.arange(scanner.pulses, dtype=np.uint32)
+    azimuth, elevation = (np.asarray(one).reshape(41, 120) for one in scanner._mechanism(pulse))
+    assert np.ptp(azimuth, axis=1).max() == 0.0
+    assert (np.diff(azimuth[:, 0]) < 0.0).all()
+    assert (np.diff(elevation, axis=1) < 0.0).all()

@@ -7,6 +7,8 @@ import pytest
 from helpers import scanners
 from helpers.scanners import DEG
 
+from lidarscene.scan import Bank, Spinning
+
 
 def test_vlp16_by_hand():
     """Pulse 3 of cycle 100: laser 3 at +3 degrees, 100 x 55.296 + 3 x 2.304 us after the start, turning clockwise."""
@@ -38,3 +40,12 @@ def test_exits_turn_with_the_head():
     scanner = scanners.vlp16(start_m=([0.03] * 16, [0.01] * 16, [0.0] * 16), start_azimuth_rad=math.pi / 2)
     x, y, z = (v[0] for v in scanner.offset_m(np.zeros(1, dtype=np.uint32)))
     np.testing.assert_allclose([x, y, z], [-0.01, 0.03, 0.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("rotation_hz", [10.0, -10.0])
+def test_a_head_clocked_by_its_encoder_turns_as_it_rotates(rotation_hz):
+    """A column of 1024 later it is a 1024th of a turn on: to the left, or to the right if the rate is negative."""
+    scanner = Spinning.of(rotation_hz=rotation_hz, cycles_per_turn=1024, bank=Bank(elevation_rad=(0.0, 0.1)))
+    azimuth, _ = scanner.angles(np.arange(0, 20, 2, dtype=np.uint32))
+    wanted = math.copysign(2.0 * math.pi / 1024, rotation_hz) * np.arange(10)
+    np.testing.assert_allclose(azimuth, wanted, atol=3e-7)

@@ -53,3 +53,39 @@ def test_units_differ_in_shift_and_scale_of_the_elevation() -> None:
     with pytest.raises(InputError, match=r"elevations must be -90 to 90 degrees, got 92"):
         load_sensor("vlp-16", overrides=["scanner.elevation_deg=[88]", "scanner.elevation_shift_deg=4",
                                          "scanner.firing_time_us=[0]", "scanner.height_mm=[0]"])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "both"),
+    [
+        ("table1-sipm", [], True),
+        ("table1-apd", [], False),
+        ("table1-apd", ["detector.saturation_ua=5"], True),
+        ("table1-apd", ["detector.saturation_ua=5", "tdc.edges='rising'"], False),
+        ("table1-apd", ["tdc.edges='both'"], True),
+    ],
+)
+def test_both_edges_are_timed_where_heights_are_lost(name: str, overrides: list[str], both: bool) -> None:
+    text = (catalog.path_of("sensors", name)).read_text()
+    assert "edges" not in text
+    assert load_sensor(name, overrides=overrides).tdc.both_edges == both
+
+
+def test_a_beam_spreads_as_far_as_its_light_must() -> None:
+    """M2 of 1: theta = 4 lambda / (pi D), 0.2305 mrad of 5 mm at 905 nm, on either axis."""
+    exit_mm, least = "laser.exit_diameter_mm=5", 4.0 * 905e-6 / (3.141592653589793 * 5.0) * 1e3
+    assert load_sensor("table1-apd", overrides=[exit_mm, f"laser.divergence_mrad={1.001 * least!r}"])
+    for wrong in (
+        [f"laser.divergence_mrad={0.98 * least!r}"],
+        ["laser.divergence_mrad=3", f"laser.divergence_elevation_mrad={0.98 * least!r}"],
+    ):
+        with pytest.raises(InputError, match=r"divergence_mrad: must be >= 0.23"):
+            load_sensor("table1-apd", overrides=[exit_mm, *wrong])
+
+
+def test_the_window_ends_before_the_next_pulse() -> None:
+    """At 100 kHz it is 10 us long at most."""
+    rate = "laser.repetition_rate_khz=100"
+    assert load_sensor("table1-apd", overrides=[rate, "tdc.window_us=10"])
+    with pytest.raises(InputError, match=r"tdc.window_us: must be <= 10, the pulse period, got 10.5"):
+        load_sensor("table1-apd", overrides=[rate, "tdc.window_us=10.5"])

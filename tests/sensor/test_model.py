@@ -19,6 +19,7 @@ from lidarscene.studies.ranging.plane import Target
 
 BACKGROUND_W = 2.5e-8
 KINDS = ["gaussian", "single_pole"]
+ADC = ["sampler.type='adc'", "sampler.bits=12", "sampler.full_scale=1"]
 
 
 def sensor(kind, *overrides, name="table1-apd", bandwidth_mhz=None):
@@ -267,3 +268,111 @@ def test_numbers_of_the_page():
     says("theory.md", "A bandwidth below {} / t_FWHM", PULSE_BANDWIDTH)
     says("theory.md", "is limited to w = {}", high_pass.WIDEST_RATE)
     says("theory.md", "peak is lower by {} w", (1.0 - float(high_pass.peak_share(rate=1e-4))) / 1e-4)
+
+
+# --- what follows from the parts --------------------------------------------------------------------
+
+
+def test_bandwidths_of_white_noise():
+    """The least of the amplifier's, half of an ADC's rate and half over the dead time of cells."""
+    assert load_sensor("table1-apd", overrides=["tdc.bandwidth_mhz=90"]).noise_bandwidth_hz == 90e6
+    slow = load_sensor("table1-apd", overrides=["tdc.bandwidth_mhz=900", *ADC, "sampler.rate_mhz=400"])
+    assert slow.noise_bandwidth_hz == 200e6
+    cells = load_sensor("table1-sipm", overrides=["tdc.bandwidth_mhz=900", "detector.dead_time_ns=20"])
+    assert cells.noise_bandwidth_hz == pytest.approx(25e6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "filtering", "band_hz"),
+    [
+        ("none", ["tdc.timing='matched_filter'"], 80e6),
+        ("gaussian", ["tdc.timing='matched_filter'"], 80e6),
+        ("single_pole", ["tdc.timing='matched_filter'"], 80e6),
+        ("none", [*ADC, "sampler.rate_mhz=170"], 80e6),
+        ("none", [*ADC, "sampler.rate_mhz=170", "tdc.bandwidth_mhz=500"], 85e6),
+    ],
+)
+def test_crossings_behind_a_matched_filter_by_the_spectrum(kind, filtering, band_hz):
+    """Rice's f_rms of the filtered noise, from sums over exp(-(2 pi f sigma)^2) up to B, sigma the received pulse's; of
+    samples up to half of their rate.
+    """
+    equipped = sensor(kind, "tdc.false_alarms='crossings'", "tdc.bandwidth_mhz=80", *filtering)
+    sigma_s = float(equipped.received_fwhm_s) / math.sqrt(8.0 * math.log(2.0))
+    assert (sigma_s > 1.03 * 6e-9 / math.sqrt(8.0 * math.log(2.0))) == (kind != "none")
+    frequency = (np.arange(20_000) + 0.5) / 20_000 * band_hz
+    spectrum = np.exp(-((2.0 * math.pi * frequency * sigma_s) ** 2))
+    rms_hz = math.sqrt((frequency**2 * spectrum).sum() / spectrum.sum())
+    point = equipped.working_point(np.array([BACKGROUND_W]))
+    found = equipped.false_alarm_rate_hz(point, 5.0 * point.noise)[0]
+    assert found == pytest.approx(rms_hz * math.exp(-12.5), rel=1e-5)
+    # A lone pulse keeps its height, noise that share of its variance.
+    ratio = float((point.noise / point.unfiltered.noise)[0]) ** 2
+    assert ratio == pytest.approx(2.0 * spectrum.mean(), rel=1e-5)
+
+
+@pytest.mark.parametrize("tail", ["mcintyre", "gaussian"])
+def test_a_gaussian_filter_crosses_more_often_than_an_ideal_one(tail):
+    """By sqrt(6 / pi) at the same noise (`physics.electronics.tdc.rice_rate_hz`), whatever the tail of its heights."""
+    rates = []
+    for kind in ("none", "gaussian"):
+        equipped = sensor(kind, "tdc.false_alarms='crossings'", f"detector.tail='{tail}'")
+        point = equipped.working_point(np.array([BACKGROUND_W]))
+        rates.append(float(equipped.false_alarm_rate_hz(point, 5.0 * point.noise)[0]))
+    assert rates[1] / rates[0] == pytest.approx(math.sqrt(6.0 / math.pi), rel=1e-6)
+
+
+def test_noise_of_a_gaussian_filter_after_a_time():
+    """Its response with itself: exp(-(t / 2 sigma_h)^2), of the spectrum 2^-(nu / f)^2 in sums."""
+    equipped = sensor("gaussian", bandwidth_mhz=80.0)
+    frequency = np.linspace(0.0, 800e6, 80_001)
+    spectrum = 2.0 ** -((frequency / 80e6) ** 2)
+    for lag_s in (1e-9, 4e-9):
+        wanted = (spectrum * np.cos(2.0 * math.pi * frequency * lag_s)).sum() / spectrum.sum()
+        assert equipped.noise_correlation(lag_s) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_peak_behind_both_filters_by_small_steps():
+    """A low pass and then a high pass, of a pulse sampled finely: to w^2 of the second one's form."""
+    equipped = sensor("gaussian", "receiver.ac_coupling_khz=2000", bandwidth_mhz=80.0)
+    time_s = np.arange(-60e-9, 60e-9, 2e-11)
+    sigma_s = 6e-9 / math.sqrt(8.0 * math.log(2.0))
+    wide_s = math.hypot(sigma_s, math.sqrt(math.log(2.0)) / (2.0 * math.pi * 80e6))
+    light = sigma_s / wide_s * np.exp(-0.5 * (time_s / wide_s) ** 2)
+    kept, taken, passed = math.exp(-2.0 * math.pi * 2e6 * 2e-11), 0.0, []
+    for one in light:
+        taken = kept * taken + (1.0 - kept) * one
+        passed.append(one - taken)
+    assert equipped.peak_share == pytest.approx(max(passed), rel=2e-3)
+    assert equipped.received_fwhm_s == pytest.approx(6e-9 * wide_s / sigma_s, rel=1e-6)
+
+
+def test_a_round_spot_for_an_elliptical_beam():
+    """Half of the mean divergence, and half of the exit."""
+    keys = ["laser.divergence_mrad=3", "laser.divergence_elevation_mrad=1", "laser.exit_diameter_mm=8"]
+    spot = load_sensor("table1-apd", overrides=keys).laser.spot
+    assert (spot.half_divergence_rad, spot.exit_radius_m) == pytest.approx((1e-3, 4e-3))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "peaks", "width"),
+    [
+        ([], False, False),
+        (["tdc.keep='last'"], True, False),
+        (["tdc.timing='peak'"], True, False),
+        (["tdc.edges='both'"], False, True),
+        (["sampler.type='multi_level_tdc'", "sampler.levels=[2]"], True, True),
+    ],
+)
+def test_what_a_receiver_looks_for(overrides, peaks, width):
+    """Edges or peaks, and how long a pulse lasts."""
+    equipped = load_sensor("table1-apd", overrides=overrides)
+    assert (equipped.finds_peaks, equipped.measures_width) == (peaks, width)
+
+
+def test_in_the_dark_one_cell_is_the_least_level():
+    equipped = load_sensor(
+        "table1-sipm", overrides=["detector.dark_count_rate_hz=0", "detector.cell_floor=1"]
+    )
+    point = equipped.working_point(np.array([1e-16]))
+    assert 5.0 * point.noise[0] < 0.5
+    assert equipped.threshold(point)[0] == 1.0

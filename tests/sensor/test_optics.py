@@ -1,11 +1,12 @@
 """The receiver's filter in a sensor file: shapes, tables, mistakes."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lidarscene import catalog
+from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.sensor.file import read_sensor
 from lidarscene.sensor.optics import FilterFile, read_transmittance
@@ -103,3 +104,24 @@ def test_table_is_straight_lines_and_zero_outside(tmp_path: Path) -> None:
 def test_shape_without_files() -> None:
     curve = FilterFile(centre_nm=905.0, width_nm=10.0).transmittance(Path())
     np.testing.assert_allclose(curve.wavelength_m, [900e-9, 910e-9])
+
+
+def test_a_focus_is_where_the_spot_is_sharp() -> None:
+    """There the detector's share of a coaxial spot is 1 - exp(-2 (field / spot)^2); at infinity the focus blurs it. The
+    offset stays known.
+    """
+    keys = [
+        "laser.divergence_mrad=8",
+        "laser.exit_diameter_mm=5",
+        "optics.overlap.transmitter_offset_mm=[0, 0]",
+    ]
+    near, far = (
+        load_sensor("table1-apd", overrides=[*keys, *more]) for more in (["optics.overlap.focus_at_m=5"], [])
+    )
+    spot_rad = math.hypot(2.5e-3 / 5.0, 4e-3)
+    field_rad = float(near.detector.radius_m / near.optics.focal_length_m)
+    shares = [float(one.optics.overlap.share(np.array([5.0]))[0]) for one in (near, far)]
+    assert shares[0] == pytest.approx(1.0 - math.exp(-2.0 * (field_rad / spot_rad) ** 2), rel=2e-3)
+    assert shares[1] < 0.8 * shares[0]
+    aside = load_sensor("table1-apd", overrides=[*keys[:2], "optics.overlap.transmitter_offset_mm=[30, 40]"])
+    assert aside.optics.overlap.offset_m == pytest.approx(0.05)

@@ -7,7 +7,7 @@ import pytest
 from helpers import scanners
 from helpers.scanners import DEG
 
-from lidarscene import catalog, scan
+from lidarscene import catalog, load_sensor, scan
 from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
 from lidarscene.sensor.file import sensor_from_tables
@@ -233,3 +233,17 @@ def test_not_an_npz(tmp_path):
     (tmp_path / "own.npz").write_bytes(b"no zip")
     with pytest.raises(InputError, match="cannot be read as npz"):
         read("table", tmp_path, file="own.npz")
+
+
+def test_exits_are_forward_left_and_up_in_the_head():
+    """At azimuth 0 the beams of a head start there; a quarter of a turn later forward is to the left."""
+    lasers = len(load_sensor("vlp-16").scanner.firing_s)
+    keys = [
+        f"scanner.{axis}_mm={[one] * lasers}" for axis, one in (("forward", 30), ("left", 20), ("height", 10))
+    ]
+    scanner = load_sensor("vlp-16", overrides=keys).scanner
+    pulse = np.arange(scanner.pulses, dtype=np.uint32)
+    x, y, z = (np.asarray(one, float) for one in scanner.offset_m(pulse))
+    head = np.asarray(scanner._mechanism(pulse)[0], float)
+    np.testing.assert_allclose(x + 1j * y, (0.03 + 0.02j) * np.exp(1j * head), atol=1e-7)
+    np.testing.assert_allclose(z, 0.01, atol=1e-7)

@@ -9,6 +9,7 @@ from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
 from lidarscene.detection import multi_echo
+from lidarscene.detection.pulses.memory import Left
 from lidarscene.detection.sampled_waveforms import remembered
 from lidarscene.kernel.device import transfer
 from lidarscene.light.waveform import sampled
@@ -281,3 +282,47 @@ def test_the_snr_of_a_pulse_is_that_of_its_brightest_echo(order):
         np.array([[40.0, 60.0, 80.0]]), 10.0 * trains.power_at_snr(equipped, 1.0) * np.array([order])
     )
     assert detect(light, equipped).snr[0] == pytest.approx(30.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("keys", "avalanches"),
+    [
+        (("detector.crosstalk=0.25",), 1.0 / 0.75),
+        (
+            ("detector.afterpulse=0.3", "detector.afterpulse_ns=30"),
+            1.0 / (1.0 - 0.3 * math.exp(-20.0 / 30.0)),
+        ),
+    ],
+)
+def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, avalanches):
+    """Of a weak echo in the dark, over half a microsecond; also of one that comes while the pulse still leaves."""
+    areas = []
+    for more in ((), keys):
+        equipped = sensor("table1-sipm", IN_TIME, *KEYS, "detector.dark_count_rate_hz=0", *more)
+        for range_m in (30.0, 0.0):
+            light = train(np.full((1, 1), range_m), np.full((1, 1), 1e-10), background_w=1e-16)
+            after_s = np.linspace(-10e-9, 600e-9, 20_001) + 2.0 * range_m / SPEED_OF_LIGHT_M_S
+            areas.append(np.trapezoid(remembered(light, equipped, after_s)[1][0], after_s))
+    assert areas[1] == pytest.approx(areas[0], rel=0.02)
+    assert areas[3] == pytest.approx(areas[2], rel=0.02)
+    assert areas[2] / areas[0] == pytest.approx(avalanches, rel=0.02)
+
+
+def test_the_signal_of_a_clipped_waveform_drains():
+    """Behind the light's fall to the clipping level it fades by a factor of e in each recovery time."""
+    equipped = sensor("table1-apd", "detector.saturation_ua=50", "detector.recovery_ns=20")
+    point = equipped.working_point(np.array([DIM_W]))
+    light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.power_w(5e-3))[0])))
+    released_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
+    since_s = np.array([100e-9, 120e-9, 160e-9])
+    _, (signal,) = remembered(light, equipped, released_s + since_s)
+    np.testing.assert_allclose(signal, 5e-3 * np.exp(-since_s / 20e-9), rtol=0.03)
+
+
+def test_what_a_rise_finds_can_be_undone():
+    """Signal and power of the point that it meets are inverse, on what is held and with half of the cells."""
+    bare = sensor("table1-sipm", STEADY, *KEYS).working_point(np.array([DIM_W]))
+    met = Left(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).seen(bare)
+    power = np.geomspace(1e-10, 1e-7, 20)
+    assert met.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.signal(power)[0])
+    np.testing.assert_allclose(met.power_w(met.signal(power)), power, rtol=1e-9)

@@ -268,20 +268,63 @@ def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
     np.testing.assert_allclose(stop.amplitude / level, 5.5 * gain, rtol=2e-3)
 
 
+@pytest.mark.parametrize("height", [0.85, 1.3])
+def test_a_matched_filter_finds_pulses_of_a_threshold_on_light_that_lasts(height):
+    """Its output for light that lasts is sqrt(2) as high; a pulse is what rises by a threshold over that."""
+    sensor = load_sensor("table1-apd", overrides=[*CLEAN, "tdc.timing='matched_filter'", *WITH_BRIGHTER])
+    corners = [(50.0, 0.0), (51.0, 1.5), (80.0, 1.5)]
+    light, _, _ = on_light(sensor, [(50.0, 20.0), (60.0, height)], corners)
+    second = trains.detect(light, sensor).stops[1]
+    assert (second.reported[0] and abs(second.range_m[0] - 60.0) < trains.SIGMA_M) == (height > 1.0)
+
+
+def samples_of(rule, signal):
+    """Scatter of the time [s] of such light in noise of 1 % of a unit."""
+    time_s, noisy = sampled(100.0, {"kappa_1": 0.0, "kappa_2": 0.0})
+    own = noisy - np.exp(-0.5 * (time_s / SIGMA_S) ** 2) + signal(time_s / SIGMA_S)
+    return top(time_s, filtered(own) if rule == "matched_filter" else own)[0].std()
+
+
+@pytest.mark.parametrize(("rule", "too_much"), [("peak", 1.04), ("matched_filter", 1.35)])
 @pytest.mark.parametrize("lasting", [0.5, 1.0, 3.0])
-def test_light_that_lasts_does_not_blur_a_peak(lasting):
+def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     """Steady light adds nothing to where a pulse's peak is: the scatter is that of the pulse alone, which fine samples
     of both in noise have. 4 % for curvature, beside chi-square at 1e-6 on either side.
+
+    Behind a matched filter (T80) takes pulse and light for one broad pulse: the pulse's share of its height is up to
+    sqrt(2) too low.
     """
-    snr, count = 100.0, 4000
-    sensor = equipped(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
-    stop = on_lasting(sensor, snr / 10.0, lasting * snr / 10.0, count)
+    count = 4000
+    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
+    point = sensor.working_point(np.array([trains.BACKGROUND_W]))
+    height = 10.0 * float(
+        ((point.unfiltered or point).noise / point.noise)[0]
+    )  # of SNR 100 before a filter, in U
+    stop = on_lasting(sensor, height, lasting * height, count)
     assert stop.reported.all()
-    time_s, signal = sampled(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
-    wanted_s = top(time_s, signal + lasting)[0].std()
-    spread = math.sqrt(chi2.isf(1e-6, count - 1) / (count - 1)) ** 2
+    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
+    spread = chi2.isf(1e-6, count - 1) / (count - 1)
     have_s = stop.range_m.std() * 2.0 / c
-    assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * 1.04
+    assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * too_much
+
+
+@pytest.mark.parametrize("rule", ["peak", "matched_filter"])
+def test_a_broad_top_is_less_sharp(rule):
+    """Of a surface in depth, 1.2 sigma_p deep as a Gaussian, whose echo is a Gaussian of 1.56 sigma_p: its scatter is
+    that of fine samples of it, to 6 % beside chi-square at 1e-6. A lone pulse of that height has two thirds of it.
+    """
+    count, places = 4000, 0.5 * np.arange(-8, 9)
+    shares = np.exp(-0.5 * (places / 1.2) ** 2)
+    shares *= math.sqrt(1.0 + 1.2**2) / 1.2 * 0.5 / math.sqrt(2.0 * math.pi)  # together as high as one
+    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'")
+    power = trains.power_at_snr(sensor, 100.0) * np.tile(shares, (count, 1))
+    range_m = np.tile(60.0 + trains.SIGMA_M * places, (count, 1))
+    stop = trains.detect(trains.train(range_m, power), sensor, seed=3).stops[0]
+    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2 / (1.0 + 1.2**2)))
+    spread = chi2.isf(1e-6, count - 1) / (count - 1)
+    have_s = stop.range_m[stop.reported & (stop.status == 0)].std() * 2.0 / c
+    assert wanted_s > 1.4 * samples_of(rule, lambda place: np.exp(-0.5 * place**2))
+    assert wanted_s / spread / 1.06 < have_s < wanted_s * spread * 1.06
 
 
 def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
@@ -330,12 +373,12 @@ def test_a_clipped_pulse_has_the_walk_of_what_is_measured():
 def test_time_of_cells_behind_a_matched_filter():
     """(T79) with SciPy's erf: cells that fired make less noise of the pulse's flank, kappa_2 < 0.
 
-    At 200 of 400 cells the last term takes a tenth off the deviation. Chi-square at 1e-6 and 2 % for the curvature.
+    Where three quarters of the cells fire that is half of the rest. Chi-square at 1e-6 and 2 % for the curvature.
     """
     sensor, count = load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'"]), 20_000
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
     raw = point.unfiltered
-    signal = 0.5 * (400.0 - float(raw.busy[0]))
+    signal = 0.75 * (400.0 - float(raw.busy[0]))
     power = float(raw.power_w(np.array([signal]))[0])
     stop = trains.detect(trains.train(np.full((count, 1), 50.0), np.full((count, 1), power)), sensor).stops[0]
     time_s = (stop.range_m[stop.reported & (stop.status == 0)] - 50.0) * 2.0 / c
@@ -347,7 +390,7 @@ def test_time_of_cells_behind_a_matched_filter():
     )  # fmt: skip
     slope = 1.0 - 2.0 * x * math.exp(-(x**2)) / (math.sqrt(math.pi) * erf(x))
     wanted_s = math.sqrt(2.0 * variance * slope) * SIGMA_S / signal
-    assert abs(0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2) * share > 0.1 * variance
+    assert abs(0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2) * share > 0.3 * variance
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
     assert 0.98 * low * wanted_s < time_s.std() < 1.02 * high * wanted_s
 

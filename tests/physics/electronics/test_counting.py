@@ -41,3 +41,12 @@ def test_rises_of_the_number_of_busy_cells(cells: int, busy_share: float, least:
 def test_more_cells_than_there_are_are_never_busy() -> None:
     rate = counting.upcrossings_hz(least=51.0, cells=50.0, busy_share=0.3, dead_time_s=1e-8)
     assert float(rate) == 0.0
+
+
+def test_a_count_without_noise_is_its_mean():
+    """Where all cells are dead all the time their firings are a clock: whatever the deviate."""
+    deviate = np.linspace(-4.0, 4.0, 9)
+    count = counting.poisson_count(
+        mean=np.full(9, 1234.0), uniform=np.full(9, 0.5), deviate=deviate, narrowing=0.0
+    )
+    np.testing.assert_array_equal(count, 1234.0)

@@ -256,3 +256,13 @@ def test_crossings_without_electrons_are_rices() -> None:
             amplifier=amplifier,
         )
         assert float(share) == pytest.approx(math.exp(-8.0), rel=rel)
+
+
+@pytest.mark.parametrize("primaries", [2e-3, 0.05, 0.5])
+def test_the_amplifier_alone_passes_the_level_as_often(primaries):
+    """In a share exp(-N) of the times no electron comes: its noise alone then passes what lies above none."""
+    excess = np.linspace(200.0, 700.0, 26)
+    tail = mcintyre.tail_probability(
+        excess=excess, primaries=primaries, gain=80.0, ionisation_ratio=0.02, amplifier=150.0
+    )
+    assert np.all(tail >= math.exp(-primaries) * norm.sf((excess + primaries * 80.0) / 150.0) * (1.0 - 1e-9))

@@ -254,3 +254,11 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
     later = 0.2 * np.exp(-4.0 * math.log(2.0) * ((time_s - 8.0 * FWHM_S) / FWHM_S) ** 2)
     both = saturation.clipped_course(signal=(light + later)[None], step_s=step_s, **shape)[0]
     np.testing.assert_allclose(both - found, later * (found < 0.8), atol=0.02)
+
+
+def test_charge_is_whole_until_it_drains():
+    """Before the light has fallen back all is held, however early; then a factor of e in each recovery time."""
+    left = saturation.drained(
+        held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S
+    )
+    np.testing.assert_allclose(left, [5.0, 5.0, 5.0 / math.e, 5.0 / math.e**2])

@@ -31,3 +31,30 @@ def test_rice_counts_the_crossings_of_white_noise_behind_an_ideal_low_pass(tnr: 
 
 def test_no_noise_never_crosses() -> None:
     assert float(tdc.rice_rate_hz(threshold=1.0, noise=0.0, bandwidth_hz=1e8)) == 0.0
+
+
+def test_times_are_rounded_to_the_nearest_step() -> None:
+    """To either side, so that the error has no mean; no step leaves them as they are."""
+    time_s = np.array([0.0, 1.4, 1.6, 2.49, 2.51]) * 1e-10
+    rounded = tdc.quantised(time_s=time_s, least_significant_bit_s=1e-10)
+    np.testing.assert_allclose(rounded, np.array([0.0, 1.0, 2.0, 2.0, 3.0]) * 1e-10)
+    np.testing.assert_array_equal(tdc.quantised(time_s=time_s, least_significant_bit_s=0.0), time_s)
+
+
+def test_correct_returns_by_a_race_of_comparisons() -> None:
+    """(10): M - 1 quiet comparisons, then the target's; of the shots in which anything is reported, those with the
+    target. 1 - P_f is 0.9 and M is 4: all 2^4 outcomes by hand.
+    """
+    quiet = 0.9**3
+    reported = 1.0 - quiet * (1.0 - 0.6)
+    found = tdc.correct_probability(p_false=0.1, p_detect=0.6, comparisons=4.0)
+    assert found == pytest.approx(quiet * 0.6 / reported, rel=1e-12)
+
+
+@pytest.mark.parametrize(("kappa_1", "kappa_2"), [(0.5, 0.0), (0.7, -2e-3), (0.0, -4e-3)])
+def test_the_crossing_level_solves_its_equation(kappa_1: float, kappa_2: float) -> None:
+    """s + z sigma(s) = U, for cells too, whose noise falls as they fill."""
+    deviate = np.linspace(-4.0, 4.0, 33)
+    level = tdc.crossing_level(threshold=30.0, noise=4.0, kappa_1=kappa_1, kappa_2=kappa_2, deviate=deviate)
+    sigma = np.sqrt(16.0 + kappa_1 * level + kappa_2 * level**2)
+    np.testing.assert_allclose(level + deviate * sigma, 30.0, rtol=1e-12)

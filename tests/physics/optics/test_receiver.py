@@ -193,3 +193,30 @@ def test_the_echo_has_the_factor(mi):
 def test_focus_before_the_lens_is_refused():
     with pytest.raises(InputError, match=r"overlap.focus_at_m: must be >= .* \(ten focal lengths\), got"):
         chain.sensor("table1-apd", "optics.overlap.focus_at_m=0.1")
+
+
+def test_axes_meet_and_the_lens_is_sharp_at_ranges_of_their_own():
+    """Parallax and blur are zero there, o / R and r / R much nearer, and o / R_0 and r / R_f far away."""
+    for angle, ranges in (
+        (lambda r: receiver.parallax_rad(offset_m=0.05, crossing_m=20.0, range_m=r), (20.0, 1e-3, 1e9)),
+        (
+            lambda r: receiver.blur_radius_rad(aperture_radius_m=0.05, focus_m=20.0, range_m=r),
+            (20.0, 1e-3, 1e9),
+        ),
+    ):
+        sharp, near, far = angle(np.array(ranges))
+        assert sharp == pytest.approx(0.0, abs=1e-15)
+        assert (near, far) == pytest.approx((50.0, 0.05 / 20.0), rel=1e-3)
+
+
+def test_nothing_is_seen_nearer_than_the_blind_range():
+    """A beam with straight edges that starts 5 mm wide, beside the lens: its inner edge, blurred, leaves the field."""
+    optics = {"exit_radius_m": 0.005, "aperture_radius_m": 0.01, "field_rad": 3e-3}
+    blind_m = float(receiver.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
+    for range_m, seen in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
+        share = receiver.spot_share(
+            profile="top_hat", spot_rad=np.array([0.005 / range_m + 1e-3]), off_axis_rad=0.05 / range_m,
+            field_rad=3e-3, blur_rad=0.01 / range_m,
+        )  # fmt: skip
+        assert (share[0] > 0.0) == seen
+    assert receiver.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0

@@ -140,3 +140,12 @@ def test_units() -> None:
 def test_curves_rise(wavelengths: list[float]) -> None:
     with pytest.raises(ValueError, match="each longer than the one before"):
         Curve(wavelength_m=np.array(wavelengths), value=np.ones(len(wavelengths)))
+
+
+def test_the_product_of_straight_lines_is_integrated_exactly() -> None:
+    """int x (3 - x) dx from 1 to 2 is 13 / 6, with a point of either curve in between or not."""
+    for inner in ([], [1.3]):
+        points = np.array([1.0, *inner, 2.0])
+        line = Curve(wavelength_m=points, value=points)
+        found = sun.integral(line, lambda x: 3.0 - x, nodes_m=np.array([0.5, 1.6, 2.5]))
+        assert found == pytest.approx(13.0 / 6.0, rel=1e-12)

@@ -134,3 +134,18 @@ def test_drawn_and_even_light_are_the_whole_medium() -> None:
     assert drawn + np.trapezoid(seen * weak, tables.range_m) == pytest.approx(total, rel=0.01)
     faces = np.trapezoid(seen, tables.range_m) * 1e-2 * 2.0 * sizes.intercept_per_m4 / sizes.slope_per_m**3
     assert total > 1.5 * faces
+
+
+@pytest.mark.parametrize("diameter_m", [0.15e-3, 0.4e-3])
+def test_far_from_straight_back_the_brightness_goes_on(diameter_m: float) -> None:
+    """Beyond the table's last place, u = 40, rings are as bright as those before it: a turn there changes a tenth."""
+    per_place = WAVELENGTH_M / (math.pi * diameter_m)
+    rings = [
+        glory.gain(
+            diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M,
+            from_rad=first * per_place, within_rad=last * per_place,
+        )[0]
+        for first, last in ((30.0, 40.0), (40.0, 60.0), (80.0, 200.0))
+    ]  # fmt: skip
+    assert rings[1] == pytest.approx(rings[0], rel=0.1)
+    assert rings[2] == pytest.approx(rings[1], rel=1e-6)

@@ -73,3 +73,12 @@ def test_water():
     assert mie.water_index(wavelength_m=900e-9) == pytest.approx(1.328 + 4.86e-7j)
     assert mie.water_index(wavelength_m=1548.8e-9).imag == pytest.approx(1.35e-4)
     assert mie.water_index(wavelength_m=912.5e-9).imag == pytest.approx(math.sqrt(4.86e-7 * 1.06e-6))
+
+
+def test_small_spheres_are_electric_dipoles():
+    """a_1 = -(2 i x^3 / 3) (m^2 - 1) / (m^2 + 2) and b_1 = -(i x^5 / 45) (m^2 - 1): Lord Rayleigh, to x^2."""
+    x, index = np.array([0.02, 0.05]), complex(1.5, 0.01)
+    electric, magnetic = mie.coefficients(size_parameter=x, index=index)
+    wanted = -2j / 3.0 * x**3 * (index**2 - 1.0) / (index**2 + 2.0)
+    np.testing.assert_allclose(electric[0], wanted, rtol=5e-3)
+    np.testing.assert_allclose(magnetic[0], -1j / 45.0 * x**5 * (index**2 - 1.0), rtol=5e-3)

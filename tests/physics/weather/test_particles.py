@@ -176,3 +176,12 @@ def test_on_the_device(mi, tables):
         both = (mine[1] > 0) & (theirs[1].numpy() > 0)
         np.testing.assert_allclose(theirs[1].numpy()[both], mine[1][both], rtol=1e-3)
         assert ((mine[1] > 0) != (theirs[1].numpy() > 0)).mean() < 1e-3
+
+
+def test_a_lens_beside_the_laser_sees_a_ring_of_angles():
+    """From the near edge to the far edge of the lens; one around the laser sees from straight back on."""
+    sight = {"beam_area_m2": beam_area_m2, "overlap": np.ones_like, "extinction_per_m": 0.0, "nearest_m": 1.0,
+             "farthest_m": 100.0, "aperture_radius_m": 0.02}  # fmt: skip
+    for offset_m, nearest_m in ((0.05, 0.03), (0.01, 0.0)):
+        within, beyond = particles.Sight(**sight, lens_offset_m=offset_m).angles_rad(np.array([10.0]))
+        assert (within[0], beyond[0]) == pytest.approx(((offset_m + 0.02) / 10.0, nearest_m / 10.0))

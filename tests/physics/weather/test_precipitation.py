@@ -108,3 +108,14 @@ def test_snow_is_darker_where_ice_absorbs():
     clear, absorbing = (precipitation.snow_lidar_ratio_sr(wavelength_m=w) for w in (905e-9, 1550e-9))
     assert clear == pytest.approx(25.0, rel=0.01)
     assert 2 < absorbing / clear < 9
+
+
+@pytest.mark.parametrize("wavelength_m", [905e-9, 1550e-9])
+def test_flakes_together_have_the_lidar_ratio(wavelength_m):
+    """int n sigma dD = alpha / S, alpha twice the shadows of all flakes."""
+    sizes = precipitation.gunn_marshall(rate_mm_h=3.0, kind="dry")
+    beta = over_sizes(
+        sizes, lambda d: float(precipitation.flake_backscatter_m2_sr(diameter_m=d, wavelength_m=wavelength_m))
+    )
+    ratio = precipitation.snow_lidar_ratio_sr(wavelength_m=wavelength_m)
+    assert beta == pytest.approx(sizes.extinction_per_m / ratio, rel=1e-6)

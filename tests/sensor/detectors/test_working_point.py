@@ -93,7 +93,7 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
     """A cell is up from its firing to its revival, with light and without: of the variance of their number the filter
     leaves the same share, at any light. The least level is a cell's own height behind the filter.
     """
-    keys = ["tdc.bandwidth_mhz=60", "detector.statistics='steady_state'"]
+    keys = ["tdc.bandwidth_mhz=60", "detector.statistics='steady_state'", "detector.cell_floor=1"]
     bare, filtered = (
         load_sensor("table1-sipm", overrides=[*keys, *more]).working_point(np.array([2.5e-8]))
         for more in ([], [f"receiver.response='{kind}'"])
@@ -117,4 +117,89 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
     # A symmetric response is highest when its middle is in the middle of the cell's time, a pole's at its end.
     start, end = (-0.5 * dead_s, 0.5 * dead_s) if kind == "gaussian" else (0.0, dead_s)
     height = quad(impulse, max(start, -longest_s), min(end, longest_s))[0]
+    assert float(bare.least_threshold) == 1.0
     assert float(filtered.least_threshold) == pytest.approx(height * float(bare.least_threshold), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["table1-sipm", "table1-apd"])
+def test_a_filter_takes_levels_of_light_where_light_goes(name):
+    """Where the width begins to tell more than the height, and where the height ends, are some power of light: behind
+    the filter they are the signal that this power has there. An amplifier clips behind it, at its own level.
+    """
+    clips = ["detector.saturation_ua=5"] if name == "table1-apd" else []
+    bare, filtered = (
+        load_sensor(name, overrides=["tdc.bandwidth_mhz=60", *clips, *more]).working_point(np.array([2.5e-8]))
+        for more in ([], ["receiver.response='gaussian'"])
+    )
+    power = np.array([1e-8])
+    assert filtered.signal(power)[0] < 0.95 * bare.signal(power)[0]
+    np.testing.assert_allclose(filtered.power_w(filtered.signal(power)), power, rtol=5e-3)
+    if name == "table1-apd":
+        assert filtered.knee == filtered.saturation == bare.saturation == pytest.approx(5e-6)
+        return
+    share = float(filtered.signal(power)[0] / bare.signal(power)[0])
+    for key in ("knee", "largest"):
+        np.testing.assert_allclose(getattr(filtered, key), share * getattr(bare, key), rtol=1e-9)
+    # No light is inferred beyond the last half of a cell.
+    threshold = {"width_s": None, "threshold": 5.0, "pulse_fwhm_s": 6e-9}
+    np.testing.assert_allclose(
+        filtered.inferred_power_w(np.array([1e9]), **threshold), filtered.power_w(filtered.largest)
+    )
+
+
+def test_nothing_trips_at_the_clipping_level():
+    """Neither noise nor an echo passes a threshold where the output never gets."""
+    sensor = load_sensor("table1-apd", overrides=["detector.saturation_ua=1"])
+    point = sensor.working_point(np.array([2.5e-8]))
+    sigma = np.full(2, 1e-7)
+    threshold = np.array([1e-6 * (1.0 - 1e-9), 1e-6 * (1.0 + 1e-9)])
+    for found in (
+        point.detection_probability(threshold, np.full(2, 5e-6), sigma),
+        point.false_alarm_probability(0.0 * point.noise + threshold),
+        point.crossing_rate_hz(0.0 * point.noise + threshold, 1e8),
+    ):
+        assert found[0] >= 0.0
+        assert found[1] == 0.0
+    assert point.detection_probability(threshold, np.full(2, 5e-6), sigma)[0] > 0.99
+
+
+@pytest.mark.parametrize("tail", ["mcintyre", "gaussian"])
+def test_alarms_behind_a_matched_filter_are_those_of_as_many_deviations(tail):
+    """The filter's noise is smaller; at the same threshold to noise it passes as often as before the filter."""
+    sensor = load_sensor("table1-apd", overrides=[f"detector.tail='{tail}'", "tdc.timing='matched_filter'"])
+    point = sensor.working_point(np.array([2.5e-8]))
+    raw = point.unfiltered
+    assert point.noise[0] < 0.9 * raw.noise[0]
+    for ratio in (3.0, 5.0):
+        pairs = [
+            (
+                one.false_alarm_probability(ratio * one.noise)[0],
+                one.crossing_rate_hz(ratio * one.noise, 1e8)[0],
+            )
+            for one in (point, raw)
+        ]
+        np.testing.assert_allclose(*pairs, rtol=1e-9)
+
+
+@pytest.mark.parametrize("more", [["receiver.response='gaussian'"], ["tdc.timing='matched_filter'"]])
+def test_cells_behind_a_filter_cross_as_rice_says(more):
+    """No whole cells rise and fall there: B' / sqrt(3) exp(-TNR^2 / 2)."""
+    sensor = load_sensor("table1-sipm", overrides=["tdc.false_alarms='crossings'", *more])
+    point = sensor.working_point(np.array([2.5e-8]))
+    rates = sensor.false_alarm_rate_hz(point, np.array([4.0, 5.0]) * point.noise[0])
+    bandwidth_hz = sensor.crossing_bandwidth_hz
+    np.testing.assert_allclose(rates, bandwidth_hz / math.sqrt(3.0) * np.exp([-8.0, -12.5]), rtol=1e-9)
+
+
+def test_all_free_cells_fired_have_no_noise_of_their_own():
+    """A binomial number that is certain, on the cells that background and dark counts left, as printed."""
+    sensor = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
+    point = sensor.working_point(np.array([2.5e-8]))
+    free = 400.0 - float(point.busy[0])
+    assert free < 350.0
+    for share in (0.5, 1.0):
+        own = (
+            float(np.ravel(point.kappa_1)[0]) * share * free
+            + float(np.ravel(point.kappa_2)[0]) * (share * free) ** 2
+        )
+        assert own == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)

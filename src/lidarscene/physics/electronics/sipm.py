@@ -216,6 +216,17 @@ def crosstalk_variance(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
     return (1.0 + succeeds) / (1.0 - succeeds * (1.0 - busy_share))
 
 
+def firing_deviation(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
+    """Deviation of the number of firings in a long time over a Poisson number's, theory (T20d).
+
+    (1 - b) sqrt(1 - q^2) / (1 - q (1 - b)), q = p (1 - b): clusters of avalanches vary (1 + q) / (1 - q) times as much,
+    and of a slow change, which leaves fewer cells ready, 1 / (1 + b / ((1 - b) (1 - q))) stays. 1 - b if p is 0.
+    """
+    ready = 1.0 - busy_share
+    succeeds = crosstalk * ready
+    return ready * xp(succeeds).sqrt(1.0 - succeeds * succeeds) / (1.0 - succeeds * ready)
+
+
 def with_crosstalk(
     *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
 ) -> Lanes:

@@ -65,7 +65,9 @@ class Sipm:
             )
         )
         rate = counting.fired_cells_hz(busy_share=busy, cells=self.cells, dead_time_s=self.dead_time_s)
-        return rate, (1.0 - busy) * self._clusters(busy)
+        if self.crosstalk is None:
+            return rate, 1.0 - busy
+        return rate, sipm.firing_deviation(busy_share=busy, crosstalk=self.crosstalk)
 
     def working_point(
         self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes

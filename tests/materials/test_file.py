@@ -1,0 +1,54 @@
+"""Material files: what tables must be, and what they become."""
+
+import pytest
+
+from lidarscene.errors import InputError
+from lidarscene.files.toml import validated
+from lidarscene.materials.file import MaterialFile
+
+
+def rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:
+    return tuple({"wavelength_nm": nm, "value": value} for nm, value in pairs)
+
+
+def read(**table: object) -> MaterialFile:
+    return validated(MaterialFile, table, "sheet.toml")
+
+
+@pytest.mark.parametrize(
+    ("reflectivity", "transmittance", "told"),
+    [
+        (0.6, 0.5, "must be <= 1 together, got 1.1"),
+        (rows((850, 0.1), (950, 0.9)), 0.3, "must be <= 1 together, got 1.2 at 950 nm"),
+        (rows((850, 0.1), (950, 0.9)), rows((800, 0.1), (900, 0.6), (1000, 0.0)), "got 1.1 at 900 nm"),
+    ],
+)
+def test_no_more_light_leaves_than_came(reflectivity: object, transmittance: object, told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(reflectivity=reflectivity, transmittance=transmittance)
+    assert told in str(caught.value)
+    assert read(reflectivity=0.6, transmittance=0.4)
+
+
+@pytest.mark.parametrize("pairs", [((900, 0.1), (900, 0.2)), ((900, 0.1), (850, 0.2))])
+def test_wavelengths_rise(pairs: tuple[tuple[float, float], ...]) -> None:
+    with pytest.raises(InputError, match="must be rows of rising wavelength_nm"):
+        read(reflectivity=rows(*pairs))
+
+
+def test_a_table_covers_its_own_wavelengths() -> None:
+    """To 1 nm on either side, and straight lines between."""
+    material = read(reflectivity=rows((850, 0.1), (950, 0.3))).build("sheet")
+    assert material.at(875e-9)["reflectivity"] == pytest.approx(0.15)
+    assert material.at(849.5e-9)["reflectivity"] == pytest.approx(0.1)
+    for nm in (848.0, 952.0):
+        with pytest.raises(
+            InputError, match=f"no reflectivity at {nm:.0f} nm; its table reaches from 850 to 950 nm"
+        ):
+            material.at(1e-9 * nm)
+
+
+def test_a_panes_thickness_is_in_metres() -> None:
+    index = ({"wavelength_nm": 905.0, "n": 1.5},)
+    material = read(bsdf="glass", reflectivity=0.0, index=index, thickness_mm=4.0).build("pane")
+    assert material.parameters["thickness_m"] == pytest.approx(4e-3)
