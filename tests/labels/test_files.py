@@ -665,7 +665,16 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
     """
     cloud, scene = driving(motion_in="removed")
     aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
-    cloud = replace(cloud, xyz_m=aside.astype(np.float32))
+    # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
+    noise = np.arange(len(cloud)) % 5 == 0
+    assert cloud.true_range_m is not None
+    cloud = replace(
+        cloud,
+        xyz_m=aside.astype(np.float32),
+        range_m=np.ones(len(cloud)),
+        status=noise.astype(np.uint8),
+        true_range_m=np.where(noise, np.float32(1.0), cloud.true_range_m),
+    )
     (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
     content = json.loads(path.read_text())
     assert content["num_lidar_pts"] == len(cloud)
@@ -676,7 +685,8 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
         local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
         least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
         assert least <= one["num_lidar_pts"] <= most < one["num_body_pts"]
-        assert one["num_body_pts"] == np.count_nonzero(cloud.body == box.body)
+        assert one["num_body_pts"] == np.count_nonzero((cloud.body == box.body) & ~noise)
+        assert 0 < box.reached < box.beams
         assert one["velocity"] == box.velocity_m_s.tolist()
         assert one["visibility"] == pytest.approx(box.visibility, abs=1e-4)
 
