@@ -427,3 +427,13 @@ def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_pa
             np.testing.assert_allclose(
                 steps / np.diff(values[order]), steps[0] / np.diff(values[order])[0], rtol=0.05
             )
+
+
+def test_uneven_rows_end_half_a_gap_beyond_their_beams() -> None:
+    """Elevations of -20, -10, -4 and 0 degrees: between two rows an edge is in the middle, outside as far away."""
+    elevation = np.repeat(np.radians([-20.0, -10.0, -4.0, 0.0]), 100)
+    azimuth = np.tile(np.radians(np.arange(100.0)), 4)
+    cells = cells_of_beams(azimuth, elevation, np.ones(400, np.uint8))
+    np.testing.assert_allclose(cells.elevation_deg, [-25.0, -15.0, -7.0, -2.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(cells.azimuth_deg, np.arange(-0.5, 100.0), atol=1e-9)
+    assert (cells.point == np.arange(400).reshape(4, 100)).all()

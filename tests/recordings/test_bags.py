@@ -98,7 +98,7 @@ def test_a_bag_without_a_lidar_is_told(tmp_path: Path, library: Callable[[str], 
 
 POINT = np.dtype(
     {
-        "names": ["x", "y", "z", "ring", "pair"],
+        "names": ["x", "y", "z", "ring", "signal"],
         "formats": [">f4", ">f4", ">f4", ">u2", (">f4", 2)],
         "offsets": [4, 8, 12, 16, 18],
         "itemsize": 28,
@@ -119,7 +119,7 @@ def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
         stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=250_000_000)
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id="lidar")
 
-    constants = {"x": (7, 1), "y": (7, 1), "z": (7, 1), "ring": (4, 1), "pair": (7, 2)}
+    constants = {"x": (7, 1), "y": (7, 1), "z": (7, 1), "ring": (4, 1), "signal": (7, 2)}
     fields = [
         types["sensor_msgs/msg/PointField"](
             name=name, offset=POINT.fields[name][1], datatype=datatype, count=count
@@ -175,6 +175,7 @@ def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[s
             np.testing.assert_allclose(sweep.xyz_m[..., 1:], aside_m, rtol=1e-12)
             assert sweep.ring is not None
             assert sweep.ring.tolist() == [[258, 259, 260], [261, 262, 263]]
+            assert sweep.signal is None
             assert sweep.start_s == 6.25
             assert sweep.pose is not None
             assert sweep.pose.position_m.tolist() == [4.0, 0.0, 0.0]
