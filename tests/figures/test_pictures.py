@@ -427,3 +427,66 @@ def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_pa
             np.testing.assert_allclose(
                 steps / np.diff(values[order]), steps[0] / np.diff(values[order])[0], rtol=0.05
             )
+
+
+def test_uneven_rows_end_half_a_gap_beyond_their_beams() -> None:
+    """Elevations of -20, -10, -4 and 0 degrees: between two rows an edge is in the middle, outside as far away."""
+    elevation = np.repeat(np.radians([-20.0, -10.0, -4.0, 0.0]), 100)
+    azimuth = np.tile(np.radians(np.arange(100.0)), 4)
+    cells = cells_of_beams(azimuth, elevation, np.ones(400, np.uint8))
+    np.testing.assert_allclose(cells.elevation_deg, [-25.0, -15.0, -7.0, -2.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(cells.azimuth_deg, np.arange(-0.5, 100.0), atol=1e-9)
+    assert (cells.point == np.arange(400).reshape(4, 100)).all()
+
+
+def test_each_false_alarm_is_drawn_in_its_own_colour(cloud: PointCloud, tmp_path: Path) -> None:
+    """Below the head, where a square of that colour explains it; interference is not among them."""
+    magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
+    found = []
+    for status in (0, 1, 2):
+        marked = dataclasses.replace(cloud, status=np.full(len(cloud), status))
+        perspective_picture(marked, tmp_path / "a.png", size_px=SMALL)
+        below = picture(tmp_path / "a.png")[SMALL[1] // 4 :].astype(int)
+        found.append(int((np.abs(below - magenta).max(axis=2) < 3).sum()))
+    assert found[0] == found[2] == 0
+    assert found[1] > 100
+
+
+def test_the_head_counts_what_is_no_echo(cloud: PointCloud, tmp_path: Path) -> None:
+    """One false alarm, two points of other lidars and three of the weather; aliased ones and echoes are points."""
+    status = np.zeros(len(cloud), np.uint8)
+    status[:10] = [1, 2, 2, 3, 3, 3, 4, 4, 4, 4]
+    range_image(dataclasses.replace(cloud, status=status), tmp_path / "a.svg")
+    texts = {
+        one.text for one in ElementTree.parse(tmp_path / "a.svg").getroot().iter() if one.tag.endswith("text")
+    }
+    assert {"1 false alarm", "2 of other lidars", "3 of the weather"} <= texts
+
+
+def test_parts_of_a_rig_are_each_sensors_own(cloud: PointCloud) -> None:
+    numbers = (np.arange(len(cloud)) % 3).astype(np.uint8)
+    rig = dataclasses.replace(cloud, sensor_names=("roof", "left", "right"), sensor_index=numbers)
+    parts = pictures._sensors_apart(rig)
+    assert [label for label, _ in parts] == ["roof", "left", "right"]
+    for number, (_, part) in enumerate(parts):
+        np.testing.assert_array_equal(part.xyz_m, cloud.xyz_m[numbers == number])
+
+
+def test_the_bar_beside_a_range_image_is_far_on_top(
+    cloud: PointCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bars = []
+    show = Canvas.show
+
+    def noted(self: Canvas, image: Any, x: int, y: int) -> None:
+        if image.shape[1] < 60 < image.shape[0]:
+            bars.append(image)
+        show(self, image, x, y)
+
+    monkeypatch.setattr(Canvas, "show", noted)
+    range_image(cloud, tmp_path / "a.png")
+    (bar,) = bars
+    scale = pictures.scale_of("range", cloud.range_m)
+    low, high = scale.rgb(np.array([scale.low, scale.high]))
+    assert np.abs(bar[-1, 0].astype(int) - low).max() < 12
+    assert np.abs(bar[0, 0].astype(int) - high).max() < 12

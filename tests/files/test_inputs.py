@@ -4,6 +4,7 @@ import os
 import struct
 import zipfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from helpers.formats import need
 from lidarscene import PointCloud, load_scene
 from lidarscene.errors import LONGEST, InputError
 from lidarscene.files import inputs
-from lidarscene.files.inputs import require_file
+from lidarscene.files.inputs import require_file, require_unpacked
 from lidarscene.files.toml import read_toml
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 from lidarscene.scene.meshes.reading import read_mesh
@@ -152,3 +153,42 @@ def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:
     with (tmp_path / "a.toml").open("wb") as file:
         file.truncate(3 << 30)
     assert "must be a TOML file of at most 64 MiB, got 3072 MiB" in refused(load_scene, tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("packed", "unpacked", "is_data"),
+    [
+        (1, 2**30, True),
+        (1, 2**30 + 1, False),
+        (2**24, 100 * 2**24, True),
+        (2**24, 100 * 2**24 + 1, False),
+        (2**20, 2**30, True),
+    ],
+)
+def test_how_much_data_may_unpack_to(packed: int, unpacked: int, is_data: bool) -> None:
+    """A gigabyte whatever the size, and a hundred times the size whatever that is."""
+    with (
+        nullcontext()
+        if is_data
+        else pytest.raises(ValueError, match="must unpack to at most 100 times its size")
+    ):
+        require_unpacked(packed, unpacked)
+
+
+def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(bytes(2**20))
+    require_file(path, largest=2**20)
+    with pytest.raises(InputError, match="must be a file of at most 1 MiB, got 1 MiB"):
+        require_file(path, largest=2**20 - 1)
+
+
+def test_a_las_file_counts_what_it_has_room_for(tmp_path: Path) -> None:
+    """A record of a VLR has 54 bytes at least: a 54th of a file's bytes is the most that can be of them."""
+    need("las")
+    small_cloud(10).save(tmp_path / "a.las")
+    content = bytearray((tmp_path / "a.las").read_bytes())
+    struct.pack_into("<I", content, 100, len(content) // 54 + 1)
+    (tmp_path / "a.las").write_bytes(bytes(content))
+    with pytest.raises(InputError, match="the header must count records that the file has room for"):
+        PointCloud.load(tmp_path / "a.las")

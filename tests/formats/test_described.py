@@ -3,7 +3,9 @@
 import importlib
 import itertools
 import os
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from helpers.formats import need, written
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import las, parquet
+from lidarscene.formats.described import library_errors
 from lidarscene.formats.registry import FORMATS
 
 STREAMED = [name for name, one in FORMATS.items() if one.stream]
@@ -85,3 +88,16 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert str(error.value) == f"{path}: cannot be written: File too large"
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("free", "told"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")]
+)
+def test_a_library_in_trouble_on_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, told: str
+) -> None:
+    """It says in its own words that something failed: why is known by the room that there is."""
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+    with pytest.raises(OutputError) as caught, library_errors(tmp_path / "a"):
+        raise RuntimeError("read failed\n**** a page of details")
+    assert str(caught.value) == f"{tmp_path / 'a'}: cannot be written: {told}"

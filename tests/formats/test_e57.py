@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import need
+from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.points import PointCloud
 from lidarscene.formats import e57
@@ -94,11 +95,7 @@ def test_e57_says_how_far_it_reaches(tmp_path: Path) -> None:
     need("e57")
     cloud = small_cloud(N, channel=np.arange(3, 3 + N), return_number=np.full(N, 3))
     cloud.save(tmp_path / "a.e57")
-    data = (tmp_path / "a.e57").read_bytes()
-    pages = np.frombuffer(data, np.uint8).reshape(-1, 1024)[:, :1020]
-    start, length = struct.unpack_from("<QQ", data, 24)
-    logical = start // 1024 * 1020 + start % 1024
-    root = ElementTree.fromstring(pages.tobytes()[logical : logical + length])
+    root = xml_of(tmp_path / "a.e57")
 
     def entry(name: str) -> float:
         return float(root.findtext(f".//{{*}}{name}") or 0.0)
@@ -123,3 +120,29 @@ def test_e57_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     for i, axis in enumerate("XYZ"):
         np.testing.assert_array_equal(raw[f"cartesian{axis}"], cloud.xyz_m[:, i])
     file.close()
+
+
+def test_e57_pose_by_its_names(tmp_path: Path) -> None:
+    """Reference: SciPy's quaternion. pye57 goes by the order of the entries, other readers by w, x, y and z."""
+    need("e57")
+    turn = Rotation.from_euler("ZYX", [50.0, -20.0, 10.0], degrees=True)
+    rows = np.column_stack([turn.as_matrix(), [1.0, 2.0, 3.0]]).ravel().tolist()
+    metadata = {"frame": "sensor", "sensor_to_world": " ".join(map(repr, rows))}
+    small_cloud(N, metadata=metadata).save(tmp_path / "a.e57")
+    pose = xml_of(tmp_path / "a.e57").find(".//{*}pose")
+    assert pose is not None
+    numbers = {
+        part: {axis: float(pose.findtext(f"{{*}}{part}/{{*}}{axis}") or 0.0) for axis in axes}
+        for part, axes in (("rotation", "xyzw"), ("translation", "xyz"))
+    }
+    assert numbers["translation"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    np.testing.assert_allclose(list(numbers["rotation"].values()), turn.as_quat(canonical=True), atol=1e-12)
+
+
+def xml_of(path: Path) -> ElementTree.Element:
+    """The XML section: pages of 1020 bytes and a checksum, and where the header says that it is (ASTM E2807)."""
+    data = path.read_bytes()
+    pages = np.frombuffer(data, np.uint8).reshape(-1, 1024)[:, :1020]
+    start, length = struct.unpack_from("<QQ", data, 24)
+    logical = start // 1024 * 1020 + start % 1024
+    return ElementTree.fromstring(pages.tobytes()[logical : logical + length])

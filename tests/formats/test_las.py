@@ -198,3 +198,13 @@ def test_las_returns_beyond_fifteen(tmp_path: Path, library: Any) -> None:
     las = library("laspy").read(tmp_path / "a.las")
     np.testing.assert_array_equal(las.return_number, np.minimum(np.arange(1, 18), 15))
     np.testing.assert_array_equal(las.number_of_returns, np.full(17, 15))
+
+
+def test_las_of_what_was_selected(tmp_path: Path, library: Any) -> None:
+    """The third return of a pulse alone is one of three or more; the largest intensity may be that of any piece."""
+    need("las")
+    one = small_cloud(1, return_number=np.array([3]), intensity=np.array([4.0], np.float32))
+    written(tmp_path / "a.las", "las", [one, small_cloud(1, intensity=np.array([1.0], np.float32))])
+    las = library("laspy").read(tmp_path / "a.las")
+    assert (las.return_number[0], las.number_of_returns[0]) == (3, 3)
+    assert list(las.intensity) == [65_535, 16_384]

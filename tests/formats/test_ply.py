@@ -379,3 +379,12 @@ def test_columns_of_ours_in_another_reader(tmp_path: Path) -> None:
     ply.write_columns(tmp_path / "a.ply", columns, comments=["Maß"])
     np.testing.assert_array_equal(trimesh.load(tmp_path / "a.ply").vertices, [[1, 3, 5], [2, 4, 6]])
     assert (tmp_path / "a.ply").read_bytes().endswith(struct.pack("<fffi", 2, 4, 6, -8))
+
+
+def test_text_of_the_shortest_numbers(tmp_path: Path) -> None:
+    """Two bytes each, a digit and what stands behind it: as many points as a file has room for."""
+    zeros = {name: np.zeros_like(values) for name, values in small_columns(400).items()}
+    cloud = PointCloud(**zeros)
+    write_ply(tmp_path / "a.ply", cloud, ascii=True)
+    assert (tmp_path / "a.ply").read_bytes().endswith(b"\n" + b" ".join([b"0"] * len(COLUMNS)) + b"\n")
+    assert len(PointCloud.load(tmp_path / "a.ply")) == 400

@@ -459,6 +459,19 @@ def test_a_box_that_reaches_out_of_the_picture() -> None:
     assert truncated == pytest.approx(-edges[0] / (edges[1] - edges[0]))
 
 
+def test_a_box_around_the_camera_and_one_to_the_right() -> None:
+    """What is nearer than a tenth of a metre is drawn at that depth; the last pixels are 1241 and 374."""
+    from lidarscene.labels.files import _in_picture
+
+    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(1.0, 0, 0, 0))
+    (left, top, right, low), truncated = _in_picture(box)
+    assert (left, top, right, low) == (0.0, 0.0, 1241.0, 374.0)
+    # Corners at y = -1 and 1 m, z = -0.75 and 0.75 m are 7200 and 5400 pixels off at 0.1 m.
+    assert truncated == pytest.approx(1.0 - 1241 * 374 / (14_400 * 10_800))
+    (left, _, right, _), _ = _in_picture(replace(box, pose=street.at(10.0, -7.5, 0.0, 0.0)))
+    assert (left, right) == pytest.approx((621 + 720 * 6.5 / 12.0, 1241.0))
+
+
 @pytest.mark.parametrize(("body", "instance"), [(0, 1), (65_534, 65_535), (65_535, 1), (65_536, 2)])
 def test_instances_fill_16_bits(body: int, instance: int) -> None:
     """Of 65,536 bodies none has 0, which is no instance."""
@@ -676,7 +689,16 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
     """
     cloud, scene = driving(motion_in="removed")
     aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
-    cloud = replace(cloud, xyz_m=aside.astype(np.float32))
+    # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
+    noise = np.arange(len(cloud)) % 5 == 0
+    assert cloud.true_range_m is not None
+    cloud = replace(
+        cloud,
+        xyz_m=aside.astype(np.float32),
+        range_m=np.ones(len(cloud)),
+        status=noise.astype(np.uint8),
+        true_range_m=np.where(noise, np.float32(1.0), cloud.true_range_m),
+    )
     (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
     content = json.loads(path.read_text())
     assert content["num_lidar_pts"] == len(cloud)
@@ -687,7 +709,8 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
         local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
         least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
         assert least <= one["num_lidar_pts"] <= most < one["num_body_pts"]
-        assert one["num_body_pts"] == np.count_nonzero(cloud.body == box.body)
+        assert one["num_body_pts"] == np.count_nonzero((cloud.body == box.body) & ~noise)
+        assert 0 < box.reached < box.beams
         assert one["velocity"] == box.velocity_m_s.tolist()
         assert one["visibility"] == pytest.approx(box.visibility, abs=1e-4)
 
@@ -769,8 +792,11 @@ def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, re
     one = cloud.select(ahead)
     assert one.true_range_m is not None
     assert one.true_range_m[0] == pytest.approx(8.0)
-    (box,) = labels.boxes(replace(one, true_range_m=one.true_range_m - np.float32(short_m)), scene)
+    one = replace(one, true_range_m=one.true_range_m - np.float32(short_m))
+    (box,) = labels.boxes(one, scene)
     assert (box.beams, box.reached) == (1, reached)
+    (box,) = labels.boxes(replace(one, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
+    assert (box.beams, box.reached) == (0, 0)
 
 
 def test_a_box_off_the_origin_of_what_moves() -> None:
@@ -800,3 +826,36 @@ def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud
         "velodyne",
     ]
     assert (tmp_path / "dataset/poses/07.txt").read_text() == (folder / "poses.txt").read_text()
+
+
+def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> None:
+    """The second sensor's beams all end before the cars, of which something moves: half of all reach them."""
+    cloud, scene = driving(motion_in="removed")
+    assert cloud.true_range_m is not None
+    far = replace(cloud, true_range_m=np.full(len(cloud), 1e3))
+    near = replace(cloud, true_range_m=np.ones(len(cloud)))
+    start = {"frame_start_s": "0.0"}
+    both = merged([replace(one, metadata=one.metadata | start) for one in (far, near)], ["far", "near"])
+    (path,) = write_labels(both, scene, tmp_path / "a.bin", format="nuscenes")
+    for one in json.loads(path.read_text())["sample_annotations"]:
+        assert one["visibility"] == 0.5
+
+
+def test_a_box_is_at_the_mean_time_to_a_microsecond() -> None:
+    """Points 0.4 ms and 0.9 ms after the start, in equal numbers, of a car at 10 m/s: 6.5 mm of way."""
+    cloud, scene = driving(motion_in="removed")
+    own = cloud.select(np.flatnonzero(cloud.body == 0)[:100])
+    own = replace(own, time_s=np.resize([4e-4, 9e-4], 100))
+    box = next(one for one in labels.boxes(own, scene) if one.name == "crossing")
+    motion = scene.bodies[0].motion
+    assert motion is not None
+    way_m = np.linalg.norm(box.pose.position_m - pose_at(motion, 0.0).position_m)
+    assert way_m == pytest.approx(6.5e-3, abs=1e-9)
+
+
+def test_osi_files_have_the_start_of_the_frame(tmp_path: Path, library: Any) -> None:
+    cloud, scene = driving(motion_in="removed")
+    (path,) = write_labels(cloud, scene, tmp_path / "a.osi", format="osi")
+    (truth,) = osi_messages(path, "GroundTruth", library)
+    place = truth.moving_object[0].base.position
+    assert (place.x, place.y, place.z) == pytest.approx((25.0, -2.0, 0.75), abs=1e-12)

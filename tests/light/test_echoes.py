@@ -309,3 +309,25 @@ def test_the_hump_of_a_gaussian_course(near_m):
     # Half of the bend that is left out at either end is 1e-7 of the peak.
     straight = Table(np.linspace(0.0, 1.0, 101))
     assert hump_of(straight, 50.0, near_m) == (near_m, near_m)
+
+
+def test_a_drop_is_rain_however_much_fog_is_between() -> None:
+    """Haze of 20 km gives more even light than the drops that are not drawn, and trips nothing itself: every point is
+    of a drop, and says so.
+    """
+    sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.threshold_to_noise=60", "tdc.stops=3")
+
+    def points_of(rain_mm_h):
+        air = Air(transmittance=1.0, weather=Weather(rain_mm_h=rain_mm_h, fog_visibility_m=20e3))
+        scene = chain.scene(chain.facing(range_m=40.0, size_m=100.0), air=air, klux=0.0)
+        simulator = Simulator(scene, sensor)
+        assert simulator._stages.air.strongest == "fog"
+        cloud = simulator.render(seed=5)
+        return cloud.select(cloud.status == Status.WEATHER)
+
+    assert len(points_of(0.0)) == 0
+    drops = points_of(2.0)
+    assert len(drops) > 1000
+    # Haze and small drops together may trip once in a while; a first drop that was taken for haze would be most points.
+    of_rain = np.array([drops.class_names[one] == "rain" for one in drops.class_id])
+    assert of_rain.mean() > 0.99

@@ -3,11 +3,16 @@
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from PIL import Image
+
+from lidarscene.outputs.light import AmbientImage
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -81,3 +86,36 @@ def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], messa
     assert (ran.code, ran.out) == (2, "")
     assert message in ran.err
     assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
+
+
+def ambient(path: Path, sensor: Sensor, counts: Any) -> None:
+    """Write these counts of a sensor's pulses."""
+    image = AmbientImage()
+    image(np.arange(len(counts), dtype=np.uint32), counts.astype(np.uint64))
+    image.save(path, sensor)
+
+
+@pytest.mark.parametrize(("level", "step"), [(0, 1), (30_000, 1), (65_536, 3), (100_000, 4)])
+def test_the_sun_is_white_and_the_rest_has_room(tmp_path: Path, level: int, step: int) -> None:
+    """A step is a 65,535th of twice the 99th percentile, and never less than a count. One pulse in 231 sees the sun."""
+    counts = np.full(BEAMS, level)
+    counts[17] = 10_000_000
+    coarse = [word.removeprefix("--set=") for word in COARSE]
+    ambient(tmp_path / "a.png", load_sensor("table1-apd", overrides=coarse), counts)
+    picture = Image.open(tmp_path / "a.png")
+    assert picture.info["Description"].startswith(f"one step is {step} count")
+    levels = np.asarray(picture)
+    assert levels.max() == 65_535
+    assert np.count_nonzero(levels == 65_535) == 1
+    assert np.count_nonzero(levels == round(level / step)) == BEAMS - 1
+
+
+def test_the_channel_of_every_pulse(tmp_path: Path) -> None:
+    """Two firings of a Pandar64, whose lasers do not fire in the order of their numbers."""
+    sensor = load_sensor("pandar64")
+    ambient(tmp_path / "a.npz", sensor, np.arange(128))
+    with np.load(tmp_path / "a.npz") as archive:
+        channel = archive["channel"]
+    assert sorted(channel.tolist()) == sorted([*range(64)] * 2)
+    assert channel[:2].tolist() == channel[64:66].tolist() == [11, 39]  # by the user manual's table of firing
+    assert (sensor.scanner.channel(np.arange(128, dtype=np.uint32)) == channel).all()

@@ -1,5 +1,6 @@
 """Range images as other programs read them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
@@ -83,3 +84,16 @@ def test_an_empty_cloud_and_a_wrong_name(tmp_path: Path) -> None:
     assert not matplotlib.image.imread(tmp_path / "a.png").any()
     with pytest.raises(InputError, match=r"a\.jpg: the name must end in \.png or \.npz"):
         write_range_image(tmp_path / "a.jpg", nothing)
+
+
+def test_levels_of_a_png(tmp_path: Path) -> None:
+    """A centimetre of range each, up to 655.35 m, beyond which they stay; the others by 65,535 of their largest."""
+    cloud = street.cloud(step_deg=4.0)
+    near, far = np.arange(len(cloud)) % 2 == 0, np.arange(len(cloud)) % 2 == 1
+    cloud = replace(cloud, range_m=np.where(far, 700.0, 123.456), intensity=np.where(near, 0.25, 8.0))
+    write_range_image(tmp_path / "a.png", cloud)
+    assert set(np.unique(np.asarray(PIL.Image.open(tmp_path / "a.png"))).tolist()) - {0} == {12_346, 65_535}
+    picture = PIL.Image.open(tmp_path / "a.intensity.png")
+    assert set(np.unique(np.asarray(picture)).tolist()) - {0} == {round(65_535 / 32), 65_535}
+    step, unit = picture.info["Description"].removeprefix("one step is ").split(" ")
+    assert (float(step) * 65_535, unit) == (pytest.approx(8.0), "A")

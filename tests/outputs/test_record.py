@@ -204,3 +204,12 @@ def test_two_outputs_of_one_name(
     with pytest.raises(InputError, match=r": must be another name, got one of two outputs$"):
         record(wall, outputs=Outputs(**files))  # type: ignore[arg-type]
     assert contents(tmp_path) == before
+
+
+def test_the_first_frame_bears_what_comes_before_all(mi, moving: str) -> None:
+    """Loading and building happen once: the seconds of all frames are those of the run."""
+    recorded = record(moving, outputs=Outputs("out"), frames=3, overrides=SETS)
+    first, *others = [one.summary.seconds for one in recorded.clouds]
+    assert {"load", "build"} <= set(first)
+    for seconds in others:
+        assert not {"load", "build"} & set(seconds)

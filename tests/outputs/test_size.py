@@ -1,8 +1,11 @@
 """What a run of very many pulses will take is said before it begins, and how far it is, also in a log."""
 
+import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +15,10 @@ from helpers.paper_results import results, use
 
 from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
-from lidarscene.outputs.size import in_words
+from lidarscene.outputs.options import Outputs
+from lidarscene.outputs.plan import Plan
+from lidarscene.outputs.size import in_words, warn_of_size
+from lidarscene.rendering.options import TraceOptions
 
 FINE = ["--set=scanner.azimuth_fov_deg=40", "--set=scanner.azimuth_step_deg=0.002",
         "--set=scanner.elevation_fov_deg=20", "--set=scanner.elevation_step_deg=0.002"]  # fmt: skip
@@ -143,3 +149,53 @@ def test_long_commands_tell_how_far_they_are(
 def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
     ran = run("render", wall, "-o", "o.ply", "--sensor=table1-apd", "--set=scanner.azimuth_step_deg=1")
     assert (ran.code, ran.err) == (0, "")
+
+
+def size_told(
+    *, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any
+) -> str:
+    """The note about a sensor of so many pulses and one of a quarter of them; "" if there is none."""
+    sensor = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses), tdc=SimpleNamespace(stops=stops))
+    small = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses // 4), tdc=SimpleNamespace(stops=stops))
+    plan = Plan(Outputs("o", format="npz", **outputs), frames, rig=True)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mounted: Any = [SimpleNamespace(sensor=one) for one in (sensor, small)]
+        warn_of_size(plan, mounted, TraceOptions(rays=rays), chunk=0)
+    return str(caught[0].message) if caught else ""
+
+
+def numbers_of(told: str) -> tuple[str, float, float]:
+    """Time, disk and memory [GB]."""
+    words = re.search(
+        r"take some (\d+ \w+) .*, up to ([\d.]+) GB of disk .* up to ([\d.e+]+) GB of memory", told
+    )
+    assert words is not None, told
+    return words[1], float(words[2]), float(words[3])
+
+
+def test_what_makes_a_run_larger() -> None:
+    """By hand: 125 million pulses at 5 million rays a second; of an NPZ the larger cloud is in memory twice."""
+    of_point = _bytes_of_a_point()
+    assert numbers_of(size_told()) == (
+        "25 s",
+        pytest.approx(0.125 * of_point, rel=0.01),
+        pytest.approx(0.2 * of_point, rel=0.01),
+    )
+    plain = numbers_of(size_told())
+    for options, longer, disk, memory in (
+        ({"rays": 4}, "100 s", 1, 1),
+        ({"stops": 3}, "25 s", 3, 3),
+        ({"deskew": True}, "25 s", 2, 1),
+        ({"merge": True}, "25 s", 1, 1.25),
+        ({"frames": 2}, "50 s", 2, 1),
+    ):
+        found = numbers_of(size_told(**options))
+        assert found[0] == longer.replace("100 s", "2 min"), options
+        assert found[1] == pytest.approx(disk * plain[1], rel=0.01), options
+        assert found[2] == pytest.approx(memory * plain[2], rel=0.01), options
+
+
+def test_from_a_hundred_million_pulses_on() -> None:
+    assert size_told(pulses=80_000_000) != ""
+    assert size_told(pulses=79_999_996) == ""

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
-from helpers.recordings import turns
+from helpers.recordings import hesai_packet, turns
 
 from lidarscene.errors import InputError
 from lidarscene.formats.ros import write_ros
-from lidarscene.recordings.bags import DEFINITIONS
+from lidarscene.recordings.bags import DEFINITIONS, _Scans
 from lidarscene.recordings.opening import open_recording
 
 
@@ -94,3 +94,110 @@ def test_a_bag_without_a_lidar_is_told(tmp_path: Path, library: Callable[[str], 
     path.write_bytes((tmp_path / "bag" / "bag.db3").read_bytes()[:5000])
     with pytest.raises(InputError, match=r"a.db3: cannot be read: "):
         open_recording(path)
+
+
+POINT = np.dtype(
+    {
+        "names": ["x", "y", "z", "ring", "signal"],
+        "formats": [">f4", ">f4", ">f4", ">u2", (">f4", 2)],
+        "offsets": [4, 8, 12, 16, 18],
+        "itemsize": 28,
+    }
+)
+"""As of a driver on a big-endian machine, with four bytes before the first field and two behind the last."""
+
+
+def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
+    """Two clouds of one instant, of two rows and three columns that are filled up to 90 bytes; and where the lidar was
+    after 1 s, 4 s and 9 s.
+    """
+    rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    types, kind, transform = store.types, "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
+
+    def header(seconds: int) -> Any:
+        stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=250_000_000)
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="lidar")
+
+    constants = {"x": (7, 1), "y": (7, 1), "z": (7, 1), "ring": (4, 1), "signal": (7, 2)}
+    fields = [
+        types["sensor_msgs/msg/PointField"](
+            name=name, offset=POINT.fields[name][1], datatype=datatype, count=count
+        )
+        for name, (datatype, count) in constants.items()
+    ]
+    with rosbag2.Writer(path, version=8) as writer:
+        points = writer.add_connection("/lidar", kind, typestore=store)
+        moves = writer.add_connection("/tf", transform, typestore=store)
+        for seconds in (1, 4, 9):
+            stamped = types["geometry_msgs/msg/TransformStamped"](
+                header=header(seconds),
+                child_frame_id="lidar",
+                transform=types["geometry_msgs/msg/Transform"](
+                    translation=types["geometry_msgs/msg/Vector3"](x=float(seconds), y=0.0, z=0.0),
+                    rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+                ),
+            )
+            message = types[transform](transforms=[stamped])
+            writer.write(moves, seconds, store.serialize_cdr(message, transform))
+        for number in range(2):
+            data = np.full((2, 90), 255, np.uint8)
+            rows = np.zeros((2, 3), POINT)
+            rows["x"] = 1.0 + 10 * number + np.arange(6).reshape(2, 3)
+            rows["y"], rows["z"], rows["ring"] = 20.0, 30.0, np.arange(6).reshape(2, 3) + 258
+            data[:, : 3 * 28] = rows.view(np.uint8).reshape(2, -1)
+            message = types[kind](
+                header=header(6),
+                height=2,
+                width=3,
+                fields=fields,
+                is_bigendian=True,
+                point_step=28,
+                row_step=90,
+                data=data.ravel(),
+                is_dense=True,
+            )
+            writer.write(points, 100, store.serialize_cdr(message, kind))
+    return path
+
+
+def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """By the definition of PointCloud2: offsets, order of bytes, steps of points and rows; a field of several numbers
+    is no scalar. Of two messages at one instant each is read, and the pose is the last one before.
+    """
+    with open_recording(cloud_bag(tmp_path / "bag", library)) as recording:
+        assert len(recording) == 2
+        for number, sweep in enumerate(recording):
+            assert sweep.shape == (2, 3)
+            ahead_m = 1.0 + 10 * number + np.arange(6).reshape(2, 3)
+            np.testing.assert_allclose(sweep.xyz_m[..., 0], ahead_m, rtol=1e-12)  # range times direction
+            aside_m = np.broadcast_to([20.0, 30.0], (2, 3, 2))
+            np.testing.assert_allclose(sweep.xyz_m[..., 1:], aside_m, rtol=1e-12)
+            assert sweep.ring is not None
+            assert sweep.ring.tolist() == [[258, 259, 260], [261, 262, 263]]
+            assert sweep.signal is None
+            assert sweep.start_s == 6.25
+            assert sweep.pose is not None
+            assert sweep.pose.position_m.tolist() == [4.0, 0.0, 0.0]
+
+
+def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """They have room for 1500 bytes, of which as many count as the message says; and a time of their own."""
+    rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
+    highlevel = library("rosbags.highlevel")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        store.register(typesys.get_types_from_msg(text, name))
+    kind = "pandar_msgs/msg/PandarScan"
+    payload = hesai_packet(0, 2500)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=125_000_000)
+    data = np.frombuffer(payload.ljust(1500, b"\xff"), np.uint8)
+    packet = store.types["pandar_msgs/msg/PandarPacket"](stamp=stamp, data=data, size=len(payload))
+    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="pandar")
+    with rosbag2.Writer(tmp_path / "bag", version=8) as writer:
+        connection = writer.add_connection("/pandar", kind, typestore=store)
+        message = store.types[kind](header=header, packets=[packet])
+        writer.write(connection, 1, store.serialize_cdr(message, kind))
+    with highlevel.AnyReader([tmp_path / "bag"], default_typestore=store) as bag:
+        (one,) = _Scans(bag, tmp_path / "bag", bag.connections[0])[0]
+    assert (one.stamp_s, one.payload) == (9.125, payload)

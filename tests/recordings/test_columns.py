@@ -43,3 +43,7 @@ def test_clocks_of_drivers(stamps: Any, start_s: float, times_s: list[float], be
     assert sweep.time_s is not None
     np.testing.assert_allclose(sweep.time_s, times_s, rtol=1e-9, atol=1e-15)
     assert sweep.start_s == pytest.approx(began_s, rel=1e-15)
+    array = sweep_of(XYZ | {"t": stamps}, shape=(2, 2), start_s=start_s, metadata={})
+    assert array.time_s is not None
+    np.testing.assert_allclose(array.time_s[0], times_s, rtol=1e-9, atol=1e-15)
+    assert array.start_s == pytest.approx(began_s, rel=1e-15)

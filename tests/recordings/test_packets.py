@@ -60,9 +60,10 @@ def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> Non
 
 
 def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
-    """TCP, IPv6, the first and a later fragment (RFC 791: bit 13 says that more follow, those below are the place)."""
+    """TCP, ICMP, IPv6, the first and a later fragment (RFC 791: bit 13 says more follow, those below are the place)."""
     others = [
         datagram(b"tcp", protocol=6),
+        datagram(b"icmp", protocol=1),
         b"\x60" + datagram(b"six")[1:],
         datagram(b"more", fragment=0x2000),
         datagram(b"later", fragment=0x0001),

@@ -1,5 +1,6 @@
 """Velodyne: packets as the VLP-16's manual has them, and what becomes of each pulse."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -125,10 +126,10 @@ def test_a_file_without_packets_is_told(tmp_path: Path) -> None:
 
 def filled_firings() -> np.ndarray:
     """(n, 8) points of two channels of a sensor that turns clockwise by 0.2 degrees each 50 us, across the seam behind;
-    of channel 1 only firings 20 to 30 have one, of channel 0 all but 4 of 40.
+    of channel 1 only firings 20 to 30 have one, of channel 0 all but 5 of 40.
     """
     rows = []
-    for channel, firings in ((0, [k for k in range(40) if k not in (0, 1, 17, 18)]), (1, range(20, 31))):
+    for channel, firings in ((0, [k for k in range(40) if k not in (0, 1, 19, 20, 21)]), (1, range(20, 31))):
         for k in firings:
             azimuth, up = np.radians(180.0 - 0.2 * (k - 20)), np.radians(-1.0 + 2.0 * channel)
             x, y, z = 10 * np.cos(up) * np.cos(azimuth), 10 * np.cos(up) * np.sin(azimuth), 10 * np.sin(up)
@@ -170,3 +171,33 @@ def test_two_returns_of_a_pulse_are_apart() -> None:
     assert sweep.second.range_m[0, 0] == 20.0
     assert sweep.second.intensity[0, 0] == 8.0
     assert np.isnan(sweep.second.range_m[1:]).all()
+
+
+def test_a_units_own_calibration_is_used(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """The maker's table of a VLP-16 with every laser a degree higher: so are all directions.
+
+    Tolerance: the exits, at up to 11 mm from the middle, seen at 10 m under angles that differ by a degree.
+    """
+    decoder, yaml = library("velodyne_decoder"), library("yaml")
+    content = yaml.safe_load(decoder.Calibration.default_calibs[decoder.Model.VLP16].to_string())
+    for laser in content["lasers"]:
+        laser["vert_correction"] += math.radians(1.0)
+    (tmp_path / "unit.yaml").write_text(yaml.safe_dump(content))
+    path = pcap(tmp_path / "a.pcap", turns(PACKETS))
+    plain, higher = (open_recording(path, unit)[0] for unit in (None, tmp_path / "unit.yaml"))
+    up = [np.degrees(np.arcsin(one.direction[..., 2])) for one in (plain, higher)]
+    np.testing.assert_allclose(up[1] - up[0], 1.0, atol=0.01)
+
+
+def test_a_sought_turn_is_that_of_a_head_that_has_changed_its_pace(
+    tmp_path: Path, library: Callable[[str], Any]
+) -> None:
+    """Its first firings turn on at the rate of the packets just before it, not of those a turn ago."""
+    library("velodyne_decoder")
+    slow = [vls_packet(150 * number, 50, 160 * number) for number in range(120)]
+    fast = [vls_packet((18_000 + 300 * number) % 36_000, 100, 160 * (120 + number)) for number in range(70)]
+    with open_recording(pcap(tmp_path / "vls.pcap", [*slow, *fast])) as recording:
+        assert len(recording) == 2
+        direction = recording[1].direction[:, :6]
+    azimuth = np.unwrap(np.arctan2(direction[..., 1], direction[..., 0]), axis=1)
+    np.testing.assert_allclose(np.degrees(np.diff(azimuth, axis=1)), -1.0, atol=0.011)

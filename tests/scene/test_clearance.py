@@ -164,3 +164,34 @@ def test_of_a_large_ground_a_few_triangles_are_looked_at(monkeypatch):
     found.check(np.array([1.0, -3.0, 0.9]), radius_m=0.1, time_s=0.0, sensor="own")
     assert max(seen) < len(faces) / 2
     assert seen[-1] < len(faces) / 4
+
+
+CUBE = box_mesh(size_m=(2, 2, 2))
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.5, -0.3, 0.7)])
+def test_how_much_is_around_a_place(point):
+    """A cube is all around what is in it, and nowhere around what is beside. From its middle each side is a sixth of
+    all directions; from elsewhere it is the share of 20,000 evenly spread ones that leave through it. Of those at its
+    rim, some 4 sqrt(20,000) / 20,000 of all, one in ten may be counted wrong.
+    """
+    vertices, faces = CUBE
+    inside = np.array(point)
+
+    def enclosed(faces, place):
+        part = Part(vertices_m=vertices, faces=faces, material="grey")
+        return clearance._enclosed([part], place)
+
+    assert enclosed(faces, inside) == pytest.approx(1.0)
+    assert enclosed(faces, inside + 3.0) == pytest.approx(0.0, abs=1e-12)
+    top = np.flatnonzero((vertices[faces][:, :, 2] > 0.999).all(axis=1))
+    if not any(point):
+        assert enclosed(faces[top], inside) == pytest.approx(1.0 / 6.0)
+    # Evenly spread directions (Fibonacci's spiral): those that leave through the top.
+    k = np.arange(20_000) + 0.5
+    up, turn = 1.0 - 2.0 * k / len(k), math.pi * (1.0 + math.sqrt(5.0)) * k
+    level = np.sqrt(1.0 - up**2)
+    direction = np.stack([level * np.cos(turn), level * np.sin(turn), up], axis=1)[up > 0.0]
+    met = inside[:2] + direction[:, :2] * ((1.0 - inside[2]) / direction[:, 2:])
+    share = np.count_nonzero((np.abs(met) <= 1.0).all(axis=1)) / len(k)
+    assert enclosed(faces[top], inside) == pytest.approx(share, abs=2.8e-3)

@@ -101,6 +101,22 @@ def test_a_quaternion_of_few_digits_turns_and_does_not_stretch(tmp_path: Path, l
     np.testing.assert_allclose(spline.poses[0].rotation, turn.as_matrix(), atol=1e-12)
 
 
+@pytest.mark.parametrize("length", [0.985, 1.02])
+def test_a_quaternion_of_another_length_is_none(tmp_path: Path, length: float) -> None:
+    path = tmp_path / "way.tum"
+    path.write_text(f"0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 {length}\n")
+    with pytest.raises(InputError, match=f"quaternions must have length 1, got {length} for pose 2"):
+        read_poses(path)
+
+
+def test_three_angles_of_a_pose(tmp_path: Path) -> None:
+    """Yaw about z, pitch up, so about -y as it is then, roll about the new x; SciPy turns about y itself."""
+    path = tmp_path / "way.csv"
+    path.write_text("time_s,x_m,y_m,z_m,yaw_deg,pitch_deg,roll_deg\n0,0,0,0,50,-20,10\n1,1,0,0,50,-20,10\n")
+    turn = Rotation.from_euler("ZYX", [50.0, 20.0, 10.0], degrees=True)
+    np.testing.assert_allclose(read_poses(path).poses[0].rotation, turn.as_matrix(), atol=1e-12)
+
+
 def test_epoch_times_keep_their_microseconds(tmp_path: Path) -> None:
     """TUM files count from 1970. At 1.7e9 s a double has steps of 0.24 us, 7 um at 30 m/s."""
     path = tmp_path / "way.txt"

@@ -107,3 +107,9 @@ def test_a_board_in_rain_loses_both_ways(mi, monkeypatch: pytest.MonkeyPatch) ->
     assert len(here) > 500
     expected = np.exp(-2 * alpha * clear.true_range_m[here])
     np.testing.assert_allclose(wet.snr[there] / clear.snr[here], expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("weather", [Weather(rain_mm_h=0.1), Weather(snow_mm_h=0.1)], ids=["rain", "snow"])
+def test_drizzle_is_rain(weather: Weather) -> None:
+    (medium,) = weather.media(905e-9)
+    assert medium.extinction_per_m > 0.0

@@ -33,13 +33,23 @@ def test_pieces_make_the_frame(name: str) -> None:
     )
 
 
-def test_of_three_returns_the_two_strongest_stay() -> None:
+@pytest.mark.parametrize(
+    ("signals", "kept", "ranges_m"),
+    [
+        ((20.0, 5.0, 30.0), [30.0, 20.0], [13.0, 11.0]),
+        ((20.0, 5.0, 10.0), [20.0, 10.0], [11.0, 13.0]),
+        ((20.0, 10.0, 5.0), [20.0, 10.0], [11.0, 12.0]),
+    ],
+)
+def test_of_three_returns_the_two_strongest_stay(
+    signals: tuple[float, ...], kept: list[float], ranges_m: list[float]
+) -> None:
     sensor = load_sensor("vlp-16")
     columns = [
         points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number)
         for number in (1, 2, 3)
     ]
-    for one, signal in zip(columns, (20.0, 5.0, 30.0), strict=True):
+    for one, signal in zip(columns, signals, strict=True):
         one["signal"] = np.array([signal], np.float32)
     gathering = Gathering(sensor, 0)
     gathering.add(
@@ -49,8 +59,8 @@ def test_of_three_returns_the_two_strongest_stay() -> None:
         )
     )
     frame = gathering.firings()
-    assert frame.signal[0, 5].tolist() == [30.0, 20.0]
-    assert frame.range_m[0, 5].tolist() == [13.0, 11.0]
+    assert frame.signal[0, 5].tolist() == kept
+    assert frame.range_m[0, 5].tolist() == ranges_m
 
 
 def test_the_stronger_of_two_is_that_of_the_higher_snr_where_nothing_counts_photons() -> None:

@@ -32,6 +32,7 @@ def test_sensors_of_the_catalogue_have_their_packets(
         ("table1-apd", (), "default", "sensor 'table1-apd': has no format of packets; .* vlp-16, hdl-32e, vls-128"),
         ("hdl-64e", (), "default", "sensor 'hdl-64e': has no format of packets"),
         ("vlp-16", ("scanner.cycle_us=60",), "default", "has no format of packets"),
+        ("vlp-16", (f"scanner.firing_time_us={[0.2 * laser for laser in range(16)]}",), "default", "has no format of"),
         ("pandar64", ("scanner.columns_per_turn=1500",), "default", "has no format of packets"),
         ("vlp-16", (), "legacy", "sensor 'vlp-16': must be an Ouster for packets of the profile 'legacy'"),
         ("vlp-16", ("scanner.rotation_hz=10",), "default", "scanner.rotation_hz: must be negative"),

@@ -1,6 +1,7 @@
 """Packets of Ouster: the maker's own library gives back what was put in, pixel by pixel."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -145,8 +146,9 @@ def test_what_no_field_can_say(
 
 
 def test_a_head_that_begins_aside(library: Callable[[str], Any], tmp_path: Path) -> None:
-    """At 90 degrees, where a turn the other way would show; and points are where the sensor's own frame has them."""
-    sensor = load_sensor("os1-128", overrides=(*NARROW, "scanner.start_azimuth_deg=90"))
+    """At 90 degrees, where a turn the other way would show, and 36 mm up: points are where the sensor has them."""
+    high = f"scanner.height_mm={[36.18] * 128}"
+    sensor = load_sensor("os1-128", overrides=(*NARROW, "scanner.start_azimuth_deg=90", high))
     cloud, _ = written(tmp_path / "a.pcap", sensor)
     frame, info = read(library, tmp_path / "a.pcap")
     xyz_m = np.asarray(library("ouster.sdk.core").XYZLut(info, use_extrinsics=False)(frame))
@@ -190,6 +192,9 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
     packet_format = core.PacketFormat.from_info(core.SensorInfo(maker.description[0]))
     ids = [packet_format.frame_id(one.payload) for one in made]
     assert ids == [0] * 32 + [1] * 32
+    for number, expected in ((65_535, 65_535), (65_536, 0)):  # 16 bits
+        later = replace(gathering.firings(), number=512 * number)
+        assert packet_format.frame_id(maker.packets(later)[0].payload) == expected
 
 
 def test_beams_that_leave_aside_are_refused(library: Callable[[str], Any]) -> None:

@@ -206,3 +206,10 @@ def test_material_outside_its_table_is_a_clear_error():
         InputError, match="'m': no reflectivity at 600 nm; its table reaches from 850 to 1550 nm"
     ):
         material.at(600e-9)
+
+
+@pytest.mark.parametrize("bsdf", ["diffuse", "coated", "retroreflector", "conductor", "mirror", "glass"])
+def test_what_mirrors_the_sky_reflects_none_of_it_diffusely(bsdf):
+    """However much of a beam it reflects."""
+    mirrors = bsdf in ("conductor", "mirror", "glass")
+    assert bsdfs.diffuse_share({"bsdf": bsdf, "reflectivity": 0.75}) == (0.0 if mirrors else 0.75)

@@ -1,7 +1,8 @@
 """Meshes of one BSDF become one, and every point is what and where it was."""
 
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,3 +124,22 @@ def test_every_point_is_what_it_was(mi: ModuleType, mixed: Path, monkeypatch: py
 )
 def test_what_reads_a_place_varies(mi: ModuleType, bsdf: dict[str, object], varies: bool) -> None:
     assert merging._varies(mi.load_dict(bsdf)) == varies
+
+
+def test_meshes_that_are_turned_inside_out_stay_alone() -> None:
+    """Mitsuba's `flip_normals`: a merged mesh has one such flag for all."""
+
+    def found(*, flipped: bool, faces: int = 2, is_mesh: bool = True) -> Any:
+        shape = SimpleNamespace(
+            is_mesh=lambda: is_mesh,
+            face_count=lambda: 2,
+            has_flipped_normals=lambda: flipped,
+            has_mesh_attributes=lambda: False,
+            has_vertex_texcoords=lambda: False,
+            has_vertex_normals=lambda: False,
+        )
+        return SimpleNamespace(shape=shape, faces=faces, bsdf=None)
+
+    assert merging._key(found(flipped=False), False) is not None
+    for alone in (found(flipped=True), found(flipped=False, faces=3), found(flipped=False, is_mesh=False)):
+        assert merging._key(alone, False) is None

@@ -9,6 +9,7 @@ from helpers import chain, launches
 
 from lidarscene.errors import InputError
 from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.patterns import texture_key
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.scene.meshes.patterns import Pattern
 
@@ -134,3 +135,14 @@ def test_another_pattern_compiles_nothing():
     with launches.launched() as later:
         chain.run(described[1], SENSOR)
     launches.assert_none_is_new(later, before)
+
+
+def test_what_may_be_one_mesh():
+    """Values of vertices lie with a mesh; an image is one for all of it, scaled by its mean."""
+    image, other = (
+        Pattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4)
+    )
+    values = Pattern(kind="reflectivity", values=np.full(3, 0.2))
+    keys = [texture_key(one) for one in (None, values, image, other, dataclasses.replace(image, mean=0.5))]
+    assert len(set(keys)) == 5
+    assert texture_key(dataclasses.replace(values, values=np.full(3, 0.4))) == texture_key(values)

@@ -91,3 +91,16 @@ def test_more_light_than_came_is_an_error():
         InputError, match=r"'road': reflectivity must be <= 0.865 with a facet_slope_deg of 40, got 0.9"
     ):
         bsdfs.bsdf_dict(VALUES | {"reflectivity": 0.9})
+
+
+def test_a_density_is_one_over_all_directions(mi):
+    """Gauss-Legendre of 64 cosines, of a density that does not depend on the angle around the normal."""
+    import drjit as dr
+
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosines = 0.5 * (nodes + 1.0)
+    surface = dr.zeros(mi.SurfaceInteraction3f, 64)
+    surface.wi = dr.normalize(mi.Vector3f(0.6, 0.0, 0.5))
+    out = mi.Vector3f(mi.Float(np.sqrt(1.0 - cosines**2)), 0.0, mi.Float(cosines))
+    density = mi.load_dict(bsdfs.bsdf_dict(VALUES)).pdf(mi.BSDFContext(), surface, out).numpy()
+    assert 2.0 * np.pi * 0.5 * (weights @ density) == pytest.approx(1.0, rel=1e-5)

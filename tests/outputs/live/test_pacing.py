@@ -104,3 +104,14 @@ def test_what_is_left_in_the_end_is_no_frame() -> None:
     pacer.frame(frame(0))
     pacer.frame(frame(1, packets=1), is_frame=False)
     assert (pacer.packets, len(pacer.late_s)) == (5, 1)
+
+
+def test_a_clock_that_wakes_early_makes_no_frame_early() -> None:
+    class Early(FakeClock):
+        def wait(self, seconds: float) -> None:
+            self.at_s += 0.99 * seconds
+
+    clock = Early()
+    pacer = Pacer(Sends(clock), clock, begin_s=60.0, first_s=0.0)
+    pacer.frame(frame(0))
+    assert pacer.late_s == [0.0]

@@ -1,7 +1,9 @@
 """Sending: every packet of every frame, in order and with the time at which it leaves; ends in each way it can."""
 
+import itertools
 import socket
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,8 @@ from lidarscene.errors import InputError, OutputError
 from lidarscene.formats.packets.firings import Firings, Gathering
 from lidarscene.formats.packets.makers import maker_of
 from lidarscene.formats.packets.velodyne import PACKET
-from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, send_frames, udp
+from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
+from lidarscene.rendering.options import FrameOptions
 from lidarscene.sensor.catalogue import load_sensor
 
 SENSOR = load_sensor("vlp-16")
@@ -134,3 +137,39 @@ def test_udp_sends_and_tells_what_it_cannot() -> None:
                 send(bytes(70_000))
     with pytest.raises(InputError, match="no such host"), udp("no host", 1):
         pass
+
+
+def test_stamps_are_of_the_clock_whatever_the_frames_number() -> None:
+    """Frames 3 and 4 of a scene leave now: the first stamp is a frame's time after the start."""
+    payloads: list[bytes] = []
+    sent_of(itertools.islice(firings(5), 3, None), payloads.append)
+    stamps = np.frombuffer(b"".join(payloads), PACKET)["stamp"].astype(float)
+    assert stamps[0] == pytest.approx(1e6 * SENSOR.scanner.frame_s, abs=0.51)
+
+
+def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
+    """Pulses have numbers below 2^31. The frame after the last one is number 0 with another seed, as much later."""
+    scanner = SENSOR.scanner
+    most = 2**31 // scanner.pulses
+    asked: list[FrameOptions] = []
+
+    def stream(take: Any, frame: FrameOptions, told: Any) -> None:
+        asked.append(frame)
+
+    simulator: Any = SimpleNamespace(sensor=SENSOR, stream=stream)
+    first = FrameOptions(number=most - 1, seed=2**32 - 1, begin_s=5.0)
+    made = list(frames_of(simulator, first, needs_ambient=False, frames=3))
+    assert [one.number for one in asked] == [most - 1, 0, 1]
+    assert [one.seed for one in asked] == [2**32 - 1, 0, 0]
+    assert [one.begin_s for one in asked] == [5.0, *[pytest.approx(5.0 + most * scanner.frame_s)] * 2]
+    assert [one.number for one in made] == [(most - 1) * scanner.cycles, 0, scanner.cycles]
+
+
+def test_what_was_late_in_words() -> None:
+    """Of 200 frames one in fifty is 40 ms late and one 300 ms: the 99th percentile is 40 ms."""
+    late_s = [0.001] * 195 + [0.04] * 4 + [0.3]
+    words = Sent(packets=1_000, late_s=late_s, ended="").as_text()
+    assert words == (
+        "sent 200 frames, 1,000 packets; frames ended late by 1.0 ms (median), 40.0 ms (99 %), 300.0 ms at most; "
+        "5 by more than 10 ms"
+    )

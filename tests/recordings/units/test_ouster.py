@@ -1,6 +1,7 @@
 """Metadata of Ousters: the written sensor's beams are those of the maker's own table."""
 
 import json
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,3 +97,32 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     source.write_text("{")
     with pytest.raises(InputError, match=r"a.json: cannot be read: "):
         unit_from(source)
+
+
+def test_transforms_of_the_metadata(tmp_path: Path) -> None:
+    """A head whose zero is to the left, beams 5 mm above the lidar's middle; and a file that names no product has the
+    origin of an OS1 of the first generation (ouster_client: default_lidar_origin_to_beam_origin_mm, 12.163).
+    """
+    content = json.loads(JSON.read_text())
+    source = tmp_path / "a.json"
+    turned = [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
+    beams = [1, 0, 0, 27.0, 0, 1, 0, 0, 0, 0, 1, 5.0, 0, 0, 0, 1]
+    source.write_text(
+        json.dumps(content | {"lidar_to_sensor_transform": turned, "beam_to_lidar_transform": beams})
+    )
+    unit = unit_from(source)
+    assert float(unit.scanner["start_azimuth_deg"]) == 90.0
+    assert (unit.lists["forward_mm"][0], unit.lists["height_mm"][0]) == pytest.approx((27.0, 41.18))
+    old = {key: value for key, value in content.items() if "origin" not in key and key != "prod_line"}
+    old.pop("beam_to_lidar_transform", None)
+    source.write_text(json.dumps(old))
+    assert unit_from(source).lists["forward_mm"][0] == 12.163
+
+
+def test_a_units_clock_takes_the_place_of_its_models(tmp_path: Path) -> None:
+    """An HDL-32E has a time for each firing, an Ouster columns for each turn: a file has one of them."""
+    write_unit(unit_from(JSON), JSON, tmp_path / "a.toml", like="hdl-32e")
+    scanner = tomllib.loads((tmp_path / "a.toml").read_text())["scanner"]
+    assert scanner["columns_per_turn"] == 1024
+    assert "cycle_us" not in scanner
+    assert load_sensor(str(tmp_path / "a.toml")).scanner.cycles == 1024

@@ -155,3 +155,17 @@ def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="pattern is for meshes, a sphere has none"):
         load_scene(tmp_path / "s.toml")
+
+
+def test_the_pieces_of_the_srgb_curve_meet() -> None:
+    """IEC 61966-2-1: at 0.04045 a line gives way to a power; 0.1 and 0.3 are on the power."""
+    found = patterns.linear_of_srgb(np.array([0.04044, 0.04046, 0.1, 0.3]))
+    np.testing.assert_allclose(found, [0.0031300, 0.0031316, 0.0100228, 0.0732390], rtol=2e-5)
+
+
+def test_a_large_triangle_counts_for_more() -> None:
+    """Two right triangles, of 2 m2 and 8 m2, with values of 0.1 and 0.6 all over."""
+    vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [9, 0, 0], [13, 0, 0], [9, 4, 0]], float)
+    pattern = patterns.Pattern(kind="reflectivity", values=np.repeat([0.1, 0.6], 3))
+    mean = patterns.mean_over([(pattern, vertices, np.arange(6).reshape(2, 3))])
+    assert mean == pytest.approx((2 * 0.1 + 8 * 0.6) / 10)
