@@ -359,3 +359,26 @@ def test_a_paired_interval_by_hand() -> None:
     assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx(
         (0.1 - half, 0.1 + half), rel=1e-5
     )
+
+
+def test_who_is_ahead_and_middles_of_bins() -> None:
+    ahead = numbers.Pair(group="all", both=1, only_a=6, only_b=2, neither=1)
+    assert ahead.difference == pytest.approx(0.4)
+    assert sum(ahead.difference_interval) > 0.0
+    angles = data.Grouping(
+        key="incidence",
+        attribute="incidence_angle_rad",
+        unit="deg",
+        labels=("", ""),
+        edges=np.radians([0.0, 10.0, 40.0]),
+    )
+    assert angles.middles == pytest.approx([5.0, 25.0])
+    assert data.range_bins(20.0).middles[0] == pytest.approx(1.0)
+
+
+def test_intervals_of_a_mean_and_a_deviation() -> None:
+    """1.96 sigma / sqrt(n) and, of a Gaussian, 1.96 sigma / sqrt(2 (n - 1)); of one echo there is no deviation."""
+    errors = numbers.RangeError(group="all", points=9, bias_m=0.0, sigma_m=0.03)
+    assert errors.bias_interval_m == pytest.approx(1.959964 * 0.01)
+    assert errors.sigma_interval_m == pytest.approx(1.959964 * 0.03 / 4.0)
+    assert numbers.RangeError(group="all", points=1, bias_m=0.0, sigma_m=0.0).sigma_interval_m == 0.0

@@ -75,6 +75,17 @@ def test_a_cell_holds_its_middle():
     np.testing.assert_array_equal(cells.of(*cells.middle_deg(every)), every)
 
 
+def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
+    """49 % of its width and height to the left, to the right, up and down are still in it, 51 % are not."""
+    cells = Cells.of_size(1.0)
+    cell = cells.of(np.array([0.0, 17.3, -179.9, 101.0]), np.array([0.0, 33.3, -12.0, 61.0]))
+    azimuth, elevation = cells.middle_deg(cell)
+    width = 360.0 / cells.columns[cells.row_of(cell)]
+    for side in (-1.0, 1.0):
+        assert np.array_equal(cells.of(azimuth + 0.49 * side * width, elevation + 0.49 * side), cell)
+        assert not np.any(cells.of(azimuth + 0.51 * side * width, elevation) == cell)
+
+
 def test_outline_is_the_convex_hull():
     rng = np.random.default_rng(4)
     points = rng.normal(size=(500, 2)) * (20.0, 5.0)

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
+from scipy import special
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.studies.fit import likelihood
@@ -186,3 +187,15 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     assert np.linalg.eigvalsh(free.matrix)[0] < 1e-3 * of_sun
     pulled = likelihood._step(scene, reported, values, np.full(count, 0.1), strong, 1e9)
     np.testing.assert_allclose(pulled.of_groups / pulled.own, -0.1, rtol=0.01)
+
+
+def test_moments_of_a_capped_square() -> None:
+    """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
+    share = (np.arange(1_000_000) + 0.5) / 1_000_000
+    square = special.ndtri(share) ** 2
+    capped = np.minimum(square, likelihood.FARTHEST_SQUARE)
+    assert capped.mean() == pytest.approx(likelihood.MEAN_SQUARE, rel=1e-4)
+    assert np.var(capped / capped.mean()) == pytest.approx(likelihood._VARIANCE, rel=1e-4)
+    # d mean(min(x^2 / s^2, 9)) / d ln s, at one.
+    wide, narrow = (np.minimum(square * math.exp(-2.0 * by), 9.0).mean() for by in (1e-3, -1e-3))
+    assert (narrow - wide) / 2e-3 / capped.mean() == pytest.approx(likelihood._SLOPE, rel=1e-3)

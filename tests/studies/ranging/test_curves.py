@@ -10,7 +10,7 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
-from lidarscene.studies.ranging.axes import condition_axis, numeric_keys, parameter_axis
+from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis
 from lidarscene.studies.ranging.curves import Question, curves, is_flat
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
@@ -267,3 +267,15 @@ def test_assignments_for_one_and_for_all():
     assert [one.sensor().laser.peak_power_w for one in found] == [50.0, 50.0]
     assert found[0].sensor().detector.gain == 30.0
     assert [one.name for one in found] == ["x", "x (2)"]
+
+
+@pytest.mark.parametrize(
+    ("above", "value", "refused"), [(True, 0.0, True), (False, 0.0, False), (True, 1e-9, False)]
+)
+def test_a_bound_that_is_excluded(above, value, refused):
+    bounds = Bounds(unit="m", low=0.0, high=9.0, start=1.0, stop=2.0, above=above)
+    if refused:
+        with pytest.raises(InputError, match="--distance 0: must be more than 0 and up to 9 m"):
+            bounds.require("--distance", value)
+    else:
+        assert bounds.require("--distance", value) == value

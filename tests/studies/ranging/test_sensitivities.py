@@ -249,3 +249,11 @@ def test_a_signal_that_rises_with_range_has_no_sensitivities(monkeypatch):
     monkeypatch.setattr(sensitivities.derivatives, "chosen", lambda _: ("differences", rising))
     with pytest.raises(InputError, match="the signal does not fall with range at "):
         sensitivities.sensitivities(APD, Target())
+
+
+def test_no_gain_is_below_one():
+    """Light that drowns the amplifier's noise asks for less than one, which no diode has."""
+    best = gain.best_gain(APD, Target(illuminance_klux=1e7))
+    assert best.closed_form == 1.0
+    assert best.searched == pytest.approx(1.0, abs=1e-6)
+    assert best.snr_share < 1.0

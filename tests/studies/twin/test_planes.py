@@ -127,3 +127,14 @@ def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
     planes = planes_of(grid_of(room_sweep(range_m=range_m)))
     assert not planes.there[5, 180]
     assert planes.there[5, [179, 181]].all()
+
+
+def test_a_slanted_pole_is_no_plane() -> None:
+    """One pixel wide, it leaves the plane's other direction open: most of its window is the wall behind."""
+    range_m = np.array(room_sweep().range_m)
+    range_m[:, 100] = 3.0 + 0.05 * np.arange(RINGS)
+    grid = grid_of(room_sweep(range_m=range_m))
+    planes = planes_of(grid)
+    rings = slice(4, 12)
+    there = planes.there[rings, 100]
+    np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])
